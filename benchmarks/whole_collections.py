@@ -10,9 +10,9 @@ workers: synthetic drives with --images raw: --jobs 1 on one CPU beside --jobs 2
 independent --jobs 1 of half of the drives each, which is what the machine can do; then a local
 Dask cluster of two worker processes, its start included. Bytes are equal.
 
-growth: one drive of 10, 100 and 1000 frames, and 10, 100 and 1000 units of one tiny frame. The
-cost is CPU time, which other programs on the machine change less than elapsed time; the cost of one
-more is that between two sizes, so that the constant part of a run does not count.
+growth: one drive of 10 to 1000 frames, and 10 to 1000 units of one tiny frame. The cost is CPU
+time, which other programs on the machine change less than elapsed time. It is linear if all lie
+near one straight line: the start of a run, and a cost for each frame or unit.
 
 many: N units of one tiny frame: time and CPU time of a unit beside those of bare conversions in one
 process, peak memory, a second run, status; then a run that is killed N times and continued:
@@ -33,6 +33,8 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from kitti_ros2.batch.bag_unit import run_bag_unit
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest
 from kitti_ros2.batch.results import UnitJob
@@ -43,7 +45,7 @@ from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 from child_runs import Usage, best, kill_when, run_together, to_bag  # isort: skip
 
 TINY = SyntheticOptions(frames=1, image_size=(62, 20), lidar_columns=20)
-GROWING = (10, 100, 1000)
+GROWING = (10, 30, 100, 300, 1000)
 REPEATS = 3
 
 
@@ -102,30 +104,39 @@ def workers(folder: Path, drives: int, frames: int) -> None:
 
 
 def growth(folder: Path) -> None:
-    """Print the cost of one more frame and of one more unit, for growing numbers."""
-    roots = {
-        ('frames', count): make_root(
-            folder / f'frames_{count}',
-            1,
-            SyntheticOptions(frames=count, image_size=(310, 94), lidar_columns=200),
-        )
-        for count in GROWING
-    } | {('units', count): make_root(folder / f'units_{count}', count, TINY) for count in GROWING}
-    costs: dict[str, list[float]] = {'frames': [], 'units': []}
-    print('CPU time of one more')
-    before = (0, 0.0)
-    for (kind, count), root in roots.items():
-        out = folder / 'grown'
-        clear = partial(shutil.rmtree, out, ignore_errors=True)
-        usage = best(REPEATS, to_bag(root, out, '--all', '--jobs', '2'), clear)
-        note = ''
-        if count > GROWING[0]:
-            costs[kind].append((usage.cpu - before[1]) / (count - before[0]))
-            note = f'{costs[kind][-1] * 1e3:.2f} ms for one more of {kind}'
-        row(f'{count} {kind}', usage, note)
-        before = (count, usage.cpu)
-    for kind, (first, last) in costs.items():
-        print(f'  one more of {kind} costs {last / first - 1:+.0%} at {GROWING[-1]}')
+    """Print the cost of growing numbers of frames and of units, beside a straight line."""
+    for kind in ('frames', 'units'):
+        costs = []
+        print(f'CPU time of growing numbers of {kind}')
+        for count in GROWING:
+            if kind == 'frames':
+                options = SyntheticOptions(frames=count, image_size=(310, 94), lidar_columns=200)
+            else:
+                options = TINY
+            drives = count if kind == 'units' else 1
+            root, out = make_root(folder / f'{kind}_{count}', drives, options), folder / 'grown'
+            clear = partial(shutil.rmtree, out, ignore_errors=True)
+            usage = best(REPEATS, to_bag(root, out, '--all', '--jobs', '2'), clear)
+            costs.append(usage.cpu)
+            row(f'{count} {kind}', usage)
+        _print_line(kind, costs)
+
+
+def _print_line(kind: str, costs: list[float]) -> None:
+    """Print the line whose greatest deviation from the costs, as a part of them, is least."""
+    scale = 1 / np.array(costs)
+    basis = np.stack((np.ones(len(costs)), np.array(GROWING))).T * scale[:, np.newaxis]
+    weights = np.ones(len(costs))
+    for _ in range(2000):  # Lawson's algorithm
+        root = np.sqrt(weights)
+        (start, each), *_ = np.linalg.lstsq(basis * root[:, np.newaxis], root, rcond=None)
+        off = basis @ (start, each) - 1
+        weights *= np.abs(off)
+        weights /= weights.sum()
+    print(
+        f'  {start:.2f} s and {each * 1e3:.2f} ms for each of {kind}: all within'
+        f' {np.abs(off).max():.0%}  <= 10%'
+    )
 
 
 def many(folder: Path, count: int, kills: int) -> None:
