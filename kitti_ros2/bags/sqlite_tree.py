@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .pages_ahead import PagesAhead
 from .sqlite_scan import LEAF, LEAF_HEAD, UINT16, UINT32, parse_varint
 
 if TYPE_CHECKING:
@@ -28,6 +27,7 @@ _INNER = 5
 _INNER_HEAD = 12
 _DEEPEST = 20
 _KEPT = 16
+_BLOCK = 2**20
 _BLOB = 12  # the type of an empty one; each byte adds 2
 
 
@@ -45,7 +45,8 @@ class TableTree:
         self._pages = pages
         self._root = root
         self._inner: dict[int, tuple[list[int], list[int]]] = {}
-        self._ahead = PagesAhead(file, pages.page_size)
+        size = pages.page_size
+        self._buffer = np.empty((max(1, _BLOCK // size), size), np.uint8)
 
     def blob(self, row_id: int, size: int) -> memoryview:
         """Read the last column of a row, a blob of a size in bytes.
@@ -77,7 +78,7 @@ class TableTree:
         for _ in range(_DEEPEST):
             known = self._inner.get(number)
             if known is None:
-                page = self._ahead.page(number)
+                page = self._page(number)
                 if page[0] == LEAF:
                     return self._in_leaf(page, number, row_id)
                 known = _children(page)
@@ -102,20 +103,29 @@ class TableTree:
             raise ValueError('it is not in its page')
         return row, page, row.position - position
 
+    def _page(self, number: int) -> bytes:
+        size = self._pages.page_size
+        page = self._file.read((number - 1) * size, size) if number > 1 else b''
+        if len(page) < size:
+            raise ValueError(f'its page {number} is missing')
+        return page
+
     def _follow(self, number: int, payload: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> None:
         """Copy what a chain of pages holds, to its end.
 
         Raises:
             ValueError: The chain is damaged.
         """
-        each, most = self._pages.usable - 4, self._ahead.most
+        size, most = self._pages.page_size, len(self._buffer)
+        each = self._pages.usable - 4
         expected = most
         done = 0
         while done < len(payload):
             # Chains mostly continue in the next page.
-            needed = min(expected, most, -(-(len(payload) - done) // each))
-            block = self._ahead.read(number, needed)
-            count = len(block)
+            count = min(expected, most, -(-(len(payload) - done) // each))
+            block = self._buffer[:count]
+            if number <= 1 or self._file.read_into((number - 1) * size, block) < count * size:
+                raise ValueError(f'its page {number} is missing')
             links = block[:, :4].view('>u4')[:, 0]
             ends = np.flatnonzero(links != np.arange(number + 1, number + count + 1))
             run = int(ends[0]) + 1 if len(ends) else count

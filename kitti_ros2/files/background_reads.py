@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that read ahead; what they have not begun is dropped when the process ends."""
+"""Threads that wait for stores; what they have not begun is dropped when the process ends."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import os
 from concurrent.futures import Future
 from queue import SimpleQueue
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-T = TypeVar('T')
-
 THREADS = 16
-"""Reads at the same time; they wait for stores, most of the time."""
+"""Requests at the same time; they wait, most of the time."""
 
 
 class BackgroundReads:
@@ -26,11 +24,11 @@ class BackgroundReads:
         self._lock = Lock()
         self._process = 0
         self._threads = 0
-        self._tasks: SimpleQueue[tuple[Future[Any], Callable[[], object]]] = SimpleQueue()
+        self._tasks: SimpleQueue[tuple[Future[bytes], Callable[[], bytes]]] = SimpleQueue()
 
-    def submit(self, read: Callable[[], T]) -> Future[T]:
+    def submit(self, read: Callable[[], bytes]) -> Future[bytes]:
         """Read when a thread is free; cancel the future if it is not needed any more."""
-        future: Future[T] = Future()
+        future: Future[bytes] = Future()
         with self._lock:
             if self._process != os.getpid():  # threads are not forked
                 self._process, self._threads, self._tasks = os.getpid(), 0, SimpleQueue()
@@ -41,7 +39,7 @@ class BackgroundReads:
         return future
 
     @staticmethod
-    def _run(tasks: SimpleQueue[tuple[Future[Any], Callable[[], object]]]) -> None:
+    def _run(tasks: SimpleQueue[tuple[Future[bytes], Callable[[], bytes]]]) -> None:
         while True:
             future, read = tasks.get()
             if future.set_running_or_notify_cancel():

@@ -4,16 +4,13 @@
 
 from __future__ import annotations
 
-import errno
 import random
 import sqlite3
 import struct
 
-import numpy as np
 import pytest
 
-from kitti_ros2.bags import pages_ahead, sqlite_tree
-from kitti_ros2.bags.pages_ahead import PagesAhead
+from kitti_ros2.bags import sqlite_tree
 from kitti_ros2.bags.pieces import FileBytes
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_scan import Pages
@@ -54,11 +51,6 @@ def read(path, since_ns=None):
     with open_messages(path) as messages:
         found = [(each.stamp_ns, bytes(each.data)) for each in messages.since(since_ns)]
         return found, messages.findings
-
-
-@pytest.fixture(params=[1, 2], ids=['one thread', 'reading ahead'], autouse=True)
-def threads(request, monkeypatch):
-    monkeypatch.setattr(pages_ahead, 'worker_count', lambda: request.param)
 
 
 @pytest.fixture
@@ -114,7 +106,7 @@ def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
 
 
 def test_small_blocks_change_nothing(tmp_path, outcomes, monkeypatch):
-    monkeypatch.setattr(pages_ahead, '_BLOCK', 3 * 4096)
+    monkeypatch.setattr(sqlite_tree, '_BLOCK', 3 * 4096)
     monkeypatch.setattr(sqlite_tree, '_KEPT', 1)
     test_rows_in_pieces_are_read_whole(tmp_path, outcomes)
 
@@ -197,51 +189,3 @@ def test_noise_in_the_tree_raises_value_errors_only(tmp_path):
                 assert len(data) == len(rows[row_id - 1][1])
         file.close()
     assert failed
-
-
-def test_pages_are_those_of_the_file_in_any_order(tmp_path):
-    path = tmp_path / 'pages'
-    rng = random.Random(5)
-    path.write_bytes(rng.randbytes(3000 * 512 + 100))
-    content = np.frombuffer(path.read_bytes(), np.uint8, 3000 * 512).reshape(3000, 512)
-    file = FileBytes(path, path)
-    pages = PagesAhead(file, 512)
-    number = 2
-    for _ in range(3000):
-        step = rng.choice((0, 0, 0, 1, 8, 9, -3, rng.randrange(-3000, 3000)))
-        number = min(max(number + step, 2), 3000)
-        if rng.random() < 0.2:
-            assert pages.page(number) == content[number - 1].tobytes()
-            continue
-        count = rng.randint(1, min(pages.most, 3001 - number))
-        found = pages.read(number, count)
-        assert 1 <= len(found) <= count
-        assert (found == content[number - 1 : number - 1 + len(found)]).all()
-        number += len(found)
-    for number in (0, 1, 3001, 2**31):
-        with pytest.raises(ValueError, match='missing'):
-            pages.read(number, 1)
-        with pytest.raises(ValueError, match='missing'):
-            pages.page(number)
-    file.close()
-
-
-def test_a_disk_that_refuses_matters_where_it_is_read(tmp_path, monkeypatch):
-    path = tmp_path / 'pages'
-    path.write_bytes(bytes(2000 * 4096))
-    file = FileBytes(path, path)
-    read_into = FileBytes.read_into
-
-    def refuse(self, position, target):
-        if position + target.nbytes > 1000 * 4096:
-            raise OSError(errno.EIO, 'Input/output error')
-        return read_into(self, position, target)
-
-    monkeypatch.setattr(FileBytes, 'read_into', refuse)
-    pages = PagesAhead(file, 4096)
-    number = 2
-    while number < 1000:
-        number += len(pages.read(number, min(256, 1001 - number)))
-    with pytest.raises(OSError, match='Input/output error'):
-        pages.read(number, 256)
-    file.close()
