@@ -124,6 +124,20 @@ def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
     return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
 
 
+def make_options(kind: type[T], parsed: Mapping[str, Any], **others: Any) -> T:  # noqa: ANN401 - fields
+    """Make an object of options.
+
+    Args:
+        kind: Its dataclass.
+        parsed: Values by name of option; those of other dataclasses are passed over.
+        others: Values of fields that are not in `parsed`.
+
+    Raises:
+        UsageError: A value is out of range, or excludes another.
+    """
+    return kind(**values_for(kind, parsed), **others)
+
+
 _OTHER_NAMES = {'for': 'stack'}  # --for: the word is a keyword of Python
 
 

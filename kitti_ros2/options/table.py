@@ -14,7 +14,15 @@ from ..model.cloud_formats import FORMATS
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
-from .declare import check_bounds, choice, option, options_of, parse_values, values_for
+from .declare import (
+    check_bounds,
+    choice,
+    make_options,
+    option,
+    options_of,
+    parse_values,
+    values_for,
+)
 from .for_stack import with_stack
 from .ground_truth import GroundTruthOptions
 from .importing import ImportOptions
@@ -227,11 +235,11 @@ def make_settings(values: Mapping[str, object]) -> Settings:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = with_stack(parse_values(values, TO_BAG), TO_BAG)
-    bag = values_for(BagOptions, parsed)
-    return Settings(
+    return make_options(
+        Settings,
+        parsed,
         **_recording(parsed),
-        bag=lambda storage: BagOptions(storage=storage, **bag),
-        **values_for(Settings, parsed),
+        bag=lambda storage: make_options(BagOptions, parsed, storage=storage),
     )
 
 
@@ -242,10 +250,11 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = {**_PLAY_DEFAULTS, **with_stack(parse_values(values, PLAY), PLAY)}
-    return PlaySettings(
+    return make_options(
+        PlaySettings,
+        parsed,
         **_recording(parsed),
-        playback=PlaybackOptions(**values_for(PlaybackOptions, parsed)),
-        **values_for(PlaySettings, parsed),
+        playback=make_options(PlaybackOptions, parsed),
     )
 
 
@@ -256,8 +265,8 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, TO_KITTI)
-    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
-    return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
+    selection = make_options(SelectionOptions, parsed)
+    return make_options(ImportOptions, parsed, selection=selection)
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
@@ -271,14 +280,15 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     if 'x_range' in bird:
         back, front, right, left = bird['x_range']
         bird |= {'x_range': (back, front), 'y_range': (right, left)}
-    pictures = PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird))
+    pictures = make_options(PictureOptions, parsed, bird=BirdOptions(**bird))
     semantic = pictures.color_by is ColorBy.SEMANTIC
-    return ViewSettings(
-        read=ReadOptions(**values_for(ReadOptions, parsed), semantic=semantic),
+    return make_options(
+        ViewSettings,
+        parsed,
+        read=make_options(ReadOptions, parsed, semantic=semantic),
         pictures=pictures,
-        selection=SelectionOptions(**values_for(SelectionOptions, parsed)),
-        predictions=PredictionOptions(**values_for(PredictionOptions, parsed)),
-        **values_for(ViewSettings, parsed),
+        selection=make_options(SelectionOptions, parsed),
+        predictions=make_options(PredictionOptions, parsed),
     )
 
 
@@ -286,31 +296,31 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     """Return the options objects that to-bag and the player share."""
     if parsed.get('imu_from'):
         parsed.setdefault('covariances', True)
-    predictions = PredictionOptions(**values_for(PredictionOptions, parsed))
-    messages = MessageOptions(
-        **values_for(MessageOptions, parsed),
+    predictions = make_options(PredictionOptions, parsed)
+    messages = make_options(
+        MessageOptions,
+        parsed,
         semantic=parsed.get('semantic', False),
         stereo=parsed.get('stereo', False),
         overlaps=predictions.overlaps,
-        markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
-        ground_truth=GroundTruthOptions(**values_for(GroundTruthOptions, parsed)),
+        markers=make_options(MarkerOptions, parsed),
+        ground_truth=make_options(GroundTruthOptions, parsed),
     )
     cloud_format = FORMATS[messages.cloud]
     if cloud_format.is_timed and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
+    read = make_options(ReadOptions, parsed)
     if cloud_format.is_unsigned and read.scan_stamp is ScanStamp.FORWARD and not read.deskew:
         raise UsageError(
             f'points {messages.cloud.value} has unsigned times since the stamp, so the stamp is the'
             f' start of the turn; scan_stamp forward does not go with it'
         )
-    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return {
         'read': read,
         'messages': messages,
-        'selection': selection,
+        'selection': make_options(SelectionOptions, parsed),
         'predictions': predictions,
-        'imu': ImuOptions(**values_for(ImuOptions, parsed)),
+        'imu': make_options(ImuOptions, parsed),
     }
 
 
