@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ..exporter.to_bag import ExportReport
     from ..model.recording import ReadableRecording
     from ..options.batch import BatchOptions
-    from ..options.table import Settings
+    from ..options.settings import Settings
 
 
 def run_to_bag(
