@@ -15,7 +15,8 @@ from typing import Any, TypeAlias, TypeVar
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
-from .parsers import parse_choice, parse_seconds_ns
+from .parsers import parse_choice
+from .quantity_parsers import parse_seconds_ns
 
 Parser: TypeAlias = Callable[[str, object], Any]
 T = TypeVar('T')

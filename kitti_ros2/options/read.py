@@ -12,7 +12,8 @@ from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.stamps import NS_PER_S
 from .declare import check_bounds, choice, make_options, option, parse_values
-from .parsers import parse_epoch, parse_flag, parse_path, parse_seconds_ns, parse_text
+from .parsers import parse_flag, parse_path, parse_text
+from .quantity_parsers import parse_epoch, parse_seconds_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
