@@ -31,33 +31,29 @@ if TYPE_CHECKING:
 
     from ..batch.manifest import UnitRecord
     from ..options.batch import BatchOptions
+    from .result_output import ResultOutput
 
 
 def run_statistics_collection(
     paths: Sequence[Path],
     given: Mapping[str, object],
-    out: Path | None,
     batch: BatchOptions,
-    *,
-    quiet: bool,
-    json: bool,
+    output: ResultOutput,
 ) -> int:
     """Count what is in each unit of a collection; print all together, and write their table.
 
     Args:
         paths: Roots, globs or lists.
-        given: The options of a unit by name, with overwrite.
-        out: The folder of outputs.
+        given: The options of a unit by name.
         batch: How the collection is run.
-        quiet: Print only losses.
-        json: Whether to print JSON instead of tables.
+        output: Where and how the statistics are put.
 
     Returns:
         The exit code.
     """
-    read, options = make_statistics_options({n: v for n, v in given.items() if n != 'overwrite'})
+    read, options = make_statistics_options(given)
     refuse_sequence(read)
-    folder = need_folder(out, PLOTS)
+    folder = need_folder(output.out, PLOTS)
     roots = find_all_roots(paths, is_bag_name)
 
     def combine(done: Sequence[tuple[UnitRecord, Path]]) -> _Together:
@@ -66,13 +62,19 @@ def run_statistics_collection(
         return found
 
     collection = Collection(
-        'stats', folder, '.json', given, batch, run_statistics_unit, __version__
+        'stats',
+        folder,
+        '.json',
+        {**given, 'overwrite': output.overwrite},
+        batch,
+        run_statistics_unit,
+        __version__,
     )
     return run_collection(
         collection,
         lambda search: find_source_units(roots, read.layout, search),
-        quiet=quiet,
-        json=json,
+        quiet=output.quiet,
+        json=output.json,
         combine=combine,
     )
 

@@ -22,12 +22,20 @@ if TYPE_CHECKING:
 
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
+AllOverwriteOption = Annotated[
+    bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
 
 
 def argument(name: str, help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
     """Return an argument of a command, such as SRC."""
     return typer.Argument(metavar=name, help=help_text, autocompletion=complete_open_list)
+
+
+def out_option(help_text: str, **rest: Any) -> Any:  # noqa: ANN401 - an option of typer
+    """Return the option -o OUT; the rest are keywords of typer.Option."""
+    return typer.Option('--out', '-o', metavar='OUT', help=help_text, **rest)
 
 
 def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an option of typer
