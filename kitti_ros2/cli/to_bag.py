@@ -10,8 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
-from ..bags.writer import guess_storage
-from ..exporter.to_bag import convert
+from ..exporter.to_bag import ExportOptions, convert
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -66,7 +65,7 @@ def run_to_bag(
     settings = make_settings(chosen)
     if batch.whole:
         return _run_whole(src, out, chosen, settings, batch, quiet=quiet, json=json)
-    bag = settings.bag(guess_storage(out, settings.storage))
+    options = ExportOptions.of(settings, out)
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)
     add_extract(recording, settings.imu)
@@ -79,10 +78,7 @@ def run_to_bag(
     report = convert(
         recording,
         out,
-        settings.messages,
-        settings.selection,
-        bag,
-        strict=settings.strict,
+        options,
         progress=partial(conversion_progress, show=not quiet),
         jobs=batch.jobs or 1,
     )
