@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__
 from ..batch.collection import Collection
 from ..batch.evaluation_units import run_detection_unit, run_odometry_unit, run_tracking_unit
 from ..batch.pairs import DETECTION, ODOMETRY, TRACKING, find_pairs
@@ -96,14 +95,9 @@ def run_eval_collection(
     folder = need_folder(output.out, PLOTS)
     evaluation.check()
     truth, results = paths
+    chosen = {**given, 'overwrite': output.overwrite}
     collection = Collection(
-        f'eval {evaluation.name}',
-        folder,
-        '.json',
-        {**given, 'overwrite': output.overwrite},
-        batch,
-        evaluation.run,
-        __version__,
+        f'eval {evaluation.name}', folder, '.json', chosen, batch, evaluation.run
     )
     return run_collection(
         collection,

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__
 from ..bags.search import is_bag_name
 from ..batch.collection import Collection
 from ..batch.folders import common_folder, find_all_roots
@@ -61,15 +60,8 @@ def run_statistics_collection(
         found.write()
         return found
 
-    collection = Collection(
-        'stats',
-        folder,
-        '.json',
-        {**given, 'overwrite': output.overwrite},
-        batch,
-        run_statistics_unit,
-        __version__,
-    )
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_unit)
     return run_collection(
         collection,
         lambda search: find_source_units(roots, read.layout, search),

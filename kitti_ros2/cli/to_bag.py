@@ -110,7 +110,6 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection."""
-    from .. import __version__
     from ..batch.bag_unit import bag_suffix, run_bag_unit
     from ..batch.collection import Collection
     from ..batch.folders import find_roots
@@ -120,9 +119,7 @@ def _run_whole(
     read = settings.read
     refuse_sequence(read)
     roots = find_roots(src)
-    collection = Collection(
-        'to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit, __version__
-    )
+    collection = Collection('to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit)
     return run_collection(
         collection,
         lambda search: find_units(roots, read.layout, batch.slice_frames, search),

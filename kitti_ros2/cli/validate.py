@@ -76,7 +76,6 @@ def _run_whole(
     output: ResultOutput,
 ) -> int:
     """Check the recordings and bags of a collection."""
-    from .. import __version__
     from ..batch.collection import Collection
     from ..batch.folders import find_all_roots
     from ..batch.source_units import find_source_units
@@ -87,15 +86,8 @@ def _run_whole(
     refuse_sequence(read)
     folder = need_folder(output.out, ['.json'])
     roots = find_all_roots(paths, is_bag_name)
-    collection = Collection(
-        'validate',
-        folder,
-        '.json',
-        {**given, 'overwrite': output.overwrite},
-        batch,
-        run_validation_unit,
-        __version__,
-    )
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('validate', folder, '.json', chosen, batch, run_validation_unit)
     return run_collection(
         collection,
         lambda search: find_source_units(roots, read.layout, search),
