@@ -11,13 +11,15 @@ objects in each. The floor is a program that only reads the files and converts t
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from yardsticks import make_parser, peak_mb, report, seconds
+from yardsticks import make_parser, parse_in_folder, peak_mb, report, seconds
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FloatArray = npt.NDArray[np.float64]
 LIMIT_S = 10.0
@@ -67,11 +69,8 @@ def main() -> None:
     parser.add_argument('--frames', type=int, default=3769)
     parser.add_argument('--objects', type=int, default=12)
     parser.add_argument('--repeat', type=int, default=5)
-    parser.add_argument('--dir', type=Path, help='where to write')
-    given = parser.parse_args()
     peaks: list[float] = []
-    with tempfile.TemporaryDirectory(dir=given.dir) as name:
-        folder = Path(name)
+    with parse_in_folder(parser, 'where to write') as (given, folder):
         write_set(folder, given.frames, given.objects)
         words = ('eval', 'detection', str(folder / 'label_2'), str(folder), '-q')
         rounds = [

@@ -14,15 +14,15 @@ of all rows.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from yardsticks import COMMAND, make_parser, parse_in_folder, tree_bytes
 
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.layouts import Layout
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SERVER = Path(__file__).resolve().parents[1] / 'tests' / 'remote' / 's3_server.py'
-COMMAND = (sys.executable, '-m', 'kitti_ros2')
 BARE = """
 import sys
 from pathlib import Path
@@ -77,12 +76,6 @@ def seconds(*words: str | Path) -> float:
     return time.perf_counter() - started
 
 
-def size_of(path: Path) -> int:
-    """Return the bytes of a file, or of all files in a folder."""
-    files = [path] if path.is_file() else [each for each in path.rglob('*') if each.is_file()]
-    return sum(each.stat().st_size for each in files)
-
-
 def fetch(url: str, out: Path) -> None:
     """Copy an output from the store."""
     program = (
@@ -119,7 +112,7 @@ def run(root: Path, name: str, work: Path, rate: float, seed: int) -> None:
             got = work / f'{command}{local.suffix}'
             fetch(out, got)
             verdict = 'identical' if same(local, got) else 'DIFFERENT'
-            size = size_of(root if command == 'to-bag' else bag) + size_of(local)
+            size = tree_bytes(root if command == 'to-bag' else bag) + tree_bytes(local)
             line = f'  {command:9} {ours:6.2f} s {size / ours / 1e6:7.0f} MB/s'
             if not rate:
                 bare = seconds(
@@ -136,15 +129,12 @@ def _bare_words(command: str, source: str, work: Path, local: Path, bucket: str)
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser()
+    parser = make_parser(None)
     parser.add_argument('drive', type=Path, nargs='?')
     parser.add_argument('--frames', type=int, default=60)
     parser.add_argument('--faults', type=float, default=0.05)
     parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--dir', type=Path)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=given.dir) as name:
-        folder = Path(name)
+    with parse_in_folder(parser) as (given, folder):
         drive = given.drive or write_synthetic(
             folder / 'root', Layout.RAW, SyntheticOptions(frames=given.frames)
         )
@@ -152,7 +142,7 @@ def main() -> None:
         root, below = recording.root, drive.resolve().relative_to(recording.root.resolve())
         local = seconds(*COMMAND, 'to-bag', drive, folder / 'out.mcap', '-q')
         seconds(*COMMAND, 'to-kitti', folder / 'out.mcap', folder / 'kitti', '-q')
-        size = (size_of(root) + size_of(folder / 'out.mcap')) / 1e6
+        size = (tree_bytes(root) + tree_bytes(folder / 'out.mcap')) / 1e6
         print(f'{drive.name}: {size:.0f} MB read and written by to-bag; local {local:.2f} s')
         print('without faults')
         run(root, below.as_posix(), folder / 'sound', 0.0, 0)

@@ -20,7 +20,7 @@ from pathlib import Path
 from statistics import median
 
 from kitti_ros2.cli.memory import keep_freed_memory
-from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions
@@ -53,9 +53,10 @@ class Bench(Drive):
     def convert(self, images: Images) -> Run:
         """The conversion alone, in this process."""
         out, messages = self.folder / 'out.mcap', MessageOptions(images=images)
+        options = ExportOptions(messages, SelectionOptions(), BagOptions())
 
         def work() -> None:
-            convert(open_recording(self.src), out, messages, SelectionOptions(), BagOptions())
+            convert(open_recording(self.src), out, options)
 
         return timed(out, work)
 

@@ -17,13 +17,12 @@ from __future__ import annotations
 import mmap
 import shutil
 import subprocess
-import tempfile
 from itertools import cycle
 from pathlib import Path
 from statistics import median
 
 import numpy as np
-from yardsticks import COMMAND, make_parser, peak_mb, report, seconds, tree_bytes
+from yardsticks import COMMAND, make_parser, parse_in_folder, peak_mb, report, seconds, tree_bytes
 
 from kitti_ros2.datasets import validate
 from kitti_ros2.files.checksums import crc32
@@ -88,10 +87,7 @@ def main() -> None:
     parser.add_argument('--frames', type=int, default=1000)
     parser.add_argument('--copies', action='store_true', help='files of their own')
     parser.add_argument('--repeat', type=int, default=5)
-    parser.add_argument('--dir', type=Path, help='where to link; on the disk of SRC')
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=given.dir) as name:
-        folder = Path(name)
+    with parse_in_folder(parser, 'where to link; on the disk of SRC') as (given, folder):
         copy = shutil.copytree(given.src / 'training', folder / 'source')
         many = repeat_frames(copy, folder / 'many', given.frames, copies=given.copies)
         few = repeat_frames(copy, folder / 'few', SHORT, copies=given.copies)

@@ -21,17 +21,14 @@ the manifest is whole, agrees with the outputs, and their bytes are those of the
 
 from __future__ import annotations
 
-import argparse
 import filecmp
 import os
 import shutil
 import sqlite3
-import sys
-import tempfile
 import time
 from contextlib import closing
 from functools import partial
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,6 +40,10 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from child_runs import Usage, best, kill_when, run_together, to_bag  # isort: skip
+from yardsticks import COMMAND, make_parser, parse_in_folder  # isort: skip
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TINY = SyntheticOptions(frames=1, image_size=(62, 20), lidar_columns=20)
 GROWING = (10, 30, 100, 300, 1000)
@@ -151,8 +152,7 @@ def many(folder: Path, count: int, kills: int) -> None:
         over = (first.cpu / count - bare) * 1e3
         row(f'--jobs {jobs}', first, f'{over:.2f} ms CPU more than bare for a unit')
         row(f'--jobs {jobs} again', run_together([command]), 'nothing to do')
-    words = [sys.executable, '-m', 'kitti_ros2', 'status', str(out), '-q']
-    row('status', run_together([words]))
+    row('status', run_together([[*COMMAND, 'status', str(out), '-q']]))
     if kills:
         _killed(root, out, folder / 'killed', count, kills)
 
@@ -202,16 +202,13 @@ def _sound(out: Path) -> bool:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser()
+    parser = make_parser(None)
     parser.add_argument('--parts', nargs='+', default=['workers', 'growth', 'many'])
     parser.add_argument('--units', type=int, default=300)
     parser.add_argument('--kills', type=int, default=20)
     parser.add_argument('--drives', type=int, default=24)
     parser.add_argument('--frames', type=int, default=20)
-    parser.add_argument('--dir', type=Path)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=given.dir) as name:
-        folder = Path(name)
+    with parse_in_folder(parser) as (given, folder):
         if 'workers' in given.parts:
             workers(folder / 'workers', given.drives, given.frames)
         if 'growth' in given.parts:

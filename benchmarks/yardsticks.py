@@ -9,7 +9,9 @@ import itertools
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING
 from kitti_ros2.kitti.layouts import open_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 _ASIDE = itertools.count()
 COMMAND = (sys.executable, '-m', 'kitti_ros2')
@@ -71,6 +73,22 @@ def parse_arguments(description: str | None) -> argparse.Namespace:
     parser.add_argument('--repeat', type=int, default=9)
     parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
     return parser.parse_args()
+
+
+@contextmanager
+def parse_in_folder(
+    parser: argparse.ArgumentParser, meaning: str | None = None
+) -> Iterator[tuple[argparse.Namespace, Path]]:
+    """Parse the arguments, --dir among them; yield them with a temporary folder there.
+
+    Args:
+        parser: Has the other arguments.
+        meaning: Help of --dir.
+    """
+    parser.add_argument('--dir', type=Path, help=meaning)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=given.dir) as name:
+        yield given, Path(name)
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.label_file import parse_labels
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.transforms import decode_static
@@ -47,10 +47,12 @@ def convert_recording(
     return convert(
         open_recording(source, read),
         out,
-        messages or MessageOptions(),
-        selection or SelectionOptions(),
-        BagOptions(**bag),
-        strict=strict,
+        ExportOptions(
+            messages or MessageOptions(),
+            selection or SelectionOptions(),
+            BagOptions(**bag),
+            strict=strict,
+        ),
         jobs=jobs,
     )
 

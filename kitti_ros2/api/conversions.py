@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
 from ..bags.open_source import open_bag_source
-from ..bags.writer import guess_storage
-from ..exporter.to_bag import convert
+from ..exporter.to_bag import ExportOptions, convert
 from ..files.remote import as_path
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
@@ -70,7 +69,7 @@ def to_bag(
     """
     source, target = as_path(src), as_path(out)
     settings = make_settings(by_name(options, TO_BAG))
-    bag = settings.bag(guess_storage(target, settings.storage))
+    exported = ExportOptions.of(settings, target)
     recording = open_folder(source, settings.read)
     add_predictions(recording, settings.predictions.path)
     add_extract(recording, settings.imu)
@@ -78,10 +77,7 @@ def to_bag(
     report = convert(
         recording,
         target,
-        settings.messages,
-        settings.selection,
-        bag,
-        strict=settings.strict,
+        exported,
         progress=_shown(progress),
         jobs=BatchOptions(jobs=jobs).jobs or 1,
     )

@@ -9,7 +9,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import MissingPathError
-from ..options.declare import options_of, parse_values, values_for
+from ..options.declare import make_options, options_of, parse_values
 from ..options.read import ReadOptions
 from ..pictures.sources import open_frames
 
@@ -35,7 +35,7 @@ class OpenSource:
     def frames(self) -> FrameSource:
         """The frames; file positions of a bag are not shared between processes."""
         if self._frames is None or self._process != os.getpid():
-            read = ReadOptions(**values_for(ReadOptions, parse_values(self.options, _OPTIONS)))
+            read = make_options(ReadOptions, parse_values(self.options, _OPTIONS))
             self._frames = open_frames(self.path, read)
             self._process = os.getpid()
         return self._frames

@@ -8,7 +8,7 @@ import os
 
 from ..model.errors import UsageError
 from ..model.text import format_bytes, shown
-from ..options.parsers import parse_bytes
+from ..options.quantity_parsers import parse_bytes
 
 LARGEST_BLOCK = 'KITTI_ROS2_LARGEST_BLOCK'
 _ALWAYS = 64 * 10**6

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
 from ..bags.writer import guess_storage
-from ..exporter.to_bag import convert
+from ..exporter.to_bag import ExportOptions, convert
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
 from ..model.containers import CONTAINERS
@@ -74,9 +74,6 @@ def _convert(job: UnitJob, advance: Advance) -> ExportReport:
     return convert(
         recording,
         job.out,
-        settings.messages,
-        selection,
-        settings.bag(guess_storage(job.out, settings.storage)),
-        strict=settings.strict,
+        ExportOptions.of(replace(settings, selection=selection), job.out),
         progress=partial(samples_shown, advance),
     )

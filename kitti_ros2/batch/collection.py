@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import __version__
 from ..files.staging import Staging
 from ..files.workers import worker_count
 from ..model.errors import OutputError, UsageError, describe_error
@@ -72,7 +73,7 @@ class Collection:
     options: Mapping[str, object]
     batch: BatchOptions
     run: RunUnit
-    version: str
+    version: str = __version__
 
     def convert(self, units: Sequence[WorkUnit], progress: Progress) -> CollectionReport:
         """Run all units that are not done.

@@ -15,7 +15,7 @@ from ..player.to_the_end import play_to_the_end
 from .server import ViewerServer
 
 if TYPE_CHECKING:
-    from ..options.table import PlaySettings
+    from ..options.settings import PlaySettings
     from ..player.status import Terminal
     from ..player.to_the_end import StopRequest
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         WebSocketServer,
     )
 
-    from ..options.table import PlaySettings
+    from ..options.settings import PlaySettings
     from ..player.playback import Playback
     from ..player.program import Program
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__
 from ..batch.collection import Collection
 from ..batch.evaluation_units import run_detection_unit, run_odometry_unit, run_tracking_unit
 from ..batch.pairs import DETECTION, ODOMETRY, TRACKING, find_pairs
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, Any]
     Rows = Iterator[tuple[str, Sequence[str]]]
+    from .result_output import ResultOutput
 
 _NONE = '-'
 _TRACKED = ('HOTA', 'DetA', 'AssA', 'MOTA', 'MOTP', 'IDF1', 'IDSW')
@@ -76,38 +76,34 @@ def run_eval_collection(
     paths: tuple[Path, Path],
     given: Mapping[str, object],
     batch: BatchOptions,
-    out: Path | None,
-    *,
-    json: bool,
-    quiet: bool,
+    output: ResultOutput,
 ) -> int:
     """Score each result of a collection, and print the figures of each.
 
     Args:
         evaluation: What is scored.
         paths: Ground truth and results: roots, globs or lists.
-        given: The options of a unit by name, with overwrite.
+        given: The options of a unit by name.
         batch: How the collection is run.
-        out: The folder of scores.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses.
+        output: Where and how the scores are put.
 
     Returns:
         The exit code.
     """
-    read = evaluation.read({n: v for n, v in given.items() if n != 'overwrite'})
+    read = evaluation.read(given)
     refuse_sequence(read)
-    folder = need_folder(out, PLOTS)
+    folder = need_folder(output.out, PLOTS)
     evaluation.check()
     truth, results = paths
+    chosen = {**given, 'overwrite': output.overwrite}
     collection = Collection(
-        f'eval {evaluation.name}', folder, '.json', given, batch, evaluation.run, __version__
+        f'eval {evaluation.name}', folder, '.json', chosen, batch, evaluation.run
     )
     return run_collection(
         collection,
         lambda search: find_pairs(truth, results, evaluation.kind, read.layout, search),
-        quiet=quiet,
-        json=json,
+        quiet=output.quiet,
+        json=output.json,
         combine=lambda done: _Scores(evaluation, done),
     )
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..evaluation.object_benchmark import Curve, Scores
     from ..options.read import ReadOptions
     from ..pictures.frame import FrameSource
+    from .result_output import ResultOutput
 
 _METRICS = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
 _NONE = '-'
@@ -44,11 +45,7 @@ def run_eval_detection(
     ground_truth: Path,
     results: Path,
     given: Mapping[str, object],
-    *,
-    out: Path | None,
-    overwrite: bool,
-    json: bool,
-    quiet: bool,
+    output: ResultOutput,
 ) -> int:
     """Print the scores of detections.
 
@@ -56,11 +53,8 @@ def run_eval_detection(
         ground_truth: The labels.
         results: The result files, or a bag.
         given: The options of eval detection.
-        out: The chart to draw, or a folder for pictures of the worst frames; None for none.
-            With --all the folder of scores.
-        overwrite: Whether existing output may be replaced.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses.
+        output: Where and how the scores are put; `out` is the chart to draw, or a folder for
+            pictures of the worst frames.
 
     Returns:
         The exit code: 1 where frames or lines could not be scored.
@@ -72,12 +66,12 @@ def run_eval_detection(
     if batch.whole:
         from .eval_collection import EVAL_DETECTION, run_eval_collection
 
-        paths, given = (ground_truth, results), {**given, 'overwrite': overwrite}
-        return run_eval_collection(EVAL_DETECTION, paths, given, batch, out, json=json, quiet=quiet)
+        return run_eval_collection(EVAL_DETECTION, (ground_truth, results), given, batch, output)
+    out = output.out
     pictures = out is not None and options.worst is not None and not is_picture(out)
     check = check_folder if pictures else check_plot
-    refusal = check(out, (ground_truth, results), overwrite=overwrite)
-    with step_progress('reading', show=not quiet) as progress:
+    refusal = check(out, (ground_truth, results), overwrite=output.overwrite)
+    with step_progress('reading', show=not output.quiet) as progress:
         files = count(1)
         truth, found = read_frames(
             ground_truth, results, read, recorded, lambda: progress(next(files))
@@ -87,12 +81,12 @@ def run_eval_detection(
         losses = scores.losses
         if out is not None and source is not None:
             worst = scores.worst or ()
-            losses += draw_worst(source, worst, found, options, out, refusal, quiet=quiet)
+            losses += draw_worst(source, worst, found, options, out, refusal, quiet=output.quiet)
         elif out is not None:
             _draw_curves(scores, results, out, refusal)
-    if json:
+    if output.json:
         print_json(scores_json(scores))
-    elif not quiet:
+    elif not output.quiet:
         say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
         print_scores(scores)
         if out is not None:

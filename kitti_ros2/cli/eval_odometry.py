@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ..evaluation.odometry import OdometryScores
     from ..evaluation.segment_errors import SegmentErrors
     from ..model.geometry import Float64Array
+    from .result_output import ResultOutput
 
 _ALIGNMENTS = {
     Alignment.NONE: 'not aligned',
@@ -44,11 +45,7 @@ def run_eval_odometry(
     ground_truth: Path,
     result: Path,
     given: Mapping[str, object],
-    *,
-    out: Path | None,
-    overwrite: bool,
-    json: bool,
-    quiet: bool,
+    output: ResultOutput,
 ) -> int:
     """Print the scores of a trajectory.
 
@@ -56,10 +53,7 @@ def run_eval_odometry(
         ground_truth: A poses file, a KITTI folder or a bag.
         result: A poses file, a TUM file or a bag.
         given: Options by name.
-        out: The plot to draw, None for none; with --all the folder of scores.
-        overwrite: Whether an existing plot may be replaced.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses.
+        output: Where and how the scores are put; `out` is the plot to draw.
 
     Returns:
         The exit code: 1 where frames have no pose, or data could not be used.
@@ -70,18 +64,18 @@ def run_eval_odometry(
     if batch.whole:
         from .eval_collection import EVAL_ODOMETRY, run_eval_collection
 
-        paths, given = (ground_truth, result), {**given, 'overwrite': overwrite}
-        return run_eval_collection(EVAL_ODOMETRY, paths, given, batch, out, json=json, quiet=quiet)
-    refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
+        return run_eval_collection(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
+    out = output.out
+    refusal = check_plot(out, (ground_truth, result), overwrite=output.overwrite)
     scores = score_trajectory(ground_truth, result, read, options)
     if out is not None:
         from ..evaluation.odometry_plot import draw_odometry
 
         with staged_file(out, refusal) as path:
             draw_odometry(scores, path)
-    if json:
+    if output.json:
         print_json(scores_json(scores))
-    elif not quiet:
+    elif not output.quiet:
         print_scores(scores)
         if out is not None:
             say(format_path(out))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from ..evaluation.score_values import tracking_values as scores_json
 from ..evaluation.tracking import score_tracking
-from ..model.errors import UsageError
 from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_tracking_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..evaluation.tracking import TrackingScores
+    from .result_output import ResultOutput
 
 _COLUMNS = {
     'HOTA': 'HOTA',
@@ -44,11 +44,7 @@ def run_eval_tracking(
     ground_truth: Path,
     results: Path,
     given: Mapping[str, object],
-    *,
-    out: Path | None = None,
-    overwrite: bool = False,
-    json: bool,
-    quiet: bool,
+    output: ResultOutput,
 ) -> int:
     """Print the scores of tracks.
 
@@ -56,10 +52,7 @@ def run_eval_tracking(
         ground_truth: A tracking set.
         results: A folder of a tracker's files, one of them, or a bag.
         given: Options by name.
-        out: With --all, the folder of scores; None for none.
-        overwrite: Whether existing files in it may be replaced.
-        json: Whether to print JSON instead of a table.
-        quiet: Print only losses.
+        output: Where and how the scores are put.
 
     Returns:
         The exit code: 1 where sequences or frames have no results, or lines could not be used.
@@ -73,15 +66,13 @@ def run_eval_tracking(
     if batch.whole:
         from .eval_collection import EVAL_TRACKING, run_eval_collection
 
-        paths, given = (ground_truth, results), {**given, 'overwrite': overwrite}
-        return run_eval_collection(EVAL_TRACKING, paths, given, batch, out, json=json, quiet=quiet)
-    if out is not None or overwrite:
-        raise UsageError('-o and --overwrite are for whole collections; give --all too')
-    with step_progress('scoring', show=not quiet) as progress:
+        return run_eval_collection(EVAL_TRACKING, (ground_truth, results), given, batch, output)
+    output.refuse_files()
+    with step_progress('scoring', show=not output.quiet) as progress:
         scores = score_tracking(ground_truth, results, read, options, progress)
-    if json:
+    if output.json:
         print_json(scores_json(scores))
-    elif not quiet:
+    elif not output.quiet:
         print_scores(scores)
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK

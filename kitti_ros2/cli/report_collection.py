@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .. import __version__
 from ..bags.search import is_bag_name
 from ..batch.collection import Collection
 from ..batch.folders import common_folder, find_roots
@@ -85,7 +84,7 @@ def run_report_collection(
             path.write_bytes(make_index(str(common_folder(roots)), entries).encode())
         return _Index(index)
 
-    collection = Collection('report', folder, _SUFFIX, given, batch, run_report_unit, __version__)
+    collection = Collection('report', folder, _SUFFIX, given, batch, run_report_unit)
     code = run_collection(collection, find, quiet=quiet, combine=combine)
     if show:
         open_page(index)

@@ -25,27 +25,23 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from .result_output import ResultOutput
+
 
 def run_stats(
     paths: Sequence[Path],
     given: Mapping[str, object],
+    output: ResultOutput,
     *,
-    out: Path | None,
     table: Path | None,
-    overwrite: bool,
-    json: bool,
-    quiet: bool,
 ) -> int:
     """Print the statistics of data sets.
 
     Args:
         paths: Folders or bags.
         given: The options points, layout and sequence.
-        out: The picture to draw, None for none; with --all the folder of outputs.
+        output: Where and how the statistics are put; `out` is the picture to draw.
         table: The CSV file to write, None for none.
-        overwrite: Whether existing files may be replaced.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses.
 
     Returns:
         The exit code: 1 where something is missing or damaged.
@@ -59,12 +55,12 @@ def run_stats(
 
         if table is not None:
             raise UsageError(f'{table}: with --all the table is OUT/{TABLE}; leave --csv out')
-        chosen = {**given, 'overwrite': overwrite}
-        return run_statistics_collection(paths, chosen, out, batch, quiet=quiet, json=json)
-    write_table = check_output(table, paths, KEEP_ALL_BUT_TABLES, overwrite=overwrite)
-    draw = check_plot(out, paths, overwrite=overwrite)
+        return run_statistics_collection(paths, given, batch, output)
+    out = output.out
+    write_table = check_output(table, paths, KEEP_ALL_BUT_TABLES, overwrite=output.overwrite)
+    draw = check_plot(out, paths, overwrite=output.overwrite)
     sources = [find_sources(path, read) for path in paths]
-    with step_progress('counting', show=not quiet) as progress:
+    with step_progress('counting', show=not output.quiet) as progress:
         sets = [
             count_set(path, found, options, progress)
             for path, found in zip(paths, sources, strict=True)
@@ -77,9 +73,9 @@ def run_stats(
 
         with staged_file(out, draw) as path:
             draw_statistics(sets, titles_of(paths), path)
-    if json:
+    if output.json:
         print_json({'sets': [plain_values(each) for each in sets]})
-    elif not quiet:
+    elif not output.quiet:
         print_sets(sets, points=options.points)
         for written in (table, out):
             if written is not None:

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__
 from ..bags.search import is_bag_name
 from ..batch.collection import Collection
 from ..batch.folders import common_folder, find_all_roots
@@ -31,33 +30,29 @@ if TYPE_CHECKING:
 
     from ..batch.manifest import UnitRecord
     from ..options.batch import BatchOptions
+    from .result_output import ResultOutput
 
 
 def run_statistics_collection(
     paths: Sequence[Path],
     given: Mapping[str, object],
-    out: Path | None,
     batch: BatchOptions,
-    *,
-    quiet: bool,
-    json: bool,
+    output: ResultOutput,
 ) -> int:
     """Count what is in each unit of a collection; print all together, and write their table.
 
     Args:
         paths: Roots, globs or lists.
-        given: The options of a unit by name, with overwrite.
-        out: The folder of outputs.
+        given: The options of a unit by name.
         batch: How the collection is run.
-        quiet: Print only losses.
-        json: Whether to print JSON instead of tables.
+        output: Where and how the statistics are put.
 
     Returns:
         The exit code.
     """
-    read, options = make_statistics_options({n: v for n, v in given.items() if n != 'overwrite'})
+    read, options = make_statistics_options(given)
     refuse_sequence(read)
-    folder = need_folder(out, PLOTS)
+    folder = need_folder(output.out, PLOTS)
     roots = find_all_roots(paths, is_bag_name)
 
     def combine(done: Sequence[tuple[UnitRecord, Path]]) -> _Together:
@@ -65,14 +60,13 @@ def run_statistics_collection(
         found.write()
         return found
 
-    collection = Collection(
-        'stats', folder, '.json', given, batch, run_statistics_unit, __version__
-    )
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_unit)
     return run_collection(
         collection,
         lambda search: find_source_units(roots, read.layout, search),
-        quiet=quiet,
-        json=json,
+        quiet=output.quiet,
+        json=output.json,
         combine=combine,
     )
 

@@ -10,8 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
-from ..bags.writer import guess_storage
-from ..exporter.to_bag import convert
+from ..exporter.to_bag import ExportOptions, convert
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from ..exporter.to_bag import ExportReport
     from ..model.recording import ReadableRecording
     from ..options.batch import BatchOptions
-    from ..options.table import Settings
+    from ..options.settings import Settings
 
 
 def run_to_bag(
@@ -66,7 +65,7 @@ def run_to_bag(
     settings = make_settings(chosen)
     if batch.whole:
         return _run_whole(src, out, chosen, settings, batch, quiet=quiet, json=json)
-    bag = settings.bag(guess_storage(out, settings.storage))
+    options = ExportOptions.of(settings, out)
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)
     add_extract(recording, settings.imu)
@@ -79,10 +78,7 @@ def run_to_bag(
     report = convert(
         recording,
         out,
-        settings.messages,
-        settings.selection,
-        bag,
-        strict=settings.strict,
+        options,
         progress=partial(conversion_progress, show=not quiet),
         jobs=batch.jobs or 1,
     )
@@ -114,7 +110,6 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection."""
-    from .. import __version__
     from ..batch.bag_unit import bag_suffix, run_bag_unit
     from ..batch.collection import Collection
     from ..batch.folders import find_roots
@@ -124,9 +119,7 @@ def _run_whole(
     read = settings.read
     refuse_sequence(read)
     roots = find_roots(src)
-    collection = Collection(
-        'to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit, __version__
-    )
+    collection = Collection('to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit)
     return run_collection(
         collection,
         lambda search: find_units(roots, read.layout, batch.slice_frames, search),

@@ -117,7 +117,6 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection of bags, each to a folder of its own."""
-    from .. import __version__
     from ..batch.collection import Collection
     from ..batch.folders import find_all_roots
     from ..batch.kitti_unit import PLAN_FILE, run_kitti_unit
@@ -131,9 +130,7 @@ def _run_whole(
         raise UsageError('--append continues one data set, and --all writes one for each bag')
     plan = {} if plan_file is None else {PLAN_FILE: plan_file}
     roots = find_all_roots(sources, is_bag_name)
-    collection = Collection(
-        'to-kitti', out, '', {**given, **plan}, batch, run_kitti_unit, __version__
-    )
+    collection = Collection('to-kitti', out, '', {**given, **plan}, batch, run_kitti_unit)
     return run_collection(
         collection, lambda search: find_bag_units(roots, search), quiet=quiet, json=json
     )

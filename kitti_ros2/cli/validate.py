@@ -9,7 +9,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ..bags.search import is_bag_name
-from ..model.errors import UsageError
 from ..model.text import one_line
 from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_validation_options
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from ..options.batch import BatchOptions
     from ..validation.results import RuleFindings, ValidationReport
+    from .result_output import ResultOutput
 
 _SHOWN_PLACES = 3
 _SHOWN_SOURCES = 12
@@ -33,24 +33,13 @@ _SHOWN_ERRORS = 20
 _STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
 
 
-def run_validate(
-    paths: Sequence[Path],
-    given: Mapping[str, Any],
-    *,
-    out: Path | None = None,
-    overwrite: bool = False,
-    json: bool,
-    quiet: bool,
-) -> int:
+def run_validate(paths: Sequence[Path], given: Mapping[str, Any], output: ResultOutput) -> int:
     """Check KITTI folders and bags, and print the findings by rule.
 
     Args:
         paths: The folders and bags.
         given: Options by name.
-        out: With --all, the folder of findings; None for none.
-        overwrite: Whether existing files in it may be replaced.
-        json: Whether to print JSON instead of text.
-        quiet: Print errors only.
+        output: Where and how the findings are put.
 
     Returns:
         The exit code: 1 with errors.
@@ -62,20 +51,19 @@ def run_validate(
     keep_freed_memory()
     batch, options = split_batch_options(given)
     if batch.whole:
-        return _run_whole(paths, options, out, batch, overwrite=overwrite, json=json, quiet=quiet)
-    if out is not None or overwrite:
-        raise UsageError('-o and --overwrite are for whole collections; give --all too')
+        return _run_whole(paths, options, batch, output)
+    output.refuse_files()
     started = time.monotonic()
-    with step_progress('', show=not quiet) as progress:
+    with step_progress('', show=not output.quiet) as progress:
         report = validate(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
     elapsed = time.monotonic() - started
-    if json:
+    if output.json:
         print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
-    elif not quiet:
+    elif not output.quiet:
         _print_report(report, elapsed)
     if report.ok:
         return EXIT_OK
-    if quiet:
+    if output.quiet:
         _complain_of_errors(report)
     complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
@@ -84,15 +72,10 @@ def run_validate(
 def _run_whole(
     paths: Sequence[Path],
     given: Mapping[str, object],
-    out: Path | None,
     batch: BatchOptions,
-    *,
-    overwrite: bool,
-    json: bool,
-    quiet: bool,
+    output: ResultOutput,
 ) -> int:
     """Check the recordings and bags of a collection."""
-    from .. import __version__
     from ..batch.collection import Collection
     from ..batch.folders import find_all_roots
     from ..batch.source_units import find_source_units
@@ -101,22 +84,15 @@ def _run_whole(
 
     read, _ = make_validation_options(given)
     refuse_sequence(read)
-    folder = need_folder(out, ['.json'])
+    folder = need_folder(output.out, ['.json'])
     roots = find_all_roots(paths, is_bag_name)
-    collection = Collection(
-        'validate',
-        folder,
-        '.json',
-        {**given, 'overwrite': overwrite},
-        batch,
-        run_validation_unit,
-        __version__,
-    )
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('validate', folder, '.json', chosen, batch, run_validation_unit)
     return run_collection(
         collection,
         lambda search: find_source_units(roots, read.layout, search),
-        quiet=quiet,
-        json=json,
+        quiet=output.quiet,
+        json=output.json,
     )
 
 

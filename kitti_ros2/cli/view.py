@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from ..drawing.pixels import Pixels
     from ..model.losses import Loss
-    from ..options.table import ViewSettings
+    from ..options.settings import ViewSettings
     from ..pictures.frame import FrameData, FrameSource
 
 _MOVIE = '.mp4'

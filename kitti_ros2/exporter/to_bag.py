@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..bags.writer import open_bag
+from ..bags.writer import guess_storage, open_bag
 from ..files.workers import worker_count
 from ..messages.last_keys import LastKeys
 from ..messages.ros_types import TYPESTORE
@@ -32,8 +32,36 @@ if TYPE_CHECKING:
     from ..options.bag import BagOptions
     from ..options.messages import MessageOptions
     from ..options.selection import SelectionOptions
+    from ..options.settings import Settings
 
 ShowProgress: TypeAlias = 'Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]'
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of a conversion.
+
+    Attributes:
+        messages: Topics and encodings.
+        selection: The part of the recording to convert.
+        bag: Container, compression, splitting.
+        strict: Stop at the first loss, and remove the output.
+    """
+
+    messages: MessageOptions
+    selection: SelectionOptions
+    bag: BagOptions
+    strict: bool = False
+
+    @classmethod
+    def of(cls, settings: Settings, out: Path) -> ExportOptions:
+        """Take the options from the settings of to-bag; OUT may name the container.
+
+        Raises:
+            UsageError: An option is invalid for the container.
+        """
+        bag = settings.bag(guess_storage(out, settings.storage))
+        return cls(settings.messages, settings.selection, bag, settings.strict)
 
 
 @dataclass(frozen=True)
@@ -60,14 +88,11 @@ class ExportReport:
     notes: tuple[str, ...]
 
 
-def convert(  # noqa: PLR0913 - three of them are optional
+def convert(
     recording: ReadableRecording,
     out: Path,
-    messages: MessageOptions,
-    selection: SelectionOptions,
-    bag: BagOptions,
+    options: ExportOptions,
     *,
-    strict: bool = False,
     progress: ShowProgress = lambda _samples, _frames: nullcontext(lambda _done, _bytes: None),
     jobs: int = 1,
 ) -> ExportReport:
@@ -76,10 +101,7 @@ def convert(  # noqa: PLR0913 - three of them are optional
     Args:
         recording: The source.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
-        messages: Options of the messages.
-        selection: The part of the recording to convert.
-        bag: Container, compression, splitting.
-        strict: Stop at the first loss, and remove the output.
+        options: What is written, and how.
         progress: Called with the number of samples and frames; returns a context with a function
             that is called with the samples done and the bytes written so far.
         jobs: Number of worker processes that encode; 1: none, but threads. The bag is the same.
@@ -90,19 +112,19 @@ def convert(  # noqa: PLR0913 - three of them are optional
         OutputError: The output cannot be written.
         OutputExistsError: The output exists and the options do not overwrite.
     """
-    schedule = make_schedule(recording, selection)
-    encoder = Encoder(recording, schedule, messages, selection)
-    tally = _ExportTally(strict=strict)
+    schedule = make_schedule(recording, options.selection)
+    encoder = Encoder(recording, schedule, options.messages, options.selection)
+    tally = _ExportTally(strict=options.strict)
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
-    decodes = messages.images is not Images.COMPRESSED
+    decodes = options.messages.images is not Images.COMPRESSED
     threads = max(worker_count(), jobs)
     with (
         # Before the others: a fork keeps the files and locks that are open.
         encoding(encoder, recording, schedule, decodes=decodes, jobs=jobs) as encoded,
         progress(len(schedule), schedule.frames) as show,
-        open_bag(out, bag, TYPESTORE, source_metadata=source, threads=threads) as writer,
+        open_bag(out, options.bag, TYPESTORE, source_metadata=source, threads=threads) as writer,
     ):
         channels = _Channels(writer, encoder.table)
         for done, outcome in enumerate(encoded.outcomes, 1):

@@ -21,6 +21,7 @@ from .oxts_poses import UnitPoses
 from .oxts_stream import PacketMaker
 from .poses import read_motion
 from .report import ImportReport, LossTally, damage
+from .sample_writer import SampleWriter
 from .set_builder import SetBuilder, Target, carry_out
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ def build(
     packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        builder = SetBuilder(plan, frames, rigging, packets, writer, target, losses)
+        samples = SampleWriter(plan, frames, rigging, writer, target.first)
+        builder = SetBuilder(samples, packets, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics) as messages:
             read = numbered(messages)

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from .sync import StreamMatch
 
 _MS = 1e6
-_DROPPED = 'dropped'
 _NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
 NO_FRAME = f'no frame is written here, for {_NO_POSE}'
 NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
@@ -101,85 +100,88 @@ def choose_frames(
         UsageError: The plan names a missing topic, or no frame is left.
         UnsynchronisedError: No frame is left, for a stream has no sample near any.
     """
-    topics = frame_topics(plan)
     check_types(plan, survey)
     survey = clocked(survey, plan)
+    frames, apart = _every_frame(plan, survey, track)
+    kept, lost, dropped = _complete(plan, frames, track)
+    if not kept.any():
+        if apart:
+            raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart)}')
+        raise UsageError(
+            f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
+            f' the plan, set incomplete: keep, or remove the missing stream from the plan'
+        )
+    if selection is not None and not selection.is_whole:
+        chosen = span_of(frames.stamps_ns, kept, selection)
+        kept, lost = kept & chosen, lost & chosen
+    return replace(
+        pick_frames(frames, kept),
+        notes=(*frames.notes, *dropped),
+        unposed_ns=within_gaps(frames.stamps_ns, lost, track),
+    )
+
+
+def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frames, tuple[str, ...]]:
+    """Return a frame for each sample of the reference, and why streams have no sample in any."""
     notes = list(clock_notes(survey, plan))
-    stamps = {}
-    for name in topics.values():
-        stamps[name], _ = topic_of(survey, name).stamps()
+    topics = frame_topics(plan)
+    stamps = {name: topic_of(survey, name).stamps()[0] for name in topics.values()}
     groups = _label_groups(topics, survey)
-    matched = {stream: stamps[name] for stream, name in topics.items()}
-    if Stream.LABELS in topics:
-        matched[Stream.LABELS] = by_group(matched[Stream.LABELS], groups)
-    reference = _reference(plan, matched, track)
-    others = {stream: each for stream, each in matched.items() if stream.value != plan.reference}
+    series = {
+        stream: by_group(stamps[name], groups) if stream is Stream.LABELS else stamps[name]
+        for stream, name in topics.items()
+    }
+    reference = _reference(plan, series, track)
+    others = {stream: each for stream, each in series.items() if stream.value != plan.reference}
     places_2d, lost_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
-    samples = {stream: np.arange(len(reference)) for stream in topics}
-    samples |= {stream: match.indices for stream, match in matches.items()}
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
     apart = {
         stream: describe_gap(survey, plan, stream.value, reference, stamps[topics[stream]])
         for stream, match in matches.items()
         if not match.matched
     }
-    kept, lost = _complete(plan, reference, samples, track, notes)
-    if not kept.any():
-        if apart:
-            raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart.values())}')
-        dropped = [note for note in notes if note.startswith(_DROPPED)]
-        raise UsageError(
-            f'no frame is whole: {"; ".join(dropped) or "no sample at all"}; widen tolerance_s of'
-            f' the plan, set incomplete: keep, or remove the missing stream from the plan'
-        )
-    if selection is not None and not selection.is_whole:
-        chosen = span_of(reference, kept, selection)
-        kept, lost = kept & chosen, lost & chosen
-    samples = {stream: indices[kept] for stream, indices in samples.items()}
-    label_places = places_of(samples.get(Stream.LABELS, np.empty(0, np.int64)), groups)
+    losses = [
+        Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
+        for stream, text in apart.items()
+    ]
+    samples = {stream: np.arange(len(reference)) for stream in topics}
+    samples |= {stream: match.indices for stream, match in matches.items()}
+    labelled = samples.get(Stream.LABELS, np.empty(0, np.int64))
     if Stream.LABELS in samples:
-        samples[Stream.LABELS] = first_places(groups, samples[Stream.LABELS])
-    return Frames(
-        reference[kept],
-        samples,
-        stamps,
-        tuple(notes),
-        (
-            *(
-                Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
-                for stream, text in apart.items()
-            ),
-            *lost_2d,
-        ),
-        '; '.join(apart.values()) if len(apart) == len(matches) else '',
-        label_places,
-        places_2d[kept],
-        np.zeros(0, np.int64) if track is None else within_gaps(reference, lost, track),
+        samples[Stream.LABELS] = first_places(groups, labelled)
+    reasons = tuple(apart.values())
+    frames = Frames(
+        stamps_ns=reference,
+        samples=samples,
+        stamps=stamps,
+        notes=tuple(notes),
+        losses=(*losses, *lost_2d),
+        unsynchronised='; '.join(reasons) if len(apart) == len(matches) else '',
+        label_places=places_of(labelled, groups),
+        places_2d=places_2d,
     )
+    return frames, reasons
 
 
 def _complete(
-    plan: Plan,
-    reference: Int64Array,
-    samples: Mapping[Stream, Int64Array],
-    track: Track | None,
-    notes: list[str],
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    plan: Plan, frames: Frames, track: Track | None
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_], list[str]]:
     """Return which frames have all samples and a pose, if the plan drops the others.
 
-    Also which of those with all samples have no pose.
+    Also which of those with all samples have no pose, and notes on what was dropped.
     """
-    kept = np.ones(len(reference), dtype=np.bool_)
+    notes: list[str] = []
+    kept = np.ones(len(frames), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
-        for stream, indices in samples.items():
+        for stream, indices in frames.samples.items():
             kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
-    lost = np.zeros(len(reference), dtype=np.bool_)
+    lost = np.zeros(len(frames), dtype=np.bool_)
     if track is not None:
-        unknown = ~track.known(reference)
+        unknown = ~track.known(frames.stamps_ns)
         lost = kept & unknown
         kept &= _without(unknown, 'pose around them', notes)
-    return kept, lost
+    return kept, lost, notes
 
 
 def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int]] | None:
@@ -239,15 +241,17 @@ def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
     return pick_frames(frames, span_of(frames.stamps_ns, every, selection))
 
 
-def within_gaps(stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track) -> Int64Array:
+def within_gaps(
+    stamps_ns: Int64Array, missing: npt.NDArray[np.bool_], track: Track | None
+) -> Int64Array:
     """Return the stamps without a pose between the first and the last pose of a track.
 
     Args:
         stamps_ns: (N,) nanoseconds.
         missing: (N,) which of them have no pose.
-        track: The poses.
+        track: The poses, None where frames need none.
     """
-    if not len(track):
+    if track is None or not len(track):
         return np.zeros(0, dtype=np.int64)
     first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
     inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
@@ -278,5 +282,5 @@ def _without(missing: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt
     """Return the frames where a sample is not missing; note the others."""
     count = int(np.count_nonzero(missing))
     if count:
-        notes.append(f'{_DROPPED} {count} of {len(missing)} frames: no {what}')
+        notes.append(f'dropped {count} of {len(missing)} frames: no {what}')
     return ~missing

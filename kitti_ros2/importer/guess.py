@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..messages.scan_sources import SCAN_TYPES
 from ..model import msgtypes as types
@@ -28,10 +28,12 @@ from .scan_frame import face_forward
 from .sync import default_tolerance_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from ..model.layouts import Layout
     from ..model.losses import Loss
+    from ..model.samples import Int64Array
     from .plan import CameraPlan, PosePlan, ScanPlan
     from .survey import Survey
 
@@ -76,36 +78,26 @@ def guess_plan(
         MissingDataError: It contains no data that the layout requires.
     """
     traits, notes = layout.traits, list[str]()
-    scan, rig = guess_scan(survey, notes), find_cameras(survey)
-    tree = FrameTree(survey.static, survey.moving)
-    heading = find_heading(tree, None if scan is None else scan.frame, rig)
-    if scan is not None and not survey.calibrations and not keep_scan_frame:
-        scan = face_forward(scan, tree, heading, notes)
-    sets = guess_camera_sets(layout, rig, tree, heading, notes) if all_cameras else {}
-    cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
-    has_unit = Stream.OXTS in traits.streams
-    # Poses take the place of a missing fix.
-    posed = Stream.POSE in traits.streams or (has_unit and not survey.of_type(types.FIX))
-    pose = guess_pose(survey, notes) if posed else None
-    if scan is None and not cameras and not sets and pose is None:
+    sensors = _find_sensors(
+        survey, layout, notes, all_cameras=all_cameras, keep_scan_frame=keep_scan_frame
+    )
+    if not any(sensors):
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
+    scan, cameras, sets, pose = sensors
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
-    tolerance = default_tolerance_ns(stamps) / NS_PER_S if len(stamps) > 1 else _DEFAULT_TOLERANCE_S
-    unit = guess_unit(survey, notes, pose) if has_unit else {}
-    imu_frame = guess_imu_frame(survey, scan, notes)
+    unit = guess_unit(survey, notes, pose) if Stream.OXTS in traits.streams else {}
+    imu_frame = _imu_frame(survey, layout, sensors, unit, notes)
     labels = None
     if Stream.LABELS in traits.streams:
         labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
-    if has_unit and not imu_frame and not unit.get('imu') and pose is not None:
-        imu_frame = guess_unit_frame(survey, scan, pose)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,
         name=_name(layout, int(stamps[0]), extract=extract),
         reference=reference,
-        tolerance_s=tolerance,
+        tolerance_s=_tolerance_s(stamps),
         incomplete=Incomplete.KEEP if traits.stamps_per_stream else Incomplete.DROP,
         scan=scan,
         cameras=cameras,
@@ -124,6 +116,50 @@ def guess_plan(
         plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
         notes += offsets
     return Guess(plan, tuple(notes), _unreadable(survey, layout, scans=plan.scan is None))
+
+
+class _Sensors(NamedTuple):
+    """The parts of a plan that can be its reference; a plan has one of them at least."""
+
+    scan: ScanPlan | None
+    cameras: dict[int, CameraPlan]
+    camera_sets: dict[str, CameraPlan]
+    pose: PosePlan | None
+
+
+def _find_sensors(
+    survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, keep_scan_frame: bool
+) -> _Sensors:
+    """Return the sensors of a bag that a layout has a place for; see guess_plan."""
+    scan, rig = guess_scan(survey, notes), find_cameras(survey)
+    tree = FrameTree(survey.static, survey.moving)
+    heading = find_heading(tree, None if scan is None else scan.frame, rig)
+    if scan is not None and not survey.calibrations and not keep_scan_frame:
+        scan = face_forward(scan, tree, heading, notes)
+    sets = guess_camera_sets(layout, rig, tree, heading, notes) if all_cameras else {}
+    cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
+    streams = layout.traits.streams
+    # Poses take the place of a missing fix.
+    placed = Stream.OXTS in streams and not survey.of_type(types.FIX)
+    pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
+    return _Sensors(scan, cameras, sets, pose)
+
+
+def _imu_frame(
+    survey: Survey, layout: Layout, sensors: _Sensors, unit: Mapping[str, str], notes: list[str]
+) -> str:
+    """Return the frame of the GPS/IMU unit, that of the poses in place of one; empty without."""
+    frame = guess_imu_frame(survey, sensors.scan, notes)
+    if frame or unit.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
+        return frame
+    return guess_unit_frame(survey, sensors.scan, sensors.pose)
+
+
+def _tolerance_s(stamps_ns: Int64Array) -> float:
+    """Return how far samples may be from the frames of a reference, (N,) nanoseconds."""
+    if len(stamps_ns) > 1:
+        return default_tolerance_ns(stamps_ns) / NS_PER_S
+    return _DEFAULT_TOLERANCE_S
 
 
 def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str]) -> str:

@@ -1,73 +1,44 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The common part of the readers of all layouts: samples, poses, trails and calibration."""
+"""The common part of the readers of all layouts: samples, calibration and description."""
 
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ..files.png.header import parse_image
-from ..model.errors import (
-    BadFileError,
-    KittiRos2Error,
-    MissingFileError,
-    RemoteError,
-    describe_error,
-)
-from ..model.labels import Trails, cuboids_of
+from ..model.errors import BadFileError, describe_error
 from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
-from ..model.recording import Start
-from ..model.samples import (
-    Calibration,
-    Description,
-    FrameLabels,
-    Image,
-    OxtsPacket,
-    Pose,
-    Sample,
-    Scan,
-    TextFile,
-    Trajectory,
-)
+from ..model.samples import Calibration, Description, Image, Sample, Scan, TextFile
 from ..model.streams import CAMERA_NAMES, Clock, Stream
 from ..options.read import ScanStamp
 from .calib_archives import describe_source
 from .calib_file import parse_calibration
-from .poses import MercatorWorld, pose_from_packet
-from .recording_index import RecordingIndex
+from .recording_poses import RecordingPoses
 from .scan_file import parse_scan
 from .store import STORE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
-    from ..model.geometry import Float64Array, Transform
     from ..model.layouts import Layout
     from ..options.read import ReadOptions
 
-T = TypeVar('T')
 
-_KEPT_PACKETS = 8192  # of 2 kB; the path needs all before the first is due
-
-
-class KittiRecording(RecordingIndex):
+class KittiRecording(RecordingPoses):
     """The common part of the readers of all layouts."""
 
     layout: Layout
     image_topic = 'image_rect'
     common_numbers = True
-    level_poses = True
     clock = Clock.NOMINAL
 
     def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
         super().__init__(root, options)
         self.name = name
-        self._packet_cached = lru_cache(_KEPT_PACKETS)(self._packet)
         self._first_sizes: dict[Stream, tuple[int, int]] = {}
         self._expected_size = lru_cache(maxsize=None)(self._find_expected_size)
 
@@ -131,56 +102,6 @@ class KittiRecording(RecordingIndex):
                 missing[path.relative_to(self.root).as_posix()] = str(error)
         return Description(values, files, missing)
 
-    @cached_property
-    def start(self) -> Start | None:
-        """The first readable pose of the whole recording; see model.recording."""
-        pose = self._first(Stream.POSE, self._pose)
-        return None if pose is None else Start(pose.world_T_imu, self.level_poses)
-
-    def _first(self, stream: Stream, read: Callable[[int], T]) -> T | None:
-        """Return the first readable sample of a stream, None without one.
-
-        The poses begin there: if it is not the first, all differ, which is reported as a loss.
-        """
-        index = self.streams.get(stream)
-        failure = ''
-        for number in () if index is None else index.numbers.tolist():
-            try:
-                sample = read(number)
-            except RemoteError:
-                raise
-            except (KittiRos2Error, OSError) as error:
-                failure = failure or describe_error(error)
-                continue
-            if failure:
-                self._lose_late(Stream.POSE, f'{failure}; map begins at frame {number} instead')
-            return sample
-        return None
-
-    def trajectory(self, numbers: Sequence[int]) -> Trajectory:
-        """Return the poses of these numbers; unreadable ones are left out and become losses."""
-        stamps: list[int] = []
-        poses: list[Transform] = []
-        index = self.streams.get(Stream.POSE)
-        if index is not None:
-            stamp_of = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
-            for number, pose in self.readable_poses(numbers, Stream.PATH):
-                stamps.append(stamp_of[number])
-                poses.append(pose.world_T_imu)
-        return Trajectory(np.array(stamps, dtype=np.int64), poses)
-
-    def readable_poses(
-        self, numbers: Iterable[int], needed_for: Stream
-    ) -> Iterator[tuple[int, Pose]]:
-        """Yield the poses of these numbers; unreadable ones become losses of a stream."""
-        for number in numbers:
-            try:
-                yield number, self._pose(number)
-            except RemoteError:
-                raise
-            except (KittiRos2Error, OSError) as error:
-                self._lose_late(needed_for, describe_error(error))
-
     def read(self, stream: Stream, number: int) -> Sample:
         """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
@@ -199,65 +120,9 @@ class KittiRecording(RecordingIndex):
         }
         return readers[stream](number)
 
-    def trails(self, number: int) -> dict[int, Float64Array]:
-        """Return the path of each of a frame's tracks up to it; see model.recording."""
-        known = Stream.LABELS in self.streams and Stream.POSE in self.streams
-        return self._trails.up_to(number) if known else {}
-
-    @cached_property
-    def _trails(self) -> Trails:
-        frames = {}
-        for number in self.streams[Stream.LABELS].numbers.tolist():
-            calibration = self.calibration(number)
-            try:
-                frames[number] = cuboids_of(self._labels(number), calibration)
-            except RemoteError:
-                raise
-            except (KittiRos2Error, OSError) as error:
-                self._lose_late(Stream.LABELS, describe_error(error))
-            except ValueError as error:
-                reason = next(iter(calibration.missing.values()), str(error))
-                self._lose_late(Stream.LABELS, f'{reason}; it is needed for the 3D boxes of labels')
-        return Trails(frames, self._world_t_velo)
-
-    def _world_t_velo(self, number: int) -> Transform | None:
-        """Return the scanner's pose at a frame, None without a readable pose of this number."""
-        if number not in self._posed:
-            return None
-        try:
-            pose = self._pose(number)
-        except RemoteError:
-            raise
-        except (KittiRos2Error, OSError) as error:
-            self._lose_late(Stream.LABELS, describe_error(error))
-            return None
-        return pose.world_T_imu @ self.calibration(number).velo_T_imu.inverse()
-
-    @cached_property
-    def _posed(self) -> frozenset[int]:
-        return frozenset(self.streams[Stream.POSE].numbers.tolist())
-
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
         return Scan(parse_scan(STORE.read_array(path), path), turn=self.turns.get(number))
-
-    def _packet(self, number: int) -> OxtsPacket:
-        raise NotImplementedError
-
-    def _labels(self, number: int) -> FrameLabels:
-        raise NotImplementedError
-
-    def _pose(self, number: int) -> Pose:
-        return pose_from_packet(self._packet_cached(number), self._world)
-
-    @cached_property
-    def _world(self) -> MercatorWorld:
-        """The fixed frame of the poses, at the first readable oxts packet."""
-        packet = self._first(Stream.OXTS, self._packet_cached)
-        if packet is None:
-            needed_for = 'the origin of the map: not one oxts packet is readable'
-            raise MissingFileError(self.root, needed_for)
-        return MercatorWorld.at(packet)
 
     @property
     def _first_number(self) -> int:

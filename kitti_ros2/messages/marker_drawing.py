@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,34 @@ _MESH = _mesh()
 _COLOR_TO_POINTS = struct.Struct('<4fiiB3xI')
 
 
+class DrawnMarker(NamedTuple):
+    """A visualization_msgs/Marker, without its stamp and lifetime.
+
+    Attributes:
+        frame_id: Name of its frame.
+        name: Namespace and id.
+        kind: Type, a constant of Marker.
+        color: Red, green, blue, 0..1.
+        pose: x y z in metres, and a quaternion x y z w.
+        scale: Metres; what it measures depends on the type.
+        alpha: Opacity, 0..1.
+        points: (N, 3) metres, for lists and arrows.
+        text: For TEXT_VIEW_FACING.
+        action: A constant of Marker.
+    """
+
+    frame_id: str
+    name: tuple[str, int]
+    kind: int
+    color: tuple[float, float, float]
+    pose: tuple[float, ...] = _NO_POSE
+    scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    alpha: float = 1.0
+    points: Float64Array | None = None
+    text: str = ''
+    action: int = Marker.ADD
+
+
 class MarkerDrawing:
     """A MarkerArray under construction."""
 
@@ -72,7 +100,8 @@ class MarkerDrawing:
 
     def clear(self, frame_id: str) -> None:
         """Add the marker that deletes all others."""
-        self.add(frame_id, ('', 0), Marker.CUBE, (0.0, 0.0, 0.0), action=Marker.DELETEALL)
+        nothing = (0.0, 0.0, 0.0)
+        self.add(DrawnMarker(frame_id, ('', 0), Marker.CUBE, nothing, action=Marker.DELETEALL))
 
     def object(
         self,
@@ -95,54 +124,34 @@ class MarkerDrawing:
         box, edges, heading, caption = names
         length, _, height = cuboid.size_lwh
         pose = pose_numbers(cuboid.velo_T_box)
-        width, shaft = (options.line_width, 0.0, 0.0), 2 * options.line_width
         corners = unit_corners()[EDGES.ravel()] * cuboid.size_lwh
         arrow = np.array([[0.0, 0.0, 0.0], [length / 2 + options.arrow_length, 0.0, 0.0]])
         above = (pose[0], pose[1], pose[2] + height / 2 + options.text_height, 0.0, 0.0, 0.0, 1.0)
-        size, alpha = cuboid.size_lwh, options.alpha
-        self.add(frame_id, box, Marker.CUBE, color, pose=pose, scale=size, alpha=alpha)
-        self.add(frame_id, edges, Marker.LINE_LIST, color, pose=pose, scale=width, points=corners)
-        self.add(
-            frame_id,
-            heading,
-            Marker.ARROW,
-            color,
-            pose=pose,
-            scale=(shaft, 2 * shaft, 2 * shaft),
-            points=arrow,
-        )
+        width = options.line_width
+        thin, thick = (width, 0.0, 0.0), (2 * width, 4 * width, 4 * width)
         tall = (0.0, 0.0, options.text_height)
-        self.add(
-            frame_id, caption, Marker.TEXT_VIEW_FACING, _WHITE, pose=above, scale=tall, text=text
-        )
+        size, alpha = cuboid.size_lwh, options.alpha
+        self.add(DrawnMarker(frame_id, box, Marker.CUBE, color, pose, size, alpha))
+        self.add(DrawnMarker(frame_id, edges, Marker.LINE_LIST, color, pose, thin, points=corners))
+        self.add(DrawnMarker(frame_id, heading, Marker.ARROW, color, pose, thick, points=arrow))
+        kind = Marker.TEXT_VIEW_FACING
+        self.add(DrawnMarker(frame_id, caption, kind, _WHITE, above, tall, text=text))
 
-    def add(  # noqa: PLR0913 - a marker has that many parts
-        self,
-        frame_id: str,
-        name: tuple[str, int],
-        kind: int,
-        color: tuple[float, float, float],
-        *,
-        pose: tuple[float, ...] = _NO_POSE,
-        scale: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        alpha: float = 1.0,
-        points: Float64Array | None = None,
-        text: str = '',
-        action: int = Marker.ADD,
-    ) -> None:
-        """Write a visualization_msgs/Marker, field by field."""
+    def add(self, marker: DrawnMarker) -> None:
+        """Write a marker, field by field."""
         cdr = self._cdr
-        cdr.block(self._header(frame_id))
-        cdr.text(name[0])
-        cdr.int32(name[1], kind, action)
-        cdr.float64((*pose, *scale))
+        cdr.block(self._header(marker.frame_id))
+        namespace, number = marker.name
+        cdr.text(namespace)
+        cdr.int32(number, marker.kind, marker.action)
+        cdr.float64((*marker.pose, *marker.scale))
         lifetime = divmod(self._options.lifetime_ns, 1_000_000_000)
-        count = 0 if points is None else len(points)
-        cdr.block(_COLOR_TO_POINTS.pack(*color, alpha, *lifetime, 0, count))
-        if points is not None:
-            cdr.raw_float64(np.ascontiguousarray(points, '<f8').tobytes())
+        count = 0 if marker.points is None else len(marker.points)
+        cdr.block(_COLOR_TO_POINTS.pack(*marker.color, marker.alpha, *lifetime, 0, count))
+        if marker.points is not None:
+            cdr.raw_float64(np.ascontiguousarray(marker.points, '<f8').tobytes())
         cdr.block(_COLORS_TO_TEXT)
-        cdr.text(text)
+        cdr.text(marker.text)
         cdr.block(_MESH)
 
     def _header(self, frame_id: str) -> bytes:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ..drawing.palette import EGO_COLOR, EGO_SIZE_LWH, color_of
 from ..options.markers import MarkerColors, MarkerOptions
-from .marker_drawing import OBJECT_PARTS, MarkerDrawing
+from .marker_drawing import OBJECT_PARTS, DrawnMarker, MarkerDrawing
 from .ros_types import Marker
 
 if TYPE_CHECKING:
@@ -52,10 +52,12 @@ def encode_markers(
     drawing = MarkerDrawing(count, options, stamp_ns)
     drawing.clear(frames.velo)
     if options.ego:
+        ego = ('ego', 0)
         drawing.add(
-            frames.base, ('ego', 0), Marker.CUBE, EGO_COLOR,
-            pose=_EGO_POSE, scale=EGO_SIZE_LWH, alpha=options.alpha,
-        )  # fmt: skip
+            DrawnMarker(
+                frames.base, ego, Marker.CUBE, EGO_COLOR, _EGO_POSE, EGO_SIZE_LWH, options.alpha
+            )
+        )
     for place, cuboid in enumerate(cuboids):
         number = _number(cuboid, place)
         color = color_of(cuboid.class_name, number, options.colors)
@@ -65,7 +67,9 @@ def encode_markers(
         color = color_of('', track, MarkerColors.TRACK)
         width = (options.line_width, 0.0, 0.0)
         trail = ('trail', track)
-        drawing.add(frames.map, trail, Marker.LINE_STRIP, color, scale=width, points=places)
+        drawing.add(
+            DrawnMarker(frames.map, trail, Marker.LINE_STRIP, color, scale=width, points=places)
+        )
     return drawing.parts()
 
 

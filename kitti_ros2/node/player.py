@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from rclpy.parameter import Parameter
 
-    from ..options.table import PlaySettings
+    from ..options.settings import PlaySettings
     from ..player.playback import Playback
     from ..player.program import Program
     from .qos import QosOverride

@@ -11,7 +11,8 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
 from .declare import option
-from .parsers import parse_flag, parse_integer, parse_seconds_ns, parse_split_size, parse_text
+from .parsers import parse_flag, parse_integer, parse_text
+from .quantity_parsers import parse_seconds_ns, parse_split_size
 
 _COMPRESSIONS = tuple(
     dict.fromkeys(name for each in CONTAINERS.values() for name in each.compressions)

@@ -7,8 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from .class_parsers import parse_class_map
 from .declare import check_bounds, option
-from .parsers import parse_class_map, parse_seconds_ns, parse_text
+from .parsers import parse_text
+from .quantity_parsers import parse_seconds_ns
 
 
 @dataclass(frozen=True)

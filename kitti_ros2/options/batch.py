@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
-from .declare import option, options_of, parse_values, values_for
+from .declare import make_options, option, options_of, parse_values
 from .parsers import parse_flag, parse_integer, parse_text
 from .table import REPORT, TO_BAG, TO_KITTI
 
@@ -165,7 +165,7 @@ def split_batch_options(
     names = {each.name for each in BATCH}
     own = {name: value for name, value in values.items() if name in names}
     rest = {name: value for name, value in values.items() if name not in names}
-    batch = BatchOptions(**values_for(BatchOptions, parse_values(own, BATCH)))
+    batch = make_options(BatchOptions, parse_values(own, BATCH))
     if batch.jobs is not None and not (batch.whole or jobs_alone):
         raise UsageError('--jobs is for whole collections; give --all too')
     return batch, rest

@@ -12,15 +12,8 @@ from typing import ClassVar, TypeAlias
 
 from ..model.errors import UsageError
 from .declare import choice, option
-from .parsers import (
-    parse_boxes,
-    parse_flag,
-    parse_image_size,
-    parse_integer,
-    parse_number,
-    parse_span,
-    parse_text,
-)
+from .parsers import parse_flag, parse_integer, parse_number, parse_text
+from .quantity_parsers import parse_boxes, parse_image_size, parse_span
 from .read import ReadOptions
 
 Span: TypeAlias = tuple[float, float]

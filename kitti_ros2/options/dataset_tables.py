@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from .batch import collection_options
 from .crop import CropOptions
-from .declare import options_of, parse_values, values_for
+from .declare import make_options, options_of, parse_values
 from .fetching import DownloadOptions, ExtractOptions
-from .read import ReadOptions
+from .read import ReadOptions, make_with_source
 from .split import SplitOptions
 from .statistics import StatisticsOptions
 from .table import MOTION, SOURCE
@@ -61,7 +62,7 @@ def make_extract_options(values: Mapping[str, object]) -> ExtractOptions:
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    return ExtractOptions(**values_for(ExtractOptions, parse_values(values, EXTRACT)))
+    return make_options(ExtractOptions, parse_values(values, EXTRACT))
 
 
 def make_download_options(
@@ -73,35 +74,14 @@ def make_download_options(
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, DOWNLOAD)
-    options = DownloadOptions(**values_for(DownloadOptions, parsed))
-    extraction = values_for(ExtractOptions, parsed)
-    return options, ExtractOptions(remove_archives=not options.keep_archives, **extraction)
+    options = make_options(DownloadOptions, parsed)
+    removes = not options.keep_archives
+    return options, make_options(ExtractOptions, parsed, remove_archives=removes)
 
 
-def make_statistics_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, StatisticsOptions]:
-    """Make the options of stats from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, STATS)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, StatisticsOptions(**values_for(StatisticsOptions, parsed))
-
-
-def make_validation_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, ValidateOptions]:
-    """Make the options of validate from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, VALIDATE)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, ValidateOptions(**values_for(ValidateOptions, parsed))
+make_statistics_options = partial(make_with_source, STATS, StatisticsOptions)
+make_validation_options = partial(make_with_source, VALIDATE, ValidateOptions)
+"""Take values by name, and return the options of the source and those of the command."""
 
 
 def make_crop_options(values: Mapping[str, object]) -> CropOptions:
@@ -111,8 +91,7 @@ def make_crop_options(values: Mapping[str, object]) -> CropOptions:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, CROP)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return CropOptions(**values_for(CropOptions, parsed), read=read)
+    return make_options(CropOptions, parsed, read=make_options(ReadOptions, parsed))
 
 
 def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layout | None]:
@@ -122,4 +101,4 @@ def make_split_options(values: Mapping[str, object]) -> tuple[SplitOptions, Layo
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, SPLIT)
-    return SplitOptions(**values_for(SplitOptions, parsed)), parsed.get('layout')
+    return make_options(SplitOptions, parsed), parsed.get('layout')

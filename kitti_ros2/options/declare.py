@@ -15,7 +15,8 @@ from typing import Any, TypeAlias, TypeVar
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean
 from ..model.stamps import NS_PER_S
-from .parsers import parse_choice, parse_seconds_ns
+from .parsers import parse_choice
+from .quantity_parsers import parse_seconds_ns
 
 Parser: TypeAlias = Callable[[str, object], Any]
 T = TypeVar('T')
@@ -122,6 +123,20 @@ def check_bounds(options: object, *names: str) -> None:
 def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field of a dataclass, from values by name of option."""
     return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
+
+
+def make_options(kind: type[T], parsed: Mapping[str, Any], **others: Any) -> T:  # noqa: ANN401 - fields
+    """Make an object of options.
+
+    Args:
+        kind: Its dataclass.
+        parsed: Values by name of option; those of other dataclasses are passed over.
+        others: Values of fields that are not in `parsed`.
+
+    Raises:
+        UsageError: A value is out of range, or excludes another.
+    """
+    return kind(**values_for(kind, parsed), **others)
 
 
 _OTHER_NAMES = {'for': 'stack'}  # --for: the word is a keyword of Python

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.least_overlaps import LeastOverlaps
+from .class_parsers import parse_class_overlaps
 from .declare import option
-from .parsers import parse_class_overlaps, parse_flag, parse_integer, parse_path
+from .parsers import parse_flag, parse_integer, parse_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -22,8 +22,9 @@ from ..model.msgtypes import (
 )
 from ..model.spelling import not_one_of
 from .declare import check_bounds, option
-from .parsers import parse_flag, parse_integer, parse_path, parse_seconds_ns, parse_text
+from .parsers import parse_flag, parse_integer, parse_path, parse_text
 from .playback import MOST_SUBSCRIBERS
+from .quantity_parsers import parse_seconds_ns
 
 if TYPE_CHECKING:
     from pathlib import Path

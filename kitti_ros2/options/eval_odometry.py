@@ -10,7 +10,8 @@ from typing import ClassVar
 
 from ..model.errors import UsageError
 from .declare import choice, option
-from .parsers import parse_seconds_ns, parse_text, parse_texts
+from .parsers import parse_text, parse_texts
+from .quantity_parsers import parse_seconds_ns
 
 
 class Alignment(str, Enum):

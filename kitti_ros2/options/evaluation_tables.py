@@ -5,15 +5,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from .bag_results import BagResultsOptions
 from .batch import collection_options
-from .declare import options_of, parse_values, values_for
+from .declare import make_options, options_of, parse_values
 from .eval_detection import DetectionOptions
 from .eval_live import LiveOptions
 from .eval_odometry import OdometryOptions
-from .read import ReadOptions
+from .read import ReadOptions, make_with_source
 from .table import PLAY, SOURCE, make_play_settings
 
 if TYPE_CHECKING:
@@ -54,6 +55,10 @@ DETECTION_ALL = (*DETECTION, *_COLLECTION)
 TRACKING_ALL = (*TRACKING, *_COLLECTION)
 ODOMETRY_ALL = (*ODOMETRY, *_COLLECTION)
 
+make_odometry_options = partial(make_with_source, ODOMETRY, OdometryOptions)
+make_tracking_options = partial(make_with_source, TRACKING, BagResultsOptions)
+"""Take values by name, and return the options of the source and those of the command."""
+
 
 def make_detection_options(
     values: Mapping[str, object],
@@ -64,9 +69,11 @@ def make_detection_options(
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, DETECTION)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    recorded = BagResultsOptions(**values_for(BagResultsOptions, parsed))
-    return read, DetectionOptions(**values_for(DetectionOptions, parsed)), recorded
+    return (
+        make_options(ReadOptions, parsed),
+        make_options(DetectionOptions, parsed),
+        make_options(BagResultsOptions, parsed),
+    )
 
 
 def make_live_options(values: Mapping[str, object]) -> tuple[LiveOptions, dict[str, object]]:
@@ -75,33 +82,7 @@ def make_live_options(values: Mapping[str, object]) -> tuple[LiveOptions, dict[s
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    options = LiveOptions(**values_for(LiveOptions, parse_values(values, LIVE)))
+    options = make_options(LiveOptions, parse_values(values, LIVE))
     played = {name: value for name, value in values.items() if name in _OF_PLAYER}
     make_play_settings(played)
     return options, played
-
-
-def make_odometry_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, OdometryOptions]:
-    """Make the options of eval odometry from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, ODOMETRY)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, OdometryOptions(**values_for(OdometryOptions, parsed))
-
-
-def make_tracking_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, BagResultsOptions]:
-    """Make the options of eval tracking from values by name; None is the default.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid.
-    """
-    parsed = parse_values(values, TRACKING)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
-    return read, BagResultsOptions(**values_for(BagResultsOptions, parsed))

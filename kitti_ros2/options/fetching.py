@@ -8,16 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from .declare import check_bounds, option
-from .parsers import (
-    parse_flag,
-    parse_integer,
-    parse_number,
-    parse_path,
-    parse_seconds_ns,
-    parse_size,
-    parse_text,
-    parse_texts,
-)
+from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text, parse_texts
+from .quantity_parsers import parse_seconds_ns, parse_size
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,8 @@ from typing import ClassVar
 
 from ..model.errors import UsageError
 from .declare import check_bounds, choice, option
-from .parsers import parse_flag, parse_number, parse_seconds_ns
+from .parsers import parse_flag, parse_number
+from .quantity_parsers import parse_seconds_ns
 
 
 class MarkerColors(str, Enum):

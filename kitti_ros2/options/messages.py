@@ -14,10 +14,12 @@ from ..model.cloud_formats import FORMATS, Points
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from ..stacks.stack_names import StackName
+from .class_parsers import parse_labels
 from .declare import choice, option
 from .ground_truth import GroundTruthOptions
 from .markers import MarkerOptions
-from .parsers import parse_choice, parse_flag, parse_labels, parse_place
+from .parsers import parse_choice, parse_flag
+from .quantity_parsers import parse_place
 
 
 class Preset(str, Enum):

@@ -11,7 +11,8 @@ from typing import ClassVar
 
 from ..model.errors import UsageError
 from .declare import choice, option
-from .parsers import parse_four_numbers, parse_integer, parse_number, parse_texts
+from .parsers import parse_integer, parse_number, parse_texts
+from .quantity_parsers import parse_four_numbers
 
 
 class ColorBy(str, Enum):

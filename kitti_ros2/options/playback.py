@@ -10,13 +10,8 @@ from typing import ClassVar
 
 from ..model.errors import UsageError
 from .declare import check_bounds, choice, option
-from .parsers import (
-    parse_flag,
-    parse_integer,
-    parse_number,
-    parse_rounds,
-    parse_seconds_ns,
-)
+from .parsers import parse_flag, parse_integer, parse_number, parse_rounds
+from .quantity_parsers import parse_seconds_ns
 
 
 class AtEnd(str, Enum):

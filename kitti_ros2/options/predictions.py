@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
+from .class_parsers import parse_least_overlaps
 from .declare import option
-from .parsers import parse_least_overlaps, parse_path
+from .parsers import parse_path
 
 if TYPE_CHECKING:
     from pathlib import Path

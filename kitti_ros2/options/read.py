@@ -6,16 +6,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.stamps import NS_PER_S
-from .declare import check_bounds, choice, option
-from .parsers import parse_epoch, parse_flag, parse_path, parse_seconds_ns, parse_text
+from .declare import check_bounds, choice, make_options, option, parse_values
+from .parsers import parse_flag, parse_path, parse_text
+from .quantity_parsers import parse_epoch, parse_seconds_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
+
+    from .declare import Option
+
+T = TypeVar('T')
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000
 """2011-09-26 00:00:00 UTC, the first day of KITTI's recordings."""
@@ -149,3 +155,20 @@ class ReadOptions:
 def is_period(period_ns: int) -> bool:
     """Whether a period of frames is within the allowed range."""
     return _PERIODS_S[0] <= period_ns / NS_PER_S <= _PERIODS_S[1]
+
+
+def make_with_source(
+    table: tuple[Option, ...], kind: type[T], values: Mapping[str, object]
+) -> tuple[ReadOptions, T]:
+    """Make the options of a KITTI folder and those of a command; None is the default.
+
+    Args:
+        table: All options of the command.
+        kind: The dataclass of its own.
+        values: By name of option.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    parsed = parse_values(values, table)
+    return make_options(ReadOptions, parsed), make_options(kind, parsed)

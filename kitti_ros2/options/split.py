@@ -10,14 +10,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.errors import UsageError
 from .declare import option
-from .parsers import (
-    parse_flag,
-    parse_integer,
-    parse_path,
-    parse_paths,
-    parse_shares,
-    parse_texts,
-)
+from .parsers import parse_flag, parse_integer, parse_path, parse_paths, parse_texts
+from .quantity_parsers import parse_shares
 
 if TYPE_CHECKING:
     from fractions import Fraction

@@ -1,165 +1,34 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of each command, and settings from values by name.
+"""Options of each command, and their objects from values by name.
 
 Command lines, YAML files and ROS parameters all fill the same objects.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from ..model.cloud_formats import FORMATS
-from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from .bag import BagOptions
-from .declare import check_bounds, choice, option, options_of, parse_values, values_for
+from .declare import make_options, options_of, parse_values, values_for
 from .for_stack import with_stack
 from .ground_truth import GroundTruthOptions
 from .importing import ImportOptions
 from .imu import ImuOptions
 from .markers import MarkerOptions
 from .messages import Images, MessageOptions
-from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text
 from .pictures import BirdOptions, ColorBy, PictureOptions
-from .playback import PlaybackOptions, Stamps
+from .playback import PlaybackOptions
 from .predictions import PredictionOptions
 from .read import ReadOptions, ScanStamp
 from .selection import SelectionOptions
+from .settings import PlaySettings, Settings, ViewSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-
-FPS = (0.1, 240.0)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of to-bag.
-
-    Attributes:
-        read, messages, selection, predictions, imu: The options objects of each part.
-        bag: Returns the options of the bag for a storage.
-        storage: As requested; None is chosen by the output's name.
-        strict: Whether to stop at the first loss.
-    """
-
-    group: ClassVar = 'Bag'
-
-    read: ReadOptions
-    messages: MessageOptions
-    selection: SelectionOptions
-    predictions: PredictionOptions
-    imu: ImuOptions
-    bag: Callable[[str], BagOptions]
-    storage: str | None = option(
-        None,
-        'Container of the bag',
-        parse_text,
-        unset="by OUT's ending, else mcap",
-        choices=tuple(CONTAINERS),
-    )
-    strict: bool = option(False, 'Stop at the first bad file and leave nothing behind', parse_flag)
-
-
-@dataclass(frozen=True)
-class PlaySettings:
-    """Settings of the player.
-
-    Attributes:
-        read, messages, selection, playback, predictions, imu: The options objects of each part.
-        stamps: Stamps of the messages.
-        read_ahead: Frames to fetch ahead.
-        qos_overrides_path: A rosbag2 QoS override file, or None.
-
-    Raises:
-        UsageError: read_ahead is out of range.
-    """
-
-    group: ClassVar = 'Playback'
-
-    read: ReadOptions
-    messages: MessageOptions
-    selection: SelectionOptions
-    playback: PlaybackOptions
-    predictions: PredictionOptions
-    imu: ImuOptions
-    stamps: Stamps = choice(
-        Stamps.ORIGINAL, 'Stamps of the recording, or the current time without /clock', Stamps
-    )
-    read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=(1, 1000))
-    qos_overrides_path: Path | None = option(
-        None,
-        'QoS by topic, a file as ros2 bag play takes it',
-        parse_path,
-        unset='reliable, 10',
-        flags=('--qos-overrides-path', '--qos-profile-overrides-path'),
-    )
-
-    def __post_init__(self) -> None:
-        check_bounds(self, 'read_ahead')
-
-
-@dataclass(frozen=True)
-class ViewSettings:
-    """Settings of drawing.
-
-    Attributes:
-        read, pictures, predictions: The options objects of each part.
-        selection: First and last frame of a film or folder; the first is that of a picture.
-        mode: What is drawn.
-        frame: The frame of a picture; None is the first.
-        frames: Frames of a film or folder, FIRST:LAST[:STEP]; None is all.
-        rate_hz: Pictures per second of a film; None is the rate of the recording.
-        overwrite: Whether an existing file may be replaced.
-
-    Raises:
-        UsageError: A value is out of range, or excludes another.
-    """
-
-    group: ClassVar = 'Pictures'
-
-    read: ReadOptions
-    pictures: PictureOptions
-    selection: SelectionOptions
-    predictions: PredictionOptions
-    mode: str = option(
-        'panel',
-        'Kind of picture, see above',
-        parse_text,
-        choices=('camera', 'boxes', 'lidar', 'bev', 'perspective', 'panel'),
-    )
-    frame: int | None = option(None, 'Frame number of a picture', parse_integer, unset='the first')
-    frames: str | None = option(
-        None,
-        'FIRST:LAST[:STEP] of a film or folder, both included',
-        parse_text,
-        unset='all',
-        metavar='FRAMES',
-    )
-    rate_hz: float | None = option(
-        None,
-        'Of a film: pictures per second',
-        parse_number,
-        name='fps',
-        unset="the recording's",
-    )
-    overwrite: bool = option(False, 'Replace an existing file', parse_flag)
-
-    def __post_init__(self) -> None:
-        if self.frame is not None and self.frames is not None:
-            raise UsageError('--frame and --frames exclude each other')
-        named = '--frames' if self.frame is None else '--frame'
-        chosen = self.frame if self.frames is None else self.frames
-        if chosen is not None and (self.selection.start or self.selection.end):
-            raise UsageError(f'{named} does not go with --start and --end; give one or the other')
-        low, high = FPS
-        if self.rate_hz is not None and not low <= self.rate_hz <= high:
-            raise UsageError(f'{self.rate_hz:g} pictures a second; expected {low:g} to {high:g}')
-
+    from collections.abc import Mapping
 
 _PREDICTIONS = options_of(PredictionOptions)
 _IMU = options_of(ImuOptions)
@@ -227,11 +96,11 @@ def make_settings(values: Mapping[str, object]) -> Settings:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = with_stack(parse_values(values, TO_BAG), TO_BAG)
-    bag = values_for(BagOptions, parsed)
-    return Settings(
+    return make_options(
+        Settings,
+        parsed,
         **_recording(parsed),
-        bag=lambda storage: BagOptions(storage=storage, **bag),
-        **values_for(Settings, parsed),
+        bag=lambda storage: make_options(BagOptions, parsed, storage=storage),
     )
 
 
@@ -242,10 +111,11 @@ def make_play_settings(values: Mapping[str, object]) -> PlaySettings:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = {**_PLAY_DEFAULTS, **with_stack(parse_values(values, PLAY), PLAY)}
-    return PlaySettings(
+    return make_options(
+        PlaySettings,
+        parsed,
         **_recording(parsed),
-        playback=PlaybackOptions(**values_for(PlaybackOptions, parsed)),
-        **values_for(PlaySettings, parsed),
+        playback=make_options(PlaybackOptions, parsed),
     )
 
 
@@ -256,8 +126,8 @@ def make_import_options(values: Mapping[str, object]) -> ImportOptions:
         UsageError: A name is unknown, or a value is invalid.
     """
     parsed = parse_values(values, TO_KITTI)
-    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
-    return ImportOptions(**values_for(ImportOptions, parsed), selection=selection)
+    selection = make_options(SelectionOptions, parsed)
+    return make_options(ImportOptions, parsed, selection=selection)
 
 
 def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
@@ -271,14 +141,15 @@ def make_view_settings(values: Mapping[str, object]) -> ViewSettings:
     if 'x_range' in bird:
         back, front, right, left = bird['x_range']
         bird |= {'x_range': (back, front), 'y_range': (right, left)}
-    pictures = PictureOptions(**values_for(PictureOptions, parsed), bird=BirdOptions(**bird))
+    pictures = make_options(PictureOptions, parsed, bird=BirdOptions(**bird))
     semantic = pictures.color_by is ColorBy.SEMANTIC
-    return ViewSettings(
-        read=ReadOptions(**values_for(ReadOptions, parsed), semantic=semantic),
+    return make_options(
+        ViewSettings,
+        parsed,
+        read=make_options(ReadOptions, parsed, semantic=semantic),
         pictures=pictures,
-        selection=SelectionOptions(**values_for(SelectionOptions, parsed)),
-        predictions=PredictionOptions(**values_for(PredictionOptions, parsed)),
-        **values_for(ViewSettings, parsed),
+        selection=make_options(SelectionOptions, parsed),
+        predictions=make_options(PredictionOptions, parsed),
     )
 
 
@@ -286,31 +157,31 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     """Return the options objects that to-bag and the player share."""
     if parsed.get('imu_from'):
         parsed.setdefault('covariances', True)
-    predictions = PredictionOptions(**values_for(PredictionOptions, parsed))
-    messages = MessageOptions(
-        **values_for(MessageOptions, parsed),
+    predictions = make_options(PredictionOptions, parsed)
+    messages = make_options(
+        MessageOptions,
+        parsed,
         semantic=parsed.get('semantic', False),
         stereo=parsed.get('stereo', False),
         overlaps=predictions.overlaps,
-        markers=MarkerOptions(**values_for(MarkerOptions, parsed)),
-        ground_truth=GroundTruthOptions(**values_for(GroundTruthOptions, parsed)),
+        markers=make_options(MarkerOptions, parsed),
+        ground_truth=make_options(GroundTruthOptions, parsed),
     )
     cloud_format = FORMATS[messages.cloud]
     if cloud_format.is_timed and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
-    read = ReadOptions(**values_for(ReadOptions, parsed))
+    read = make_options(ReadOptions, parsed)
     if cloud_format.is_unsigned and read.scan_stamp is ScanStamp.FORWARD and not read.deskew:
         raise UsageError(
             f'points {messages.cloud.value} has unsigned times since the stamp, so the stamp is the'
             f' start of the turn; scan_stamp forward does not go with it'
         )
-    selection = SelectionOptions(**values_for(SelectionOptions, parsed))
     return {
         'read': read,
         'messages': messages,
-        'selection': selection,
+        'selection': make_options(SelectionOptions, parsed),
         'predictions': predictions,
-        'imu': ImuOptions(**values_for(ImuOptions, parsed)),
+        'imu': make_options(ImuOptions, parsed),
     }
 
 

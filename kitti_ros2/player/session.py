@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..messages.cdr import Message
-    from ..options.table import PlaySettings
+    from ..options.settings import PlaySettings
     from .playback_events import Event
     from .program import Program
     from .transport import Transport

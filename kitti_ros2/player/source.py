@@ -16,7 +16,7 @@ from ..model.errors import UsageError
 from ..model.msgtypes import ANNOTATIONS, DIAGNOSTICS
 from ..model.streams import Stream
 from ..options.playback import Stamps
-from ..options.table import PlaySettings
+from ..options.settings import PlaySettings
 from .bag_images import BagImages
 from .bag_program import BagProgram
 from .program import RecordingProgram
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from ..options.table import Settings
+    from ..options.settings import Settings
     from .program import Program
 
 CLOCK = '/clock'

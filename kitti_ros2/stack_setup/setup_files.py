@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.recording import ReadableRecording
-    from ..options.table import Settings
+    from ..options.settings import Settings
     from ..stacks.rig_facts import RigFacts
     from ..stacks.stack import Stack
     from .commands import RunCommands

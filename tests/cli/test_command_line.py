@@ -27,7 +27,7 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.text import one_line as as_shown
 from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.parsers import parse_bytes
+from kitti_ros2.options.quantity_parsers import parse_bytes
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip

@@ -8,7 +8,7 @@ import pytest
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from kitti_ros2.options.parsers import parse_least_overlaps
+from kitti_ros2.options.class_parsers import parse_least_overlaps
 from kitti_ros2.options.table import make_settings, make_view_settings
 
 

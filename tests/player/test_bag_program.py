@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 from kitti_ros2.bags.reader import OpenBag, open_messages
-from kitti_ros2.exporter.to_bag import convert
+from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import BadBagError, UsageError
 from kitti_ros2.model.layouts import Layout
@@ -45,7 +45,7 @@ def bags(recordings, tmp_path_factory):
         if (case, layout) not in made:
             name, options = CASES[case]
             out = tmp_path_factory.mktemp('bags') / name
-            convert(open_recording(recordings[layout]), out, BOTH, ALL, options)
+            convert(open_recording(recordings[layout]), out, ExportOptions(BOTH, ALL, options))
             made[case, layout] = out
         return made[case, layout]
 

@@ -22,12 +22,20 @@ if TYPE_CHECKING:
 
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
+AllOverwriteOption = Annotated[
+    bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
 
 
 def argument(name: str, help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
     """Return an argument of a command, such as SRC."""
     return typer.Argument(metavar=name, help=help_text, autocompletion=complete_open_list)
+
+
+def out_option(help_text: str, **rest: Any) -> Any:  # noqa: ANN401 - an option of typer
+    """Return the option -o OUT; the rest are keywords of typer.Option."""
+    return typer.Option('--out', '-o', metavar='OUT', help=help_text, **rest)
 
 
 def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an option of typer
@@ -107,7 +115,7 @@ def _parameter(option: Option) -> Parameter:
 
 
 def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
-    from ...options import parsers
+    from ...options import class_parsers, parsers, quantity_parsers
 
     kinds: dict[Any, Any] = {
         parsers.parse_flag: Optional[bool],
@@ -115,26 +123,26 @@ def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
         parsers.parse_number: Optional[float],
         parsers.parse_path: Optional[Path],
         parsers.parse_texts: Optional[list[str]],
-        parsers.parse_boxes: Optional[list[str]],
-        parsers.parse_class_map: Optional[list[str]],
-        parsers.parse_labels: Optional[list[str]],
-        parsers.parse_class_overlaps: Optional[list[str]],
+        quantity_parsers.parse_boxes: Optional[list[str]],
+        class_parsers.parse_class_map: Optional[list[str]],
+        class_parsers.parse_labels: Optional[list[str]],
+        class_parsers.parse_class_overlaps: Optional[list[str]],
         parsers.parse_paths: Optional[list[str]],
-        parsers.parse_shares: Optional[list[str]],
-        parsers.parse_least_overlaps: Optional[list[str]],
+        quantity_parsers.parse_shares: Optional[list[str]],
+        class_parsers.parse_least_overlaps: Optional[list[str]],
     }
     return kinds.get(option.parse, Optional[str])
 
 
 def _metavar(option: Option) -> str | None:
     """Return the placeholder of a value in help texts; None for a flag."""
-    from ...options import parsers
+    from ...options import parsers, quantity_parsers
 
     general: dict[Any, str] = {
         parsers.parse_integer: 'N',
         parsers.parse_number: 'X',
         parsers.parse_path: 'PATH',
-        parsers.parse_seconds_ns: 'SECONDS',
+        quantity_parsers.parse_seconds_ns: 'SECONDS',
         parsers.parse_texts: 'NAME...',
     }
     if option.choices and not option.metavar:

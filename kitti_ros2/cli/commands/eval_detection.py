@@ -5,9 +5,7 @@
 from pathlib import Path
 from typing import Annotated, Optional
 
-import typer
-
-from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, takes
+from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, out_option, takes
 
 
 @takes('DETECTION_ALL', of='evaluation_tables')
@@ -20,11 +18,8 @@ def eval_detection(
     ],
     out: Annotated[
         Optional[Path],
-        typer.Option(
-            '--out',
-            '-o',
-            metavar='OUT',
-            help='Curves to draw (.png, .pdf, .svg), or with --worst a folder for pictures; with'
+        out_option(
+            'Curves to draw (.png, .pdf, .svg), or with --worst a folder for pictures; with'
             ' --all a folder of scores',
         ),
     ] = None,
@@ -45,13 +40,7 @@ def eval_detection(
       kitti-ros2 eval detection object results --worst 20 -o errors
     """
     from ..eval_detection import run_eval_detection
+    from ..result_output import ResultOutput
 
-    return run_eval_detection(
-        ground_truth,
-        results,
-        chosen(given),
-        out=out,
-        overwrite=overwrite,
-        json=json,
-        quiet=quiet,
-    )
+    output = ResultOutput(out, overwrite, json, quiet)
+    return run_eval_detection(ground_truth, results, chosen(given), output)

@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import JsonOption, QuietOption, argument, chosen, takes
+from .declared import JsonOption, QuietOption, argument, chosen, out_option, takes
 
 
 @takes('ODOMETRY_ALL', of='evaluation_tables')
@@ -15,13 +15,7 @@ def eval_odometry(
     ground_truth: Annotated[Path, argument('GT', 'A poses file, a sequence or drive, or a bag')],
     result: Annotated[Path, argument('RESULT', 'A poses file, a TUM file, or a bag')],
     out: Annotated[
-        Optional[Path],
-        typer.Option(
-            '--out',
-            '-o',
-            metavar='OUT',
-            help='Plot to draw (.png, .pdf, .svg); with --all a folder',
-        ),
+        Optional[Path], out_option('Plot to draw (.png, .pdf, .svg); with --all a folder')
     ] = None,
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='Replace an existing file at OUT')
@@ -42,13 +36,7 @@ def eval_odometry(
       kitti-ros2 eval odometry odometry run.mcap --sequence 09 --topic /odom
     """
     from ..eval_odometry import run_eval_odometry
+    from ..result_output import ResultOutput
 
-    return run_eval_odometry(
-        ground_truth,
-        result,
-        chosen(given),
-        out=out,
-        overwrite=overwrite,
-        json=json,
-        quiet=quiet,
-    )
+    output = ResultOutput(out, overwrite, json, quiet)
+    return run_eval_odometry(ground_truth, result, chosen(given), output)

@@ -5,22 +5,23 @@
 from pathlib import Path
 from typing import Annotated, Optional
 
-import typer
-
-from .declared import JsonOption, QuietOption, argument, chosen, takes
+from .declared import (
+    AllOverwriteOption,
+    JsonOption,
+    QuietOption,
+    argument,
+    chosen,
+    out_option,
+    takes,
+)
 
 
 @takes('TRACKING_ALL', of='evaluation_tables')
 def eval_tracking(
     ground_truth: Annotated[Path, argument('GT', 'A tracking set with label_02, or label_02')],
     results: Annotated[Path, argument('RESULTS', 'A folder of files such as 0000.txt, or a bag')],
-    out: Annotated[
-        Optional[Path],
-        typer.Option('--out', '-o', metavar='OUT', help='With --all: folder of scores as JSON'),
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
-    ] = False,
+    out: Annotated[Optional[Path], out_option('With --all: folder of scores as JSON')] = None,
+    overwrite: AllOverwriteOption = False,
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
@@ -37,13 +38,7 @@ def eval_tracking(
       kitti-ros2 eval tracking tracking run.mcap --sequence 0000 --class-map 1=Car
     """
     from ..eval_tracking import run_eval_tracking
+    from ..result_output import ResultOutput
 
-    return run_eval_tracking(
-        ground_truth,
-        results,
-        chosen(given),
-        out=out,
-        overwrite=overwrite,
-        json=json,
-        quiet=quiet,
-    )
+    output = ResultOutput(out, overwrite, json, quiet)
+    return run_eval_tracking(ground_truth, results, chosen(given), output)

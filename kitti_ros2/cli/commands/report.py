@@ -7,18 +7,15 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import OverwriteOption, QuietOption, argument, chosen, takes
+from .declared import OverwriteOption, QuietOption, argument, chosen, out_option, takes
 
 
 @takes('REPORT_ALL', of='batch')
 def report(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
-    out: Annotated[
-        Path,
-        typer.Option(
-            '--out', '-o', metavar='OUT', help='The page to write; with --all a folder of pages'
-        ),
-    ] = Path('report.html'),
+    out: Annotated[Path, out_option('The page to write; with --all a folder of pages')] = Path(
+        'report.html'
+    ),
     results: Annotated[
         Optional[Path],
         typer.Option('--results', metavar='PATH', help='Result files of a detector, to score'),

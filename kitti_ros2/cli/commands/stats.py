@@ -7,20 +7,14 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import JsonOption, QuietOption, argument, chosen, takes
+from .declared import JsonOption, QuietOption, argument, chosen, out_option, takes
 
 
 @takes('STATS_ALL', of='dataset_tables')
 def stats(
     paths: Annotated[list[Path], argument('PATH...', 'Folders or bags; several are compared')],
     out: Annotated[
-        Optional[Path],
-        typer.Option(
-            '--out',
-            '-o',
-            metavar='OUT',
-            help='Picture to draw (.png, .pdf, .svg); a folder with --all',
-        ),
+        Optional[Path], out_option('Picture to draw (.png, .pdf, .svg); a folder with --all')
     ] = None,
     csv: Annotated[
         Optional[Path], typer.Option('--csv', metavar='FILE', help='Table to write, all figures')
@@ -43,8 +37,8 @@ def stats(
       kitti-ros2 stats object/training --points -o stats.png
       kitti-ros2 stats 2011_09_26 tracking --csv stats.csv
     """
+    from ..result_output import ResultOutput
     from ..stats import run_stats
 
-    return run_stats(
-        paths, chosen(given), out=out, table=csv, overwrite=overwrite, json=json, quiet=quiet
-    )
+    output = ResultOutput(out, overwrite, json, quiet)
+    return run_stats(paths, chosen(given), output, table=csv)

@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from .declared import JsonOption, QuietOption, chosen, takes
+from .declared import AllOverwriteOption, JsonOption, QuietOption, chosen, out_option, takes
 
 
 @takes('VALIDATE_ALL', of='dataset_tables')
@@ -16,13 +16,8 @@ def validate(
         list[Path],
         typer.Argument(metavar='PATH...', help='KITTI folders, folders of several, or bags'),
     ],
-    out: Annotated[
-        Optional[Path],
-        typer.Option('--out', '-o', metavar='OUT', help='With --all: folder of findings as JSON'),
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
-    ] = False,
+    out: Annotated[Optional[Path], out_option('With --all: folder of findings as JSON')] = None,
+    overwrite: AllOverwriteOption = False,
     json: JsonOption = False,
     quiet: QuietOption = False,
     **given: object,
@@ -37,6 +32,7 @@ def validate(
       kitti-ros2 validate object
       kitti-ros2 validate 2011_09_26 drive_0005.mcap --json
     """
+    from ..result_output import ResultOutput
     from ..validate import run_validate
 
-    return run_validate(paths, chosen(given), out=out, overwrite=overwrite, json=json, quiet=quiet)
+    return run_validate(paths, chosen(given), ResultOutput(out, overwrite, json, quiet))

@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ...model.errors import UsageError
-from .declared import QuietOption, argument, chosen, takes
+from .declared import QuietOption, argument, chosen, out_option, takes
 
 _COMMON = (
     'layout',
@@ -31,11 +31,8 @@ def view(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[
         Optional[Path],
-        typer.Option(
-            '--out',
-            '-o',
-            metavar='OUT',
-            help='Picture (.png, .jpg, .webp), film (.mp4) or folder of pictures',
+        out_option(
+            'Picture (.png, .jpg, .webp), film (.mp4) or folder of pictures',
             rich_help_panel='Pictures',
         ),
     ] = None,

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Decoded messages of a plan's frames -> the files of their samples."""
+
+from __future__ import annotations
+
+from collections import Counter
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from ..model.streams import Stream
+from .calibration_source import is_extract
+from .convert_scans import dropped_notes
+from .depth_maps import DepthMaps
+from .frames import frame_topics
+from .label_messages import joined
+from .pose_track import camera_poses
+
+if TYPE_CHECKING:
+    from ..kitti.writer import LayoutWriter
+    from ..rig.pose_track import Track
+    from .apply_calibration import Rigging
+    from .frames import Frames
+    from .plan import Plan
+
+
+class SampleWriter:
+    """Converts messages to samples and writes them; scans and images from several threads.
+
+    Attributes:
+        plan: The rules.
+        frames: Those to write.
+        rigging: Converts messages to samples.
+        writer: Of the layout.
+        first: The number of the first frame.
+        empty_labels: Number of frames without a box so far.
+    """
+
+    def __init__(
+        self, plan: Plan, frames: Frames, rigging: Rigging, writer: LayoutWriter, first: int
+    ) -> None:
+        self.plan = plan
+        self.frames = frames
+        self.rigging = rigging
+        self.writer = writer
+        self.first = first
+        self.empty_labels = 0
+        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
+        self._lock = Lock()  # for the counts of scans
+        self._points_dropped: Counter[str] = Counter()
+
+    def write_calibration(self) -> int:
+        """Write the calibration of every frame, or of all; return how many were written."""
+        count = 0
+        stamps_ns = self.frames.stamps_ns.tolist()
+        if not self.plan.layout.traits.calibration_per_frame:
+            del stamps_ns[1:]
+        for number, stamp_ns in enumerate(stamps_ns, self.first):
+            calibration = self.rigging.calibrations.at(stamp_ns)
+            if calibration is not None:
+                self.writer.write_calibration(number, calibration)
+                count += 1
+        return count
+
+    def write_scan(self, number: int, topic: str, place: int, cloud: Any) -> int:  # noqa: ANN401 - of the bag
+        """Write a scan, by its place in its topic; return its bytes.
+
+        Raises:
+            ValueError: No point is left of it.
+        """
+        stamp_ns = self._stamp_ns(number, topic, place)
+        scan, dropped = self.rigging.scans.scan(cloud, self._own_ns(topic, place))
+        with self._lock:
+            self._points_dropped.update(dropped)
+        if not len(scan.points):
+            reasons = ', '.join(reason for reason, count in dropped.items() if count)
+            raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
+        self.writer.write_scan(number, stamp_ns, scan)
+        self._depth_maps.write(number, stamp_ns, scan.points)
+        return scan.points.nbytes
+
+    def write_image(self, camera: int, number: int, topic: str, place: int, image: Any) -> int:  # noqa: ANN401 - of the bag
+        """Write an image, by its place in its topic; return its bytes."""
+        png = self.rigging.images.png(camera, image)
+        self.writer.write_image(camera, number, self._stamp_ns(number, topic, place), png)
+        return len(png)
+
+    def write_labels(self, number: int, solid: list[Any], flat: Any) -> int:  # noqa: ANN401 - of the bag
+        """Write the labels of a frame; return 0: sizes are those of scans and images.
+
+        Args:
+            number: Of the frame.
+            solid: The messages with boxes.
+            flat: That with boxes in the image, None without one.
+        """
+        frame = number - self.first
+        place = self.frames.samples[Stream.LABELS][frame]
+        own_ns = self._own_ns(frame_topics(self.plan)[Stream.LABELS], place)
+        stamp_ns = int(self.frames.stamps_ns[frame])
+        boxes = self.rigging.labels.boxes(joined(solid), stamp_ns, own_ns, flat)
+        self.writer.write_labels(number, boxes)
+        self.empty_labels += not boxes
+        return 0
+
+    def write_poses(self, track: Track) -> int:
+        """Write the poses of the frames, each of which must have one; return how many."""
+        stamps_ns = self.frames.stamps_ns
+        poses = camera_poses(track, stamps_ns, self.rigging.body_t_rect())
+        known = [pose for pose in poses if pose is not None]
+        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
+            self.writer.write_pose(number, stamp_ns, pose)
+        return len(known)
+
+    def notes(self) -> list[str]:
+        """Return what was written of depth maps, and which points were dropped."""
+        notes = self._depth_maps.notes()
+        if self.plan.scan is not None:
+            notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
+        return notes
+
+    def _stamp_ns(self, number: int, topic: str, place: int) -> int:
+        """Return a sample's own stamp where the layout stores it, else the frame's."""
+        if self.plan.layout.traits.stamps_per_stream:
+            return self._own_ns(topic, place)
+        return int(self.frames.stamps_ns[number - self.first])
+
+    def _own_ns(self, topic: str, place: int) -> int:
+        return int(self.frames.stamps[topic][place])
