@@ -78,17 +78,16 @@ async def _greet(address: str) -> None:
 def _local_cluster(jobs: int) -> Iterator[Any]:
     """Start a scheduler and worker processes on the loopback interface."""
     prepare_workers(cluster=True)
+    folder = tempfile.TemporaryDirectory(prefix='kitti_ros2_')
     settings = {
+        'temporary-directory': folder.name,  # of the scheduler; it would leave one behind
         'distributed.scheduler.allowed-failures': _FAILURES,
         'distributed.worker.multiprocessing-method': 'forkserver',
         'distributed.worker.profile.enabled': False,  # no dashboard shows it
         # Dask lets malloc return freed memory at once; reading images would fetch it again.
         'distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None,
     }
-    with (
-        tempfile.TemporaryDirectory(prefix='kitti_ros2_') as folder,
-        distributed().dask.config.set(settings),
-    ):
+    with folder, distributed().dask.config.set(settings):
         with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
             cluster = distributed().LocalCluster(
                 n_workers=jobs,
@@ -99,7 +98,7 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
                 dashboard_address='127.0.0.1:0',
                 scheduler_kwargs={'dashboard': False},
                 memory_limit=0,
-                local_directory=folder,
+                local_directory=folder.name,
                 silence_logs=logging.CRITICAL,
             )
         try:

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import subprocess
+import sys
 
 import cv2
 import pytest
@@ -121,6 +124,16 @@ def test_the_number_of_workers_is_shown(root, out, cluster, capsys):
     words = ['--scheduler', cluster.scheduler_address, '--topics', '/kitti/oxts/*']
     assert main(['to-bag', str(root), str(out), '--all', *words]) == 0
     assert f'{DRIVES} units run on 2 workers' in capsys.readouterr().out
+
+
+def test_a_cluster_of_this_machine_leaves_no_folders(root, out, tmp_path):
+    folder = tmp_path / 'temporary'
+    folder.mkdir()
+    command = [sys.executable, '-m', 'kitti_ros2', 'to-bag', str(root), str(out), '--all', '-q']
+    words = ['--scheduler', 'local', '--jobs', '1', '--topics', '/kitti/oxts/*']
+    subprocess.run([*command, *words], env={**os.environ, 'TMPDIR': str(folder)}, check=True)
+    assert len(bags(out)) == DRIVES
+    assert not [*folder.iterdir()]
 
 
 @pytest.mark.usefixtures('root')
