@@ -7,11 +7,10 @@ from __future__ import annotations
 import json
 from collections import deque
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .. import __version__
 from ..files.staging import Staging
 from ..files.workers import worker_count
 from ..model.errors import OutputError, UsageError, describe_error
@@ -53,6 +52,12 @@ class Progress:
         """Something about the workers, such as that there are none yet."""
 
 
+def _own_version() -> str:
+    from .. import __version__  # noqa: PLC0415 - 22 ms
+
+    return __version__
+
+
 @dataclass(frozen=True)
 class Collection:
     """A command over the units of a collection.
@@ -73,7 +78,7 @@ class Collection:
     options: Mapping[str, object]
     batch: BatchOptions
     run: RunUnit
-    version: str = __version__
+    version: str = field(default_factory=_own_version)
 
     def convert(self, units: Sequence[WorkUnit], progress: Progress) -> CollectionReport:
         """Run all units that are not done.

@@ -103,7 +103,7 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
     if len(data) > MOST_BYTES:
         raise BadFileError(path, f'{len(data)} bytes', f'at most {MOST_BYTES} bytes of XML')
     try:
-        return _Archive(path).parse(iterparse(BytesIO(data), ('start', 'end')))
+        return _TrackParser(path).parse(iterparse(BytesIO(data), ('start', 'end')))
     except ParseError as error:
         line, _ = error.position
         raise BadFileError(path, f'no whole XML ({error})', _EXPECTED, line=line) from None
@@ -115,7 +115,7 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
         raise BadFileError(path, found, _EXPECTED) from None
 
 
-class _Archive:
+class _TrackParser:
     """Parses tracks as their elements end, and drops these: they take 20 times their text."""
 
     def __init__(self, path: Path | str) -> None:
