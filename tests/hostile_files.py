@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 ABSURD = ('nan', 'inf', '-inf', '1e300', '-1e38', '0', '1e-320', '1e160')
@@ -30,14 +29,10 @@ def texts_of(root: Path, kind: str) -> list[Path]:
     return sorted({path for pattern in _TEXTS[kind] for path in root.rglob(pattern)})
 
 
-def with_number(number: str) -> Callable[[Path, str], None]:
-    """Return a function that writes a number in place of each that has a decimal point."""
-
-    def change(root: Path, kind: str) -> None:
-        for path in texts_of(root, kind):
-            path.write_text(_NUMBER.sub(number, path.read_text()))
-
-    return change
+def with_number(root: Path, kind: str, number: str) -> None:
+    """Write a number in place of each that has a decimal point."""
+    for path in texts_of(root, kind):
+        path.write_text(_NUMBER.sub(number, path.read_text()))
 
 
 def with_all_numbers(root: Path, kind: str) -> None:
@@ -53,7 +48,7 @@ def with_all_numbers(root: Path, kind: str) -> None:
         )
 
 
-def hostile_scans(root: Path, _: str = '') -> None:
+def hostile_scans(root: Path) -> None:
     """Fill a quarter of the first scan with numbers that no scanner measures; empty the second."""
     values = np.array([np.nan, np.inf, -np.inf, 3e38, -3e38, 1e-40, 1e20, 0], np.float32)
     for path in sorted(root.rglob('*.bin')):
@@ -67,7 +62,7 @@ def hostile_scans(root: Path, _: str = '') -> None:
         path.write_bytes(points.tobytes())
 
 
-def damaged_images(root: Path, _: str = '') -> None:
+def damaged_images(root: Path) -> None:
     """Cut images, flip their bytes, empty them, one kind of damage after the other."""
     for place, path in enumerate(sorted(root.rglob('*.png'))):
         data = bytearray(path.read_bytes())
@@ -83,7 +78,7 @@ def damaged_images(root: Path, _: str = '') -> None:
         path.write_bytes(data)
 
 
-def hostile_stamps(root: Path, _: str = '') -> None:
+def hostile_stamps(root: Path) -> None:
     """Write stamps of other ages, and such as do not exist."""
     dates = ['1677-09-22 00:00:00.1', '2262-04-11 23:00:00.999999999', '9999-12-31 23:59:59.9']
     for path in sorted(root.rglob('timestamps*.txt')):
