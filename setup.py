@@ -46,7 +46,7 @@ REQUIREMENTS = [
     'lz4>=4.3,<5',
     'mcap>=1.3,<2',
     'numpy>=1.26,<3',
-    'opencv-python-headless>=4.10,<6',
+    'opencv-python-headless>=4.10.0.82,<6',
     'pyyaml>=6.0.1,<7',
     'rich>=13.7,<16',
     'rosbags>=0.11.9,<0.12',
@@ -72,7 +72,7 @@ EXTRAS = {
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
-    'remote': ['aiohttp>=3.9,<4', 'fsspec>=2024.6,<2027', 's3fs>=2024.6,<2027'],
+    'remote': ['aiohttp>=3.9.2,<4', 'fsspec>=2024.6,<2027', 's3fs>=2024.6,<2027'],
     # The viewer of `view --rerun`. 0.39 is the last for Python 3.10.
     'rerun': ['rerun-sdk>=0.39,<0.42'],
     # rclpy for a machine without ROS. Never a requirement: a workspace brings its own.
@@ -104,7 +104,7 @@ EXTRAS['test'] = [
     'ruff>=0.17,<0.18',
     *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
-    'types-defusedxml>=0.7.0,<0.8',
+    'types-defusedxml>=0.7.0.20240115,<0.8',
     'websockets>=15,<18',
 ]
 

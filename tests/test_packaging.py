@@ -311,12 +311,58 @@ def test_ci_runs_the_readme_commands(number: int) -> None:
     assert f'"$(readme_command {number})"' in text
 
 
+def pinned_tools() -> dict[str, list[str]]:
+    """The versions of each program in .ci/tools.txt: one, or one for some versions of Python."""
+    found: dict[str, list[str]] = {}
+    text = (REPO / '.ci/tools.txt').read_text(encoding='utf-8')
+    for entry in re.split(r'\n(?=\w)', text)[1:]:
+        name, _, version = entry.split()[0].partition('==')
+        assert version, entry
+        assert re.search(r'--hash=sha256:[0-9a-f]{64}', entry), name
+        found.setdefault(canonicalize_name(name), []).append(version)
+    return found
+
+
+def test_tools_are_pinned_with_hashes_within_their_bounds(
+    setup_arguments: dict[str, Any],
+) -> None:
+    pinned = pinned_tools()
+    wanted = (REPO / '.ci/tools.in').read_text(encoding='utf-8').splitlines()
+    ours = {Requirement(line).name: line for line in setup_arguments['extras_require']['test']}
+    lines = [line for line in wanted if line and not line.startswith('#')]
+    assert len(lines) > 5
+    for line in (*lines, ours['ruff'], ours['mypy']):
+        requirement = Requirement(line)
+        versions = pinned[canonicalize_name(requirement.name)]
+        assert all(version in requirement.specifier for version in versions), line
+
+
+def test_ci_installs_its_tools_by_hash_only() -> None:
+    script = (REPO / '.ci/run').read_text(encoding='utf-8')
+    assert '--require-hashes --only-binary :all: -r .ci/tools.txt' in script
+    for name in pinned_tools():
+        assert not re.search(rf"pip\W+install\b[^\n]*['\" ]{re.escape(name)}[=<>~'\"]", script), (
+            name
+        )
+
+
+def test_every_combination_of_versions_is_listed() -> None:
+    listed = subprocess.run(
+        ['bash', str(REPO / '.ci/versions'), '--list'], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert {name.rpartition('-')[2] for name in listed} == {'3.10', '3.11', '3.12', '3.13'}
+    script = (REPO / '.ci/versions').read_text(encoding='utf-8')
+    for path in re.findall(r'tests/\w+/\w+\.py', script):
+        assert (REPO / path).is_file(), path
+
+
 def test_every_code_file_has_its_licence_header() -> None:
     header = (
         '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
     )
-    names = ('setup.py', 'setup.cfg', '.ci/run', '.dockerignore', 'CITATION.cff', 'Dockerfile')
-    files = [REPO / name for name in (*names, 'try.sh')] + [*(REPO / '.github').rglob('*.yml')]
+    names = ('setup.py', 'setup.cfg', '.dockerignore', 'CITATION.cff', 'Dockerfile', 'try.sh')
+    files = [*(REPO / name for name in names), *(REPO / '.ci').iterdir()]
+    files += (REPO / '.github').rglob('*.yml')
     for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config', 'docs', 'examples'):
         files += [*(REPO / folder).rglob('*.py'), *(REPO / folder).rglob('*.yaml')]
     bare = [str(path) for path in files if header not in path.read_text(encoding='utf-8')[:200]]

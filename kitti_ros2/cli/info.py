@@ -21,7 +21,7 @@ from .tables import cell, plain_table
 from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from rich.table import Table
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..report.overview import Overview
 
 _MOST_FRAMES = 24
+_MOST_SERIES = 200
 
 
 def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
@@ -89,19 +90,30 @@ def print_overview(overview: Overview) -> None:
     timed = overview.clock is not Clock.NOMINAL
     table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
-    for series in overview.series:
+    for series in overview.series[:_MOST_SERIES]:
         kind_of = cell(_short(series.msgtype))
         rates = _rates(series) if timed else ()
         table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
+    if len(overview.series) > _MOST_SERIES:
+        console.print(_rest(overview.series[_MOST_SERIES:], kind), markup=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)
+        if len(overview.cameras) > _MOST_SERIES:
+            console.print(f'... and {len(overview.cameras) - _MOST_SERIES:,} more; all with --json')
     if overview.links:
         console.print(_link_table(overview), soft_wrap=False)
     if overview.origins:
         console.print(_origin_table(overview.origins), soft_wrap=False)
     for note in overview.notes:
         console.print(one_line(f'note: {note}'), markup=False)
+
+
+def _rest(series: Sequence[TopicSummary], kind: str) -> str:
+    count = sum(each.count for each in series)
+    noun = 'sample' if kind == 'stream' else 'message'
+    more = format_count(len(series), f'more {kind}')
+    return f'... and {more} with {format_count(count, noun)}; all with --json'
 
 
 def _extent(overview: Overview) -> str:
@@ -132,7 +144,7 @@ def _short(msgtype: str) -> str:
 
 def _camera_table(overview: Overview) -> Table:
     table = plain_table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
-    for camera in overview.cameras:
+    for camera in overview.cameras[:_MOST_SERIES]:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         name, *numbers = camera.cells()
         table.add_row(cell(name), size, *numbers)

@@ -119,8 +119,9 @@ class CalibTable:
         return Transform(rotation, translation)
 
     def _checked_rotation(self, matrix: Float64Array, keys: tuple[str, ...]) -> Float64Array:
-        error = np.abs(matrix @ matrix.T - np.eye(3)).max()
-        if error > 1e-3 or np.linalg.det(matrix) < 0:
+        with np.errstate(over='ignore', invalid='ignore'):  # no rotation where the result is NaN
+            error = np.abs(matrix @ matrix.T - np.eye(3)).max()
+        if not error <= 1e-3 or np.linalg.det(matrix) < 0:
             key, line = next((key, self.entries[key][0]) for key in keys if key in self.entries)
             raise BadFileError(
                 self.path, f'{key} holds no rotation', 'an orthonormal matrix', line=line

@@ -200,7 +200,7 @@ def clip_bounds(bounds: Float64Array, size: tuple[int, int]) -> tuple[Float64Arr
     return np.where(unseen[:, None], np.nan, cut), truncation
 
 
-@np.errstate(invalid='ignore')  # scans may hold any numbers
+@np.errstate(over='ignore', invalid='ignore')  # scans and labels may hold any numbers
 def count_points(cuboids: Sequence[Cuboid], points: npt.NDArray[np.float32]) -> list[int]:
     """Count the points of a scan inside each box, faces included.
 

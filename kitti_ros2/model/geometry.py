@@ -22,6 +22,8 @@ Float64Array: TypeAlias = npt.NDArray[np.float64]
 class Transform:
     """A rigid transform a_T_b.
 
+    Files may hold any numbers: products of those near the ends of float64 are infinite or NaN.
+
     Attributes:
         rotation: (3, 3) float64, columns are b's axes in a.
         translation: (3,) float64, b's origin in a, metres.
@@ -62,17 +64,21 @@ class Transform:
         return cls(np.eye(3), np.asarray(xyz, dtype=np.float64))
 
     def __matmul__(self, other: Transform) -> Transform:
-        return Transform(
-            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
-        )
+        with _any_numbers():
+            return Transform(
+                self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+            )
 
     def inverse(self) -> Transform:
         """Return b_T_a."""
-        return Transform(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+        with _any_numbers():
+            return Transform(self.rotation.T.copy(), -self.rotation.T @ self.translation)
 
     def apply(self, points: npt.ArrayLike) -> Float64Array:
         """Map (N, 3) points given in b to a."""
-        mapped: Float64Array = np.asarray(points, np.float64) @ self.rotation.T + self.translation
+        values = np.asarray(points, np.float64)
+        with _any_numbers():
+            mapped: Float64Array = values @ self.rotation.T + self.translation
         return mapped
 
     def matrix(self) -> Float64Array:
@@ -114,7 +120,7 @@ def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
 
     NaN if that is impossible: for zeros, NaN, and numbers whose squares overflow float64.
     """
-    with np.errstate(over='ignore', invalid='ignore'):
+    with _any_numbers():
         norm = np.linalg.norm(xyzw)
     if not (np.isfinite(norm) and norm > 0):
         return np.full((3, 3), np.nan)
@@ -170,3 +176,7 @@ def cut_polygon_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
     both = np.stack([corners, cut], axis=1).reshape(-1, 2)
     kept: Float64Array = both[np.stack([inside >= 0, crossing], axis=1).ravel()]
     return kept
+
+
+def _any_numbers() -> np.errstate:
+    return np.errstate(over='ignore', invalid='ignore')

@@ -55,9 +55,11 @@ class Route:
     @property
     def net_m(self) -> float:
         """Straight distance in metres from the first position to the last."""
-        return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
+        with np.errstate(over='ignore'):
+            return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
 
 
+@np.errstate(over='ignore', invalid='ignore')  # poses may hold any numbers
 def route_of(
     stamps_ns: Sequence[int], poses: Sequence[Pose], altitude_m: float | None = None
 ) -> Route | None:

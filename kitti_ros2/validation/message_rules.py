@@ -16,14 +16,23 @@ from ..model.msgtypes import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
     FIX,
     IMAGE,
     IMU,
+    LASER_SCAN,
+    LIVOX,
+    MARKERS,
     ODOMETRY,
+    PATH,
     POSE,
     STRING,
     TF_TYPES,
+    TRACKED_OBJECTS,
     TWIST,
+    VELODYNE,
 )
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
@@ -33,8 +42,11 @@ if TYPE_CHECKING:
 
 HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
 """Types of sensors and poses, which begin with a header."""
-CHECKED_TYPES = HEADED_TYPES | TF_TYPES | {STRING}
-"""Types of messages that are decoded."""
+_READ_TYPES = frozenset(
+    {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, LASER_SCAN, MARKERS, PATH, TRACKED_OBJECTS}
+)
+CHECKED_TYPES = HEADED_TYPES | TF_TYPES | {STRING, VELODYNE} | LIVOX | _READ_TYPES
+"""Types of messages that are decoded: all that `to-kitti` and the evaluations read."""
 _COEFFICIENTS = {
     'plumb_bob': {0, 4, 5},
     'rational_polynomial': {0, 8, 12, 14},

@@ -33,6 +33,7 @@ from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.validation.message_rules import CHECKED_TYPES
 from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
@@ -246,6 +247,16 @@ def test_bags_of_to_bag_have_no_findings(recording_path, tmp_path):
 @pytest.mark.parametrize(('name', 'rule', 'plant'), FAULTS, ids=[each[0] for each in FAULTS])
 def test_a_fault_is_found(tmp_path, name, rule, plant):  # noqa: ARG001 - the name is the test's
     assert rule in rules(write(tmp_path / 'a.mcap', plant(whole())))
+
+
+@pytest.mark.parametrize('msgtype', sorted(CHECKED_TYPES))
+def test_a_damaged_length_is_found_in_every_type_that_is_read(tmp_path, msgtype):
+    path = tmp_path / 'a.mcap'
+    with open_bag(path, BagOptions(), TYPESTORE) as writer:
+        channel = writer.add_channel(Channel('/damaged', msgtype))
+        writer.write(channel, START_NS, [b'\0\1\0\0' + b'\xff' * 40])
+    (found,) = [each for each in validate(path).findings if each.rule == 'message-decode']
+    assert found.message.startswith(f'/damaged at {START_NS}: ')
 
 
 def test_an_unlatched_static_tree(tmp_path):
