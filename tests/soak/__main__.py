@@ -171,12 +171,13 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> int:
-    """Run; 1 if the player ended with an error or wrote to stderr."""
+    """Run; 1 if the player ended with an error or wrote to stderr, or another process did."""
     chosen = parse()
     with ExitStack() as stack:
         figures = soak(chosen, stack)
     print(json.dumps(figures, indent=2))
-    return int(figures['exit_code'] != 0 or bool(figures['stderr']))
+    said = figures['stderr'] or figures['stderr_of_others']
+    return int(figures['exit_code'] != 0 or bool(said))
 
 
 if __name__ == '__main__':

@@ -17,6 +17,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 
 PLAYER = '/kitti_player'
 PATIENCE_S = 60.0
+CONTROLS = ('std_srvs', 'rosbag2_interfaces')
 ENDS_IT = ('stop', 'play')
 STILL = ('pause', 'toggle_paused', 'play_next', 'burst')
 
@@ -24,10 +25,10 @@ STILL = ('pause', 'toggle_paused', 'play_next', 'burst')
 def controls(node):
     """The player's own services by name, but for those that end its session."""
     found = {}
-    for name, (kind, *_) in node.get_service_names_and_types_by_node('kitti_player', '/'):
+    for name, (kind, *_) in node.get_service_names_and_types():
         package, _, short = kind.partition('/srv/')
-        last = name.rpartition('/')[2]
-        if package in {'std_srvs', 'rosbag2_interfaces'} and last not in ENDS_IT:
+        owner, _, last = name.rpartition('/')
+        if owner == PLAYER and package in CONTROLS and last not in ENDS_IT:
             found[last] = getattr(import_module(f'{package}.srv'), short)
     return found
 
@@ -49,7 +50,7 @@ class Caller:
         self.rate = float(rate)
         self.clients = {}
         self.services = {}
-        while not self.services:
+        while not {'pause', 'resume', 'play_next'} <= self.services.keys():
             self.services = controls(self.node)
             time.sleep(0.1)
 
