@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .admission import Admission
     from .handshake import Handshake
 
-VIEWERS = 16
+VIEWERS = 8
 """Connected viewers."""
 
 HANDSHAKES = 32

@@ -12,8 +12,8 @@ from .frames import FrameError, Kind, kind_of
 if TYPE_CHECKING:
     import socket
 
-MESSAGE_LIMIT = 16 << 20
-"""Bytes of messages that wait for one viewer: about three frames of a drive with all topics."""
+MESSAGE_LIMIT = 8 << 20
+"""Bytes of messages that wait for one viewer: more than a frame of a drive with all topics."""
 
 CONTROL_LIMIT = 4 << 20
 """Bytes of controls that wait: channels with their definitions, states, answers."""

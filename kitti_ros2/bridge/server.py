@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 NAME = '/kitti_player'
 
 _GOODBYE_S = 1.0
-_BACKLOG = 256
-"""Messages that the SDK queues for each viewer before the gate reads them.
+_BACKLOG = 64
+"""Messages that the SDK queues for each viewer, a quarter of a second of a drive with all topics.
 
-A second of a drive with all its topics. The gate always reads; what a slow viewer does not take
-waits in its Outbox, whose bound is in bytes.
+It queues a copy for each viewer. The gate always reads; what a slow viewer does not take waits in
+its Outbox, whose bound is in bytes.
 """
 
 _WEB_VIEWER = 'https://app.foxglove.dev'
