@@ -107,9 +107,11 @@ class Gate:
         self._closing = time.monotonic() + seconds
         if self._thread.ident is None:
             self._end()
-            return
-        self._waker.send(b'.')
-        self._thread.join()
+        else:
+            self._waker.send(b'.')
+            self._thread.join()
+        self._woken.close()
+        self._waker.close()
 
     def _run(self) -> None:
         try:
@@ -123,8 +125,8 @@ class Gate:
     def _end(self) -> None:
         for relay in [*self._relays]:
             self._drop(relay)
-        for each in (self._selector, self._listener, self._woken, self._waker):
-            each.close()
+        self._selector.close()
+        self._listener.close()
 
     def _is_done(self) -> bool:
         if self._closing is None:

@@ -269,6 +269,18 @@ def test_nothing_is_left_after_its_end(behind):
     viewer.close()
 
 
+def test_it_may_end_before_it_is_woken(behind):
+    """Its thread looks at the time whenever a connection has something for it."""
+    for _ in range(20):
+        opened = Gate('127.0.0.1', 0, Admission('127.0.0.1'), lambda _: None)
+        opened.open(*behind.address)
+        viewer = connect(opened)
+        closing = threading.Thread(target=viewer.close)
+        closing.start()
+        opened.close(0)
+        closing.join()
+
+
 def test_without_a_server_behind_a_viewer_is_disconnected():
     with socket.create_server((hidden_address(), 0)) as nobody:
         address = nobody.getsockname()
