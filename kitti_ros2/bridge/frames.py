@@ -20,7 +20,7 @@ _MESSAGE_DATA, _TIME = 1, 2
 _FIRST_CONTROL = 8
 
 
-class Kind(Enum):
+class FrameKind(Enum):
     """What a frame of the server is for."""
 
     MESSAGE = 'message'
@@ -32,16 +32,16 @@ class FrameError(Exception):
     """A client sends a message that is too long, or a frame that is invalid."""
 
 
-def kind_of(frame: bytes | bytearray) -> Kind:
+def kind_of(frame: bytes | bytearray) -> FrameKind:
     """Return the kind of a whole frame of the server, which is not masked."""
     if frame[0] == _FIN_BINARY:
         payload = 2 + {_SHORT: 2, _LONG: 8}.get(frame[1], 0)
         opcode = frame[payload] if len(frame) > payload else None
         if opcode == _MESSAGE_DATA:
-            return Kind.MESSAGE
+            return FrameKind.MESSAGE
         if opcode == _TIME:
-            return Kind.TIME
-    return Kind.CONTROL
+            return FrameKind.TIME
+    return FrameKind.CONTROL
 
 
 class FrameReader:

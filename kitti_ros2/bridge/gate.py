@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from .admission import is_loopback, shown
 from .frames import FrameError
 from .handshake import RefusedError
-from .relay import Relay, Stage
+from .relay import Relay, RelayStage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -149,7 +149,7 @@ class Gate:
             self._listener.close()
         else:
             relay = key.data
-            if relay.stage is not Stage.CLOSED and isinstance(key.fileobj, socket.socket):
+            if relay.stage is not RelayStage.CLOSED and isinstance(key.fileobj, socket.socket):
                 self._advance(relay, key.fileobj, events)
 
     def _accept(self) -> None:
@@ -202,7 +202,7 @@ class Gate:
                 self._selector.register(each, events, relay)
             elif events != known[each]:
                 self._selector.modify(each, events, relay)
-        if relay.stage is not Stage.CLOSED:
+        if relay.stage is not RelayStage.CLOSED:
             self._relays[relay] = wanted
 
     def _admit(self, handshake: Handshake, viewer: socket.socket) -> socket.socket:

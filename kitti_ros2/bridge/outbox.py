@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, TypeAlias
 
-from .frames import FrameError, Kind, kind_of
+from .frames import FrameError, FrameKind, kind_of
 
 if TYPE_CHECKING:
     import socket
@@ -54,9 +54,9 @@ class Outbox:
         """
         self._number += 1
         kind = kind_of(frame)
-        if kind is Kind.TIME:
+        if kind is FrameKind.TIME:
             self._times.append((self._number, frame))
-        elif kind is Kind.MESSAGE:
+        elif kind is FrameKind.MESSAGE:
             self._messages.append((self._number, frame))
             self._message_bytes += len(frame)
             while self._message_bytes > MESSAGE_LIMIT and len(self._messages) > 1:

@@ -38,7 +38,7 @@ _SWITCHING = b'HTTP/1.1 101 '
 _DISCARD = 65536
 
 
-class Stage(Enum):
+class RelayStage(Enum):
     """How far a connection is."""
 
     HANDSHAKE = 'handshake'
@@ -66,7 +66,7 @@ class Relay:
 
     def __init__(self, viewer: socket.socket, admit: Callable[[Handshake], socket.socket]) -> None:
         self.viewer = viewer
-        self.stage = Stage.HANDSHAKE
+        self.stage = RelayStage.HANDSHAKE
         self.deadline: float | None = time.monotonic() + HANDSHAKE_S
         self.admitted = False
         self.outbox = Outbox()
@@ -85,9 +85,9 @@ class Relay:
 
     def interests(self) -> dict[socket.socket, int]:
         """Return the events that each socket waits for; 0 for none."""
-        if self.stage is Stage.CLOSED:
+        if self.stage is RelayStage.CLOSED:
             return {}
-        reads = self.stage is not Stage.ANSWER and not self._to_server
+        reads = self.stage is not RelayStage.ANSWER and not self._to_server
         wanted = {self.viewer: reads * EVENT_READ | bool(self.outbox) * EVENT_WRITE}
         if self._server is not None:
             wanted[self._server] = EVENT_READ | bool(self._to_server) * EVENT_WRITE
@@ -107,7 +107,7 @@ class Relay:
                 else:
                     self._send_to_server()
         with suppress(BlockingIOError, InterruptedError):
-            if events & EVENT_READ and self.stage is not Stage.CLOSED:
+            if events & EVENT_READ and self.stage is not RelayStage.CLOSED:
                 if ready is self.viewer:
                     self._receive_from_viewer()
                 elif ready is self._server:
@@ -115,7 +115,7 @@ class Relay:
 
     def close(self) -> None:
         """Close both connections at once."""
-        self.stage = Stage.CLOSED
+        self.stage = RelayStage.CLOSED
         self._close_server()
         self.viewer.close()
 
@@ -125,7 +125,7 @@ class Relay:
             self._server = None
 
     def _receive_from_viewer(self) -> None:
-        if self.stage is Stage.OPEN:
+        if self.stage is RelayStage.OPEN:
             frames = self._from_viewer.receive(self.viewer)
             if frames is None:
                 self.close()
@@ -135,10 +135,10 @@ class Relay:
             if frames:
                 self._send_to_server()
             return
-        data = self.viewer.recv(_DISCARD if self.stage is Stage.LEAVING else HEAD_LIMIT)
+        data = self.viewer.recv(_DISCARD if self.stage is RelayStage.LEAVING else HEAD_LIMIT)
         if not data:
             self.close()
-        elif self.stage is Stage.HANDSHAKE:
+        elif self.stage is RelayStage.HANDSHAKE:
             self._shake(data)
 
     def _shake(self, data: bytes) -> None:
@@ -151,7 +151,7 @@ class Relay:
             self._refuse(error)
         else:
             self.admitted = True
-            self.stage = Stage.ANSWER
+            self.stage = RelayStage.ANSWER
             self._to_server, self._head = self._head, bytearray()
 
     def _refuse(self, error: RefusedError) -> None:
@@ -162,12 +162,12 @@ class Relay:
         """Send the rest, then wait until the viewer closes; closing first could lose the rest."""
         self._close_server()
         self._to_server.clear()
-        self.stage = Stage.LEAVING
+        self.stage = RelayStage.LEAVING
         self.deadline = time.monotonic() + seconds
         self._send_to_viewer()
 
     def _receive_from_server(self, server: socket.socket) -> None:
-        if self.stage is Stage.ANSWER:
+        if self.stage is RelayStage.ANSWER:
             self._receive_answer(server)
             return
         frames = self._from_server.receive(server)
@@ -192,7 +192,7 @@ class Relay:
             return
         self.outbox.put_control(bytes(self._head))
         if self._head.startswith(_SWITCHING):
-            self.stage, self.deadline = Stage.OPEN, None
+            self.stage, self.deadline = RelayStage.OPEN, None
         else:
             self._leave(_REFUSED_S)
 
@@ -205,5 +205,5 @@ class Relay:
         with suppress(BlockingIOError):
             if self.outbox:
                 self.outbox.send(self.viewer)
-        if self.stage is Stage.LEAVING and not self.outbox:
+        if self.stage is RelayStage.LEAVING and not self.outbox:
             self.viewer.shutdown(socket.SHUT_WR)

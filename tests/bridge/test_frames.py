@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.bridge import outbox
-from kitti_ros2.bridge.frames import FrameError, FrameReader, Kind, kind_of
+from kitti_ros2.bridge.frames import FrameError, FrameKind, FrameReader, kind_of
 from kitti_ros2.bridge.outbox import Outbox
 
 TEXT, BINARY, CONTINUATION, PING = 1, 2, 0, 9
@@ -90,15 +90,15 @@ def test_many_short_messages_are_not_one_long_one():
 @pytest.mark.parametrize(
     ('data', 'kind'),
     [
-        (message(1), Kind.MESSAGE),
-        (message(1, 1000), Kind.MESSAGE),
-        (message(1, 70_000), Kind.MESSAGE),
-        (frame(bytes([TIME]) + bytes(8)), Kind.TIME),
-        (frame(bytes([PLAYBACK]) + bytes(20)), Kind.CONTROL),
-        (frame(b'\1{"op": "advertise"}', TEXT), Kind.CONTROL),
-        (frame(bytes([MESSAGE]), BINARY, fin=False), Kind.CONTROL),
-        (frame(b'\1', PING), Kind.CONTROL),
-        (frame(b'', BINARY), Kind.CONTROL),
+        (message(1), FrameKind.MESSAGE),
+        (message(1, 1000), FrameKind.MESSAGE),
+        (message(1, 70_000), FrameKind.MESSAGE),
+        (frame(bytes([TIME]) + bytes(8)), FrameKind.TIME),
+        (frame(bytes([PLAYBACK]) + bytes(20)), FrameKind.CONTROL),
+        (frame(b'\1{"op": "advertise"}', TEXT), FrameKind.CONTROL),
+        (frame(bytes([MESSAGE]), BINARY, fin=False), FrameKind.CONTROL),
+        (frame(b'\1', PING), FrameKind.CONTROL),
+        (frame(b'', BINARY), FrameKind.CONTROL),
     ],
 )
 def test_only_messages_and_times_may_be_dropped(data, kind):
