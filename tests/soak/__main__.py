@@ -5,7 +5,8 @@
     python -m tests.soak [--minutes 30] [--rate 10] [--subscribers 8] [--drive FOLDER]
 
 Plays a drive of 120 frames endlessly, with subscribers that come and go, one of them slow, while
-services and parameters are called at random. It prints JSON, and a line a minute on stderr.
+services and parameters are called at random. It prints JSON, and a line a minute on stderr; Ctrl-C
+ends it early with the figures so far.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from kitti_ros2.model.layouts import Layout
@@ -42,7 +43,7 @@ class Reporter:
         begin = [sys.executable, str(HERE / script), *([str(writer)] if fd else [])]
         self.process = subprocess.Popen(
             [*begin, *map(str, words)], stdin=subprocess.DEVNULL, stderr=self.errors,
-            stdout=subprocess.DEVNULL if fd else writer, pass_fds=[writer],
+            stdout=subprocess.DEVNULL if fd else writer, pass_fds=[writer], start_new_session=True,
         )  # fmt: skip
         stack.callback(self.end)
         os.close(writer)
@@ -93,7 +94,9 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
         for seed, speed in enumerate(speeds)
     ]
     caller = Reporter(stack, 'caller.py', 1, chosen.rate, chosen.calls_every)
-    samples = watch(chosen, player, [caller, *visitors])
+    samples: list[Sample] = []
+    with suppress(KeyboardInterrupt):  # the figures so far
+        watch(chosen, player, [caller, *visitors], samples)
     code = player.end(signal.SIGINT)
     return report(samples, player, timer, caller, visitors) | {'exit_code': code}
 
@@ -103,9 +106,11 @@ def folder() -> tempfile.TemporaryDirectory:
     return tempfile.TemporaryDirectory(prefix='soak-')
 
 
-def watch(chosen: argparse.Namespace, player: Reporter, others: list[Reporter]) -> list[Sample]:
+def watch(
+    chosen: argparse.Namespace, player: Reporter, others: list[Reporter], samples: list[Sample]
+) -> None:
     """Sample the player until the end, or until a process has ended by itself."""
-    start, samples = time.monotonic(), []
+    start = time.monotonic()
     while all(each.process.poll() is None for each in (player, *others)):
         now = time.monotonic() - start
         samples.append(sample(player.process.pid, now))
@@ -122,7 +127,6 @@ def watch(chosen: argparse.Namespace, player: Reporter, others: list[Reporter]) 
         elif now >= 60 * chosen.minutes:
             break
         time.sleep(EVERY_S)
-    return samples
 
 
 def report(
