@@ -141,8 +141,8 @@ setup(
     extras_require=EXTRAS,
     entry_points={
         'console_scripts': [
-            'kitti-ros2 = kitti_ros2.cli:main',
-            'player = kitti_ros2.cli:player',  # as ros2 run kitti_ros2 player
+            'kitti-ros2 = kitti_ros2.__main__:main',
+            'player = kitti_ros2.__main__:player',  # as ros2 run kitti_ros2 player
         ]
     },
     zip_safe=False,

@@ -37,10 +37,10 @@ dict_keys(['scan', 'image_2', ...])
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from .model.lazy_names import lazy_names
 
+# Importing typing takes some ms, in which Ctrl-C prints a traceback: __main__ is imported later.
+TYPE_CHECKING = False
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .api.calibration import *
     from .api.calibration_files import *

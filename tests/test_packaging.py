@@ -206,7 +206,10 @@ def test_classifiers_name_every_python(setup_arguments: dict[str, Any]) -> None:
 
 def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     scripts = setup_arguments['entry_points']['console_scripts']
-    assert scripts == ['kitti-ros2 = kitti_ros2.cli:main', 'player = kitti_ros2.cli:player']
+    assert scripts == [
+        'kitti-ros2 = kitti_ros2.__main__:main',
+        'player = kitti_ros2.__main__:player',
+    ]
     assert setup_arguments['python_requires'] == '>=3.10'
     data = ['py.typed', 'messages/definitions/*', 'node/fastdds.xml', 'report/templates/*']
     assert setup_arguments['package_data'] == {'kitti_ros2': data}

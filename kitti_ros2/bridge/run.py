@@ -12,18 +12,21 @@ from ..options.playback import Stamps
 from ..player.session import favour_what_is_due
 from ..player.source import describe, open_program, reserved_by_viewers
 from ..player.to_the_end import play_to_the_end
+from .gate import exposure
 from .server import ViewerServer
 
 if TYPE_CHECKING:
     from ..options.settings import PlaySettings
     from ..player.status import Terminal
     from ..player.to_the_end import StopRequest
+    from .admission import Admission
 
 
 def run_bridge(
     source: str,
     settings: PlaySettings,
     port: int,
+    admission: Admission,
     stop_request: StopRequest,
     terminal: Terminal,
 ) -> int:
@@ -32,7 +35,8 @@ def run_bridge(
     Args:
         source: KITTI folder or bag.
         settings: Playback settings.
-        port: TCP port on this machine; 0 takes a free one.
+        port: TCP port; 0 takes a free one.
+        admission: The address to bind to, and which web pages may connect.
         stop_request: The request to stop.
         terminal: Shows the program, its address, and what cannot be played.
 
@@ -48,11 +52,14 @@ def run_bridge(
     program = open_program(source, settings, reserved_by_viewers)
     with ExitStack() as stack:
         stack.callback(program.close)
-        server = ViewerServer(program, settings, port, terminal.complain)
+        server = ViewerServer(program, settings, port, terminal.complain, admission)
         server.on_ended = stop_request.set
         if not terminal.quiet:
             terminal.say(describe(program))
         terminal.say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
+        warning = exposure(admission.bound, server.url)
+        if warning:
+            terminal.complain(warning)
         for note in program.notes():
             terminal.complain(note)
         stack.callback(server.stop)

@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import socket
 import threading
 import time
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode
 
 from foxglove import Context, StatusLevel, start_server
 from foxglove.websocket import (
@@ -23,6 +27,7 @@ from ..options.playback import RATES
 from ..player.session import Session
 from ..player.state import encode_state
 from .channels import ViewerChannels
+from .gate import Gate, hidden_address
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,17 +42,19 @@ if TYPE_CHECKING:
     from ..options.settings import PlaySettings
     from ..player.playback import Playback
     from ..player.program import Program
+    from .admission import Admission
 
-HOST = '127.0.0.1'
 NAME = '/kitti_player'
 
 _GOODBYE_S = 1.0
-_BACKLOG = 256
-"""Messages queued per viewer, a second of a drive with all its topics.
+_BACKLOG = 64
+"""Messages that the SDK queues for each viewer, a quarter of a second of a drive with all topics.
 
-As many control messages (time, state) are queued as well; the SDK disconnects a viewer that reads
-none of those. Together they bound the memory for a viewer that reads nothing.
+It queues a copy for each viewer. The gate always reads; what a slow viewer does not take waits in
+its Outbox, whose bound is in bytes.
 """
+
+_WEB_VIEWER = 'https://app.foxglove.dev'
 
 _SETTLED_NS = 100_000_000
 """A viewer subscribes to all its topics in much less time than this."""
@@ -61,8 +68,10 @@ class ViewerServer(ServerListener):
     Args:
         program: The program; closed by stop.
         settings: Playback settings; with start_paused it also waits for a viewer's play button.
-        port: TCP port on this machine; 0 takes a free one.
-        complain: Called once with each reason why something cannot be published.
+        port: TCP port; 0 takes a free one.
+        complain: Called once with each reason why something cannot be published, or a connection
+            is refused.
+        admission: The address to bind to, and which web pages may connect.
 
     Attributes:
         session: The session.
@@ -80,6 +89,7 @@ class ViewerServer(ServerListener):
         settings: PlaySettings,
         port: int,
         complain: Callable[[str], None],
+        admission: Admission,
     ) -> None:
         self.ended = threading.Event()
         self.on_ended: Callable[[], None] = lambda: None
@@ -96,15 +106,17 @@ class ViewerServer(ServerListener):
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )
-        self._server = self._serve(program, port, with_clock=settings.playback.clock_hz > 0)
+        self._gate = _open_gate(port, admission, complain)
+        self._server = self._serve(program, with_clock=settings.playback.clock_hz > 0)
 
-    def _serve(self, program: Program, port: int, *, with_clock: bool) -> WebSocketServer:
+    def _serve(self, program: Program, *, with_clock: bool) -> WebSocketServer:
         first, last = program.stamps_ns[0], program.stamps_ns[-1]
+        host = hidden_address()
         try:
-            return start_server(
+            server = start_server(
                 name=one_line(program.name),
-                host=HOST,
-                port=port,
+                host=host,
+                port=0,
                 capabilities=[Capability.Time] if with_clock else [],
                 server_listener=self,
                 context=self._context,
@@ -112,21 +124,20 @@ class ViewerServer(ServerListener):
                 message_backlog_size=_BACKLOG,
             )
         except RuntimeError as error:  # the SDK raises it for every failure
-            reason = str(error).rpartition('bind port: ')[2]
-            raise UsageError(
-                f'port {port} is not available ({reason}); choose another one, or 0 for any free'
-                f' port: --foxglove 0'
-            ) from None
+            self._gate.close(0.0)
+            raise UsageError(f'the server of foxglove-sdk does not start: {error}') from None
+        self._gate.open(host, server.port)
+        return server
 
     @property
     def url(self) -> str:
         """The address for viewers."""
-        return f'ws://{HOST}:{self._server.port}'
+        return self._gate.url
 
     @property
-    def web_url(self) -> str | None:
-        """The address of a web page that shows it; None after stop."""
-        return self._server.app_url()
+    def web_url(self) -> str:
+        """The address of a web page that shows it."""
+        return f'{_WEB_VIEWER}?{urlencode({"ds": "foxglove-websocket", "ds.url": self.url})}'
 
     def start(self) -> None:
         """Start the session."""
@@ -142,8 +153,10 @@ class ViewerServer(ServerListener):
         self.session.stop()
         # The SDK waits until every viewer has read the close message; a suspended one never does.
         goodbye = threading.Thread(target=self._server.stop, daemon=True)
+        deadline = time.monotonic() + _GOODBYE_S
         goodbye.start()
         goodbye.join(_GOODBYE_S)
+        self._gate.close(max(0.0, deadline - time.monotonic()))
 
     def _end(self, error: BaseException | None) -> None:
         self._tell_changes()
@@ -257,3 +270,25 @@ class ViewerServer(ServerListener):
     def _complain_to_all(self, complaint: str) -> None:
         self._complain(complaint)
         self._server.publish_status(complaint, StatusLevel.Warning)
+
+
+def _open_gate(port: int, admission: Admission, complain: Callable[[str], None]) -> Gate:
+    """Listen for viewers.
+
+    Raises:
+        UsageError: The address or the port is not available.
+    """
+    try:
+        return Gate(admission.bound, port, admission, complain)
+    except socket.gaierror as error:
+        raise UsageError(f'{admission.bound}: no such address ({error.strerror}): --bind') from None
+    except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise UsageError(
+                f'{admission.bound} is not an address of this machine; --bind takes one that is,'
+                f' or 0.0.0.0 for all'
+            ) from None
+        raise UsageError(
+            f'port {port} is not available ({os.strerror(error.errno or 0)}); choose another one,'
+            f' or 0 for any free port: --foxglove 0'
+        ) from None

@@ -10,10 +10,14 @@ import os
 import signal
 import sys
 from io import TextIOWrapper
+from typing import TYPE_CHECKING
 
 from ..model.errors import KittiRos2Error, UnsynchronisedError, describe_error
 from ..model.text import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _DEBUG = '--debug'
 
@@ -46,13 +50,16 @@ def main(args: list[str] | None = None) -> int:
             code = _run_to_one_line(words, debug=debug)
             ending.leave(code)
             return code
+        code = _run_to_one_line(words, debug=debug, interruptible=True)
+        _on_interrupt(lambda *_: os._exit(code))  # there is nothing left to interrupt
+        return code
     return _run_to_one_line(words, debug=debug)
 
 
-def _run_to_one_line(words: list[str], *, debug: bool) -> int:
+def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = False) -> int:
     """Run, and turn an error into a line and an exit code."""
     try:
-        return _run_and_flush(words)
+        return _run_and_flush(words, interruptible=interruptible)
     except KeyboardInterrupt:
         _complain('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
@@ -75,13 +82,27 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
         return EXIT_USAGE
 
 
-def _run_and_flush(words: list[str]) -> int:
-    """Run and flush, to detect a closed pipe here and not at exit."""
+def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
+    """Run and flush, to detect a closed pipe here and not at exit.
+
+    Args:
+        words: Of the command line.
+        interruptible: Whether Ctrl-C raises KeyboardInterrupt as soon as there may be something to
+            clean up; before that __main__ handles it.
+    """
     from .app import run
 
+    if interruptible:
+        _on_interrupt(signal.default_int_handler)
     code = run(words)
     sys.stdout.flush()
     return code
+
+
+def _on_interrupt(handler: Callable[..., object]) -> None:
+    """Handle Ctrl-C, unless it is ignored, as it is by background jobs of a shell."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, handler)
 
 
 def _mend_streams() -> None:

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..model.errors import UsageError
 from ..node.installed import check_installed
+from ..options.parsers import parse_texts
 from ..options.table import PLAY, make_play_settings
 from ..player.status import StatusLine, Terminal
 from .ending import end_by_signal
@@ -25,8 +27,39 @@ if TYPE_CHECKING:
 _ROS_ARGS = '--ros-args'
 _FOXGLOVE = '--foxglove'
 _PORT = 8765
+_LOOPBACK = '127.0.0.1'
 _LAST_PORT = 65535
 _VIEWERS_CLOCK_HZ = 20.0
+
+
+@dataclass(frozen=True)
+class ViewerAccess:
+    """Where viewers connect, and which.
+
+    Attributes:
+        port: TCP port.
+        bind: Address of this machine, or a name of one.
+        origins: Further web pages that may connect.
+    """
+
+    port: int
+    bind: str
+    origins: tuple[str, ...]
+
+
+def viewer_access(
+    port: int | None, bind: str | None, allow_origin: Sequence[str]
+) -> ViewerAccess | None:
+    """Return what the options for viewers say; None without --foxglove.
+
+    Raises:
+        UsageError: There are other options for viewers without --foxglove.
+    """
+    if port is not None:
+        return ViewerAccess(port, bind or _LOOPBACK, parse_texts('allow_origin', allow_origin))
+    if bind is not None or allow_origin:
+        raise UsageError(f'--bind and --allow-origin are for viewers: give {_FOXGLOVE}, too')
+    return None
 
 
 def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -63,7 +96,7 @@ def run_play(
     config: Path | None,
     ros_args: Sequence[str],
     *,
-    foxglove: int | None,
+    viewers: ViewerAccess | None,
     keyboard: bool,
     quiet: bool = False,
 ) -> int:
@@ -74,7 +107,7 @@ def run_play(
         given: Parameters of the command line by name.
         config: YAML file of options; the command line wins.
         ros_args: Arguments for ROS.
-        foxglove: Port for viewers; None plays in ROS.
+        viewers: Where viewers connect; None plays in ROS.
         keyboard: Whether keys in a terminal control it.
         quiet: Print only warnings, errors, losses, and the address for viewers.
 
@@ -87,9 +120,9 @@ def run_play(
         from .config_file import add_config
 
         chosen = add_config(config, chosen, PLAY)
-    if foxglove is not None:
+    if viewers is not None:
         controls = {'keyboard': keyboard, 'quiet': quiet}
-        return _play_for_viewers(src, chosen, ros_args, ending, foxglove, **controls)
+        return _play_for_viewers(src, chosen, ros_args, ending, viewers, **controls)
     make_play_settings(chosen)
     if src is not None:
         chosen['source'] = str(src)
@@ -107,13 +140,13 @@ def _play_for_viewers(
     chosen: dict[str, object],
     ros_args: Sequence[str],
     ending: Ending,
-    port: int,
+    viewers: ViewerAccess,
     *,
     keyboard: bool,
     quiet: bool,
 ) -> int:
-    if not 0 <= port <= _LAST_PORT:
-        raise UsageError(f'invalid port {port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
+    if not 0 <= viewers.port <= _LAST_PORT:
+        raise UsageError(f'invalid port {viewers.port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:
         raise UsageError('SRC is missing (a KITTI folder or a bag); usage: kitti-ros2 play SRC')
     if ros_args:
@@ -121,11 +154,13 @@ def _play_for_viewers(
     # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
     try:
+        from ..bridge.admission import Admission, parse_origin
         from ..bridge.run import run_bridge
     except ImportError as error:  # the SDK is missing or too old for playback control
         raise UsageError(
             "--foxglove needs foxglove-sdk 0.30; run pip install 'kitti_ros2[foxglove]'"
         ) from error
+    admission = Admission(viewers.bind, frozenset(map(parse_origin, viewers.origins)))
     keep_imports()
     keep_freed_memory()
     status = StatusLine(show=not quiet)
@@ -140,5 +175,5 @@ def _play_for_viewers(
         complain(text)
 
     terminal = Terminal(tell, warn, status, keyboard=keyboard, quiet=quiet)
-    failures = run_bridge(str(src), settings, port, ending, terminal)
+    failures = run_bridge(str(src), settings, viewers.port, admission, ending, terminal)
     return EXIT_LOSSES if failures else EXIT_OK

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # as in kitti_ros2/__init__.py
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 

@@ -26,6 +26,7 @@ from kitti_ros2.player.source import open_program
 pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
 
+from kitti_ros2.bridge.admission import Admission
 from kitti_ros2.bridge.server import ViewerServer
 
 from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
@@ -50,7 +51,8 @@ def serve():
         settings = make_play_settings({'at_end': 'pause', 'clock': 20, **values})
         complaints = []
         program = open_program(str(source), settings)
-        servers.append(ViewerServer(program, settings, 0, complaints.append))
+        admission = Admission('127.0.0.1')
+        servers.append(ViewerServer(program, settings, 0, complaints.append, admission))
         servers[-1].complaints = complaints
         servers[-1].start()
         return servers[-1]
@@ -364,19 +366,22 @@ def test_two_viewers(raw):
         one.until(lambda: len(one.messages) > count + 2)
 
 
-def test_a_viewer_that_does_not_read_harms_nobody(raw):
-    """It loses messages and, once it reads again, its connection; the other one misses nothing."""
+def test_a_viewer_that_does_not_read_harms_nobody(raw, monkeypatch):
+    """It loses its oldest messages, but no control; the other one misses nothing."""
+    monkeypatch.setattr('kitti_ros2.bridge.outbox.MESSAGE_LIMIT', 1 << 18)
     server = raw(loop=0, rate=20, clock=1000)  # so that much news waits for it
     with Viewer(server.url, queue=16) as asleep, Viewer(server.url) as awake:
         asleep.subscribe()
         awake.subscribe(OXTS)
         hear_rounds(awake, 60)  # until the other's buffers are full
         awake.hear_ticks(1000)
+        paused = awake.control(PAUSE)
         stamps = [message.log_time for message in awake.of(OXTS)]
         assert all(stamps[i] == stamps[i - FRAMES] for i in range(FRAMES, len(stamps)))
-        asleep.listen_to_the_end()
-        assert 'backlog' in asleep.statuses[-1]['message']
+        asleep.until(lambda: paused in asleep.states)
+        asleep.hear_ticks(2)
         assert len(asleep.of(OXTS)) < len(stamps) / 2
+        assert [each for each in server.complaints if 'too slowly' in each]
 
 
 def test_a_viewer_that_sleeps_keeps_nobody_from_ending(raw):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`kitti-ros2 play --foxglove` as a user meets it, on a machine that has no rclpy."""
 
+import json
 import signal
 import socket
 import sys
@@ -15,9 +16,13 @@ from kitti_ros2.model.layouts import Layout
 pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
 
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
 from viewer import Player, Viewer  # isort: skip
 
 OXTS = '/kitti/oxts/imu'
+PROTOCOL = 'foxglove.sdk.v1'
 FRAMES = 5  # of the small synthetic recordings
 
 
@@ -83,6 +88,23 @@ def test_what_is_lost_is_named_and_the_exit_code_says_so(play, drive):
     assert complaints.count('0000000003.bin') == 1
 
 
+def test_pages_connect_if_they_are_allowed(play):
+    """The header is what a browser would send for a page of that address."""
+    player = play('--allow-origin', 'https://a.example', 'https://b.example')
+    for origin in ('https://a.example', 'https://b.example', 'http://localhost:8080', None):
+        with connect(player.url, origin=origin, subprotocols=[PROTOCOL]) as viewer:
+            assert json.loads(viewer.recv())['op'] == 'serverInfo'
+    for _ in range(2):
+        with pytest.raises(InvalidStatus) as refused:
+            connect(player.url, origin='https://c.example', subprotocols=[PROTOCOL])
+        assert refused.value.response.status_code == 403
+        assert b'--allow-origin https://c.example' in refused.value.response.body
+    code, complaints = player.end(signal.SIGINT)
+    assert code == 0
+    assert complaints.count('c.example') == 2  # one line names it and the option
+    assert len(complaints.splitlines()) == 1
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('watched', [False, True])
 def test_a_signal_ends_it_cleanly(play, number, watched):
@@ -122,6 +144,13 @@ def test_a_port_that_is_taken(play):
             '--qos-profile-overrides-path does not go with',
         ),
         (['play', '{raw}', '--foxglove', '--ros-args', '-p', 'a:=1'], '--ros-args does not go'),
+        (['play', '{raw}', '--bind', '127.0.0.1'], '--bind and --allow-origin are for viewers'),
+        (['play', '{raw}', '--allow-origin', 'http://a'], '--allow-origin are for viewers'),
+        (['play', '{raw}', '--foxglove', '--allow-origin', 'a.example'], 'takes scheme://host'),
+        (
+            ['play', '{raw}', '--foxglove', '--bind', '203.0.113.7'],
+            '203.0.113.7 is not an address of this machine',
+        ),
     ],
 )
 def test_wrong_usage_is_one_line(recordings, capsys, words, said):

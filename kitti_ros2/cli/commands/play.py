@@ -29,6 +29,22 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
             help='Play for Foxglove, not for ROS: ws://127.0.0.1:PORT (8765; 0 any free one)',
         ),
     ] = None,
+    bind: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar='ADDRESS',
+            help='With --foxglove: the address that viewers connect to, 0.0.0.0 for all of this'
+            ' machine [default: 127.0.0.1]',
+        ),
+    ] = None,
+    allow_origin: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar='ORIGIN...',
+            help='With --foxglove: web pages that may connect, besides those of Foxglove and of'
+            ' this machine, such as https://viewer.example.org',
+        ),
+    ] = None,
     keyboard: Annotated[
         bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
     ] = True,
@@ -59,9 +75,10 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
       kitti-ros2 play 2011_09_26/2011_09_26_drive_0005_sync --loop
       kitti-ros2 play drive_0005.mcap --rate 0.5 --topics /kitti/velo/points '/tf*'
     """
-    from ..play import run_play
+    from ..play import run_play, viewer_access
 
     settings = chosen({'loop': 0 if loop else times, **given})
+    viewers = viewer_access(foxglove, bind, allow_origin or ())
     return run_play(
-        src, settings, config, context.obj, foxglove=foxglove, keyboard=keyboard, quiet=quiet
+        src, settings, config, context.obj, viewers=viewers, keyboard=keyboard, quiet=quiet
     )

@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A player under load for a long time: what it uses, and how late its messages are.
+
+    python -m tests.soak [--minutes 30] [--rate 10] [--subscribers 8] [--drive FOLDER]
+
+Plays a drive of 120 frames endlessly, with subscribers that come and go, one of them slow, while
+services and parameters are called at random. It prints JSON, and a line a minute on stderr; Ctrl-C
+ends it early with the figures so far.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+
+from .figures import Sample, in_10_000, sample, slope_mb_per_10_min
+
+HERE = Path(__file__).resolve().parent
+FRAMES = 120
+EVERY_S = 1.0
+
+
+class Reporter:
+    """A process, and the lines of JSON that it prints or writes to a pipe."""
+
+    def __init__(self, stack: ExitStack, script: str, *words: object, fd: bool = False) -> None:
+        self.lines: list[dict] = []
+        self.errors = tempfile.TemporaryFile('w+')  # noqa: SIM115 - read after the end
+        reader, writer = os.pipe()
+        begin = [sys.executable, str(HERE / script), *([str(writer)] if fd else [])]
+        self.process = subprocess.Popen(
+            [*begin, *map(str, words)], stdin=subprocess.DEVNULL, stderr=self.errors,
+            stdout=subprocess.DEVNULL if fd else writer, pass_fds=[writer], start_new_session=True,
+        )  # fmt: skip
+        stack.callback(self.end)
+        os.close(writer)
+        self._source = os.fdopen(reader)
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        for line in self._source:
+            self.lines.append(json.loads(line))
+
+    @property
+    def last(self) -> dict:
+        """The last line."""
+        return self.lines[-1] if self.lines else {}
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        """End the process; its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        try:
+            return self.process.wait(30)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+    def said(self) -> list[str]:
+        """Its lines on stderr."""
+        self.errors.seek(0)
+        return self.errors.read().splitlines()
+
+
+def make_drive(folder: Path, frames: int) -> Path:
+    """The synthetic drive, small in pixels: what is measured is the player."""
+    options = SyntheticOptions(frames=frames, image_size=(310, 94), lidar_columns=200)
+    return write_synthetic(folder, Layout.RAW, options)
+
+
+def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
+    """Run until the end that was chosen; the figures."""
+    drive = chosen.drive or make_drive(Path(stack.enter_context(folder())), chosen.frames)
+    words = ['play', drive, '--loop', '--rate', chosen.rate, '--quiet', '--no-keyboard']
+    player = Reporter(stack, 'watched_player.py', *words, fd=True)
+    timer = Reporter(stack, 'bare_timer.py')
+    speeds = ['slow', *['fast'] * (chosen.subscribers - 1)][: chosen.subscribers]
+    visitors = [
+        Reporter(stack, 'subscriber.py', seed, chosen.longest, speed)
+        for seed, speed in enumerate(speeds)
+    ]
+    caller = Reporter(stack, 'caller.py', 1, chosen.rate, chosen.calls_every)
+    samples: list[Sample] = []
+    with suppress(KeyboardInterrupt):  # the figures so far
+        watch(chosen, player, [caller, *visitors], samples)
+    code = player.end(signal.SIGINT)
+    return report(samples, player, timer, caller, visitors) | {'exit_code': code}
+
+
+def folder() -> tempfile.TemporaryDirectory:
+    """A folder for the drive."""
+    return tempfile.TemporaryDirectory(prefix='soak-')
+
+
+def watch(
+    chosen: argparse.Namespace, player: Reporter, others: list[Reporter], samples: list[Sample]
+) -> None:
+    """Sample the player until the end, or until a process has ended by itself."""
+    start = time.monotonic()
+    while all(each.process.poll() is None for each in (player, *others)):
+        now = time.monotonic() - start
+        samples.append(sample(player.process.pid, now))
+        if len(samples) % 60 == 0:
+            print(f'{now / 60:.0f} min: {samples[-1]} {player.last}', file=sys.stderr, flush=True)
+        if chosen.loops:
+            enough = (
+                player.last.get('frames', 0) >= chosen.loops * chosen.frames
+                and len(others[0].lines) >= chosen.loops
+                and sum(len(each.lines) for each in others[1:]) >= chosen.loops
+            )
+            if enough:
+                break
+        elif now >= 60 * chosen.minutes:
+            break
+        time.sleep(EVERY_S)
+
+
+def report(
+    samples: list[Sample],
+    player: Reporter,
+    timer: Reporter,
+    caller: Reporter,
+    visitors: list[Reporter],
+) -> dict:
+    """The figures as plain values."""
+    first, last = samples[len(samples) // 6], samples[-1]
+    played, bare = player.last, timer.last
+    return {
+        'minutes': round(last.seconds / 60, 2),
+        'published': played.get('published', 0),
+        'frames': played.get('frames', 0),
+        'rss_mb': [round(first.rss_bytes / 1e6, 1), round(last.rss_bytes / 1e6, 1)],
+        'rss_mb_per_10_min_after_5': slope_mb_per_10_min(samples),
+        'files': [first.files, last.files, max(each.files for each in samples)],
+        'threads': [first.threads, last.threads, max(each.threads for each in samples)],
+        'late_over_50_ms_in_10_000': in_10_000(played.get('late', 0), played.get('published', 0)),
+        'worst_ms': played.get('worst_ms'),
+        'timer_late_over_50_ms_in_10_000': in_10_000(bare.get('late', 0), bare.get('published', 0)),
+        'timer_worst_ms': bare.get('worst_ms'),
+        'calls': len(caller.lines),
+        'unanswered': sum(not each['answered'] for each in caller.lines),
+        'subscribers_gone': sum(len(each.lines) for each in visitors),
+        'taken': sum(line['taken'] for each in visitors for line in each.lines),
+        'stderr': player.said(),
+        'stderr_of_others': [line for each in (caller, *visitors) for line in each.said()],
+    }
+
+
+def parse(words: list[str] | None = None) -> argparse.Namespace:
+    """The options."""
+    parser = argparse.ArgumentParser(prog='python -m tests.soak', description=__doc__)
+    parser.add_argument('--minutes', type=float, default=30.0)
+    parser.add_argument('--loops', type=int, help='end after so many rounds, calls and subscribers')
+    parser.add_argument('--rate', type=float, default=10.0)
+    parser.add_argument('--subscribers', type=int, default=8)
+    parser.add_argument('--frames', type=int, default=FRAMES, help='of the synthetic drive')
+    parser.add_argument('--drive', type=Path, help='a drive of its own')
+    parser.add_argument('--longest', type=float, default=20.0, help='life of a subscriber, s')
+    parser.add_argument('--calls-every', type=float, default=2.0, help='mean time of calls, s')
+    return parser.parse_args(words)
+
+
+def main() -> int:
+    """Run; 1 if the player ended with an error or wrote to stderr, or another process did."""
+    chosen = parse()
+    with ExitStack() as stack:
+        figures = soak(chosen, stack)
+    print(json.dumps(figures, indent=2))
+    said = figures['stderr'] or figures['stderr_of_others']
+    return int(figures['exit_code'] != 0 or bool(said))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short run of the soak: it ends by what has happened, not by time."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2 (pip install kitti_ros2[ros])')
+
+import ros_domain  # noqa: F401 - sets the environment of what is started here
+
+from figures import Sample, in_10_000, slope_mb_per_10_min  # isort: skip
+
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 5
+LOOPS = 4
+
+
+def test_a_player_under_load_stays_well():
+    words = ['--loops', LOOPS, '--frames', FRAMES, '--rate', 2, '--subscribers', 2]
+    words += ['--longest', 4, '--calls-every', 0.1]
+    done = subprocess.run(
+        [sys.executable, '-m', 'tests.soak', *map(str, words)], cwd=ROOT, capture_output=True,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    figures = json.loads(done.stdout)
+    assert (done.returncode, figures['stderr'], figures['stderr_of_others']) == (0, [], [])
+    assert figures['frames'] >= LOOPS * FRAMES
+    assert figures['calls'] >= LOOPS
+    assert figures['subscribers_gone'] >= LOOPS
+    assert figures['unanswered'] == 0
+
+
+def test_the_slope_is_that_of_the_settled_part():
+    early = [Sample(second, 100_000_000 + second * 1_000_000, 5, 3) for second in range(300)]
+    late = [Sample(second, 400_000_000 + second * 10_000, 5, 3) for second in range(300, 900)]
+    assert slope_mb_per_10_min(early + late) == pytest.approx(6.0)
+    assert slope_mb_per_10_min(early) is None
+
+
+def test_shares():
+    assert in_10_000(3, 30_000) == 1
+    assert in_10_000(0, 0) == 0
