@@ -11,12 +11,16 @@ import traceback
 import warnings
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from random import Random
 from typing import TYPE_CHECKING
+
+from rosbags.serde import utils
 
 from kitti_ros2.model.errors import KittiRos2Error
 
 from .bounds import Bounds, TooLargeError, TooSlowError, address_space
+from .known import known
 from .lines import PACKAGE, Lines
 from .mutate import Mutator
 
@@ -119,7 +123,7 @@ class _Run:
 
     def inputs(self) -> Iterator[bytes]:
         """Yield seeds, then mutated inputs without end."""
-        seeds = list(self.target.seeds())
+        seeds = [*self.target.seeds(), *known(self.target.name)]
         self._warm_up(seeds[0])
         yield from seeds
         longest = _LONGEST_TEXT if self.target.is_text else _LONGEST
@@ -187,7 +191,7 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
     run = _Run(target, seed)
     outcome = run.outcome
     start = time.monotonic()
-    with _quiet(), address_space(_SPACE), warnings.catch_warnings():
+    with _quiet(), _code_kept(), address_space(_SPACE), warnings.catch_warnings():
         warnings.simplefilter('ignore')
         for data in run.inputs():
             if outcome.executions >= executions or time.monotonic() - start > seconds:
@@ -197,6 +201,13 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
     outcome.corpus = len(run.corpus)
     outcome.lines.release()
     return outcome
+
+
+def run_input(target: Target, data: bytes) -> str:
+    """Run one input; returns what is wrong, or an empty text."""
+    run = _Run(target, 0)
+    with _quiet(), address_space(_SPACE):
+        return run.execute(data, traced=False)
 
 
 @contextmanager
@@ -210,3 +221,14 @@ def _quiet() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nothing)
+
+
+@contextmanager
+def _code_kept() -> Iterator[None]:
+    """Compile the code that rosbags generates for a type once, and not for every bag."""
+    compiled = lru_cache(maxsize=4096)(partial(compile, filename='<string>', mode='exec'))
+    utils.exec = lambda text, names: exec(compiled(text), names)
+    try:
+        yield
+    finally:
+        del utils.exec

@@ -1,11 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Targets: messages in CDR, a target for each type that is decoded, and those of Foxglove."""
+"""Targets: messages in CDR, a target for each type that is decoded."""
 
 from __future__ import annotations
 
-import json
-import sys
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
@@ -16,15 +14,12 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.decoding import Decoder
-from kitti_ros2.bags.foxglove_channels import FoxgloveChannel, translator
-from kitti_ros2.bags.pieces import StoredChannel
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.reading import BagMessage
 from kitti_ros2.importer.motion import LinkTracks
 from kitti_ros2.messages.camera_info import camera_model
 from kitti_ros2.messages.clouds import file_order
 from kitti_ros2.messages.detections import boxes_of_detections_2d, has_scores
-from kitti_ros2.messages.foxglove_messages import TRANSLATIONS
 from kitti_ros2.messages.header import body_after_header, peek_first_stamp, peek_header
 from kitti_ros2.messages.image import decode_compressed, decode_image
 from kitti_ros2.messages.oxts import has_fix, has_orientation
@@ -267,41 +262,11 @@ _WORDS = (
 )
 
 
-def _foxglove(data: bytes) -> None:
-    name, _, text = data.partition(b'\n')
-    schema = name.decode('latin-1')
-    if schema not in TRANSLATIONS:
-        return
-    channel = StoredChannel('/t', f'foxglove.{schema}', 'json')
-    made = FoxgloveChannel('/t', TRANSLATIONS[schema].msgtype, 'cdr', original=channel)
-    with suppress(ValueError):
-        translator(made, lambda: TYPESTORE)(text, 1)
-
-
-def _foxglove_inputs() -> list[bytes]:
-    # Where pytest finds it only if tests of that folder run, too.
-    sys.path.append(str(Path(__file__).resolve().parents[1] / 'robots'))
-    import foxglove_robot as robot  # noqa: PLC0415 - as above
-
-    records = robot.records(robot.make_world()[:1])
-    found = {schema: values for _, _, schema, values in records}
-    made = []
-    for schema, values in found.items():
-        text = json.dumps(robot._plain(values))
-        if len(text) < 20_000:
-            made.append(f'{schema}\n{text}'.encode())
-    return made
-
-
 TARGETS = (
     *(
         Target(f'cdr_{msgtype.rpartition("/")[2]}', partial(_run, msgtype),
                partial(_seeds, msgtype), _MODULES.get(msgtype, ()), _WORDS, short=60)
         for msgtype in _READERS
     ),
-    Target('foxglove', _foxglove, _foxglove_inputs,
-           ('messages/foxglove_fields.py', 'messages/foxglove_messages.py',
-            'messages/foxglove_clouds.py', 'messages/foxglove_scene.py'),
-           (b'null', b'[]', b'{}', b'"', b'"AAAA"'), is_text=True),
 )  # fmt: skip
 """All of them."""
