@@ -16,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.definitions import parse_definition
+from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.importer.apply_plan import guess
@@ -31,7 +32,7 @@ from kitti_ros2.validation.results import FindingTally
 from kitti_ros2.validation.rule_table import rules_by_id
 
 from .inputs import bag_bytes, found, own_bag, samples
-from .target import Target, place, stored
+from .target import YAML_WORDS, Target, place, stored
 
 _MCAP = ('bags/mcap_file.py', 'bags/mcap_scan.py', 'bags/mcap_records.py',
          'bags/chunked_file.py', 'bags/chunk_scan.py',
@@ -68,6 +69,18 @@ def _metadata(data: bytes) -> None:
         (folder / 'a_0.mcap').write_bytes(_small()[0])
     (folder / 'metadata.yaml').write_bytes(data)
     _read(folder)
+
+
+def _qos(data: bytes) -> None:
+    text = data.decode('utf-8', 'replace')
+    offered_qos(text)
+    qos_faults(text)
+
+
+def _qos_texts() -> list[bytes]:
+    latched = b'- history: 1\n  depth: 9\n  durability: transient_local\n  reliability: reliable\n'
+    other = b'- history: keep_last\n  depth: 3\n  durability: 2\n  reliability: 1\n'
+    return [latched, other, latched + other, b'']
 
 
 def _definition(data: bytes) -> None:
@@ -212,7 +225,10 @@ TARGETS = (
            short=150),
     Target('sqlite3', _reader('a.db3'), _databases, (*_SQLITE, *_COMMON), _SQL_WORDS, short=100),
     Target('ros1', _reader('a.bag'), _ros1_bags, (*_ROS1, *_COMMON), _ROS1_WORDS, short=100),
-    Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), is_text=True, short=100),
+    Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
+           short=100),
+    Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
+           long=100_000),
     Target('definition', _definition, _definition_texts, ('bags/definitions.py',),
            (b'string<=3', b'[<=4]', b'[2]', b'uint8', b'===', b'MSG: a/B', b'=1', b'module '),
            is_text=True),

@@ -257,7 +257,14 @@ _MODULES = {
 _WORDS = (
     *(b'rgb8', b'bgra8', b'mono16', b'16UC1', b'32FC1', b'bayer_rggb8', b'yuv422', b'png', b'jpeg'),
     *(b'x', b'intensity', b'time', b'plumb_bob', b'equidistant', b'16UC1; compressedDepth png'),
-    *(b'{"', b'"numbers": [[0, 9]]', b'NaN', b'\xff\xd8\xff\xe0', b'\x89PNG\r\n\x1a\n'),
+    *(
+        b'{"',
+        b'"numbers": [[0, 9]]',
+        b'NaN',
+        b'"\\ud800"',
+        b'\xff\xd8\xff\xe0',
+        b'\x89PNG\r\n\x1a\n',
+    ),
     *(bytes(8), b'\xff' * 8, b'\0\0\xc0\x7f', b'\0\0\0\0\0\0\xf8\x7f', b'\0\0\x80\x7f'),
 )
 

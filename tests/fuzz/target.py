@@ -15,6 +15,32 @@ if TYPE_CHECKING:
 
 MEMORY = Path('/dev/shm')
 """A file system in memory, of Linux."""
+YAML_WORDS = (
+    *(
+        b'&a ',
+        b'*a',
+        b'<<: *a',
+        b'!!binary ',
+        b'!!set ',
+        b'!!python/object:os.system ',
+        b'!!float ',
+    ),
+    *(b'? ', b'- ', b': ', b'{', b'}', b'[', b']', b'|', b'>', b'---\n', b'...\n', b'%YAML 1.1\n'),
+    *(
+        b'null',
+        b'~',
+        b'yes',
+        b'2011-09-26',
+        b'1:30',
+        b'.nan',
+        b'.inf',
+        b'0b11',
+        b'"\\x00"',
+        b'"\\ud800"',
+        b'"\\n"',
+    ),
+)
+"""Words of YAML that mutations insert."""
 
 
 @dataclass(frozen=True)

@@ -25,25 +25,12 @@ from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
 
 from .inputs import found
-from .target import Target, place, stored
+from .target import YAML_WORDS, Target, place, stored
 
 if TYPE_CHECKING:
     from kitti_ros2.importer.survey import Survey
 
 PATH = Path('folder/file.yaml')
-_WORDS = (
-    *(
-        b'&a ',
-        b'*a',
-        b'<<: *a',
-        b'!!binary ',
-        b'!!set ',
-        b'!!python/object:os.system ',
-        b'!!float ',
-    ),
-    *(b'? ', b'- ', b': ', b'{', b'}', b'[', b']', b'|', b'>', b'---\n', b'...\n', b'%YAML 1.1\n'),
-    *(b'null', b'~', b'yes', b'2011-09-26', b'1:30', b'.nan', b'.inf', b'0b11', b'"\\x00"'),
-)
 _BOMBS = (
     b'a: &a [x, x, x, x]\nb: &b [*a, *a, *a, *a]\nc: &c [*b, *b, *b, *b]\nimages: [*c, *c, *c]\n',
     b'start: ' + b'9' * 5000 + b'\n',
@@ -136,19 +123,19 @@ distance_resolution: 0.002
 """
 
 TARGETS = (
-    Target('yaml', _yaml, lambda: [*_configs(), _LASERS], (_TEXT,), _WORDS, is_text=True,
+    Target('yaml', _yaml, lambda: [*_configs(), _LASERS], (_TEXT,), YAML_WORDS, is_text=True,
            long=100_000),
     Target('config', _config, _configs,
            (_TEXT, 'cli/config_file.py', 'options/parsers.py', 'options/declare.py',
             'options/quantity_parsers.py'),
-           _WORDS, is_text=True, long=100_000),
+           YAML_WORDS, is_text=True, long=100_000),
     Target('plan', _plan, _plan_inputs,
            ('importer/plan_text.py', 'importer/plan_classes.py', 'importer/plan_numbers.py'),
-           _WORDS, is_text=True, long=100_000),
+           YAML_WORDS, is_text=True, long=100_000),
     Target('plan_applied', _plan_applied, _plan_inputs,
            ('importer/apply_plan.py', 'importer/set_builder.py'),
-           _WORDS, is_text=True, short=30, long=5_000),
-    Target('lasers', _lasers, lambda: [_LASERS], ('messages/velodyne_models.py',), _WORDS,
+           YAML_WORDS, is_text=True, short=30, long=5_000),
+    Target('lasers', _lasers, lambda: [_LASERS], ('messages/velodyne_models.py',), YAML_WORDS,
            is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""
