@@ -109,24 +109,28 @@ def _recover(data: bytes) -> None:
     recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
 
 
-def _mcap(messages: list[tuple[str, str, bytes]], **options) -> bytes:
-    """An MCAP file of (topic, type, data) without checksums, so that mutations get past them."""
+def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
+    """An MCAP file of (topic, type, stamp, data) without checksums, so that mutations get past them."""
     target = BytesIO()
+    options.setdefault('compression', CompressionType.NONE)
     writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
     writer.start(profile='ros2')
-    for at, (topic, kind, data) in enumerate(messages):
+    channels: dict[str, int] = {}
+    for topic, kind, stamp_ns, data in messages:
         text = TYPESTORE.generate_msgdef(kind, ros_version=2)[0]
-        schema = writer.register_schema(kind, 'ros2msg', text.encode())
-        channel = writer.register_channel(topic, 'cdr', schema)
-        writer.add_message(channel, 1_000_000_000 + at, data, at)
+        if topic not in channels:
+            schema = writer.register_schema(kind, 'ros2msg', text.encode())
+            channels[topic] = writer.register_channel(topic, 'cdr', schema)
+        channel = channels[topic]
+        writer.add_message(channel, stamp_ns, data, stamp_ns)
     writer.add_metadata('m', {'a': 'b'})
     writer.add_attachment(1, 1, 'a', 'text/plain', b'content')
     writer.finish()
     return target.getvalue()
 
 
-_HELLO = ('/t', 'std_msgs/msg/String', b'\0\1\0\0\6\0\0\0hello\0')
-_IMAGE = ('/i', 'sensor_msgs/msg/CompressedImage', b'\0\1\0\0' + bytes(40))
+_HELLO = ('/t', 'std_msgs/msg/String', 10**18, b'\0\1\0\0\6\0\0\0hello\0')
+_IMAGE = ('/i', 'sensor_msgs/msg/CompressedImage', 2 * 10**18, b'\0\1\0\0' + bytes(40))
 
 
 @cache
@@ -187,7 +191,7 @@ def _own() -> list[bytes]:
     return [_mcap(_messages_of(own_bag('a.mcap', layout))) for layout in layouts]
 
 
-def _messages_of(path: Path) -> list[tuple[str, str, bytes]]:
+def _messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
     """The first messages of each topic."""
     counts: Counter[str] = Counter()
     found = []
@@ -195,7 +199,7 @@ def _messages_of(path: Path) -> list[tuple[str, str, bytes]]:
         for each in messages:
             counts[each.topic] += 1
             if counts[each.topic] <= (20 if 'source' in each.topic else 2):
-                found.append((each.topic, each.msgtype, bytes(each.data)))
+                found.append((each.topic, each.msgtype, each.stamp_ns, bytes(each.data)))
     return found
 
 

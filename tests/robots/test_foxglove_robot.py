@@ -412,5 +412,5 @@ def test_a_type_that_the_bag_defines_otherwise_is_not_mixed_up(tmp_path):
     'read', [lambda fields: fields.number('x'), lambda fields: fields.numbers('xs')]
 )
 def test_a_huge_number_is_no_number(read):
-    with pytest.raises(ValueError, match='expected a (number|list of numbers)'):
+    with pytest.raises(ValueError, match=r'expected a (number|list of numbers)'):
         read(JsonFields({'x': 10**400, 'xs': [10**400]}))
