@@ -110,7 +110,7 @@ def _recover(data: bytes) -> None:
 
 
 def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
-    """An MCAP file of (topic, type, stamp, data) without checksums, so that mutations get past them."""
+    """An MCAP file of (topic, type, stamp, data); no checksum stops mutations."""
     target = BytesIO()
     options.setdefault('compression', CompressionType.NONE)
     writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
