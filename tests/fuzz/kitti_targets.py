@@ -27,7 +27,11 @@ from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
 from kitti_ros2.kitti.store import decode_text
 from kitti_ros2.kitti.track_file import TrackFile
 from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity
+from kitti_ros2.messages.pose import encode_odometry
 from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
 from kitti_ros2.model.samples import Calibration, TextFile
@@ -82,7 +86,10 @@ def _oxts(data: bytes) -> None:
     if packets:
         world = MercatorWorld.at(packets[0])
         for packet in packets:
-            pose_from_packet(packet, world)
+            pose = pose_from_packet(packet, world)
+            for encode in (encode_imu, encode_fix, encode_velocity):
+                serialize(encode(packet, 1, 'imu_link'))
+            serialize(encode_odometry(pose, Transform.identity(), 1, ('map', 'base_link')))
 
 
 def _timestamps(data: bytes) -> None:
@@ -129,7 +136,7 @@ def _mapping(data: bytes) -> None:
 
 
 def _journal(data: bytes) -> None:
-    parse_journal(decode_text(data, PATH), PATH).numbers()
+    _ = parse_journal(decode_text(data, PATH), PATH).numbers
 
 
 def _checksummed(data: bytes) -> bytes:
