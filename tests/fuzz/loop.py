@@ -194,10 +194,12 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
     """
     run = _Run(target, seed)
     outcome = run.outcome
-    start = time.monotonic()
     with _quiet(), _code_kept(), address_space(_SPACE), warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        for data in run.inputs():
+        inputs = run.inputs()
+        run.take(next(inputs))  # the seeds are made
+        start = time.monotonic()
+        for data in inputs:
             if outcome.executions >= executions or time.monotonic() - start > seconds:
                 break
             run.take(data)
