@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Texts in bags, and beside them, with values that their recorders do not write."""
+"""Values in bags, and beside them, that their recorders do not write."""
 
 import pytest
 from mcap.writer import Writer
 
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
-from kitti_ros2.bags.reader import summarize_bag
+from kitti_ros2.bags.reader import open_messages, summarize_bag
 
 METADATA = """rosbag2_bagfile_information:
   storage_identifier: mcap
@@ -55,3 +55,20 @@ def test_a_depth_that_is_no_number_is_unknown(depth):
 def test_a_policy_that_is_no_whole_number_is_a_fault(value):
     (fault,) = qos_faults(f'- history: {value}\n  reliability: 1\n  durability: 2\n  liveliness: 1')
     assert fault.startswith('history of a publisher is ')
+
+
+def test_a_log_time_beyond_int64_costs_its_message(tmp_path):
+    path = tmp_path / 'a.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2')
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+        channel = writer.register_channel('/t', 'cdr', schema)
+        for stamp_ns in (5, 2**63 - 1, 2**63, 2**64 - 1):
+            writer.add_message(channel, stamp_ns, b'\0\1\0\0\1\0\0\0\0', 1)
+        writer.finish()
+    with open_messages(path) as messages:
+        assert [each.stamp_ns for each in messages] == [5, 2**63 - 1]
+        ((loss, count),) = messages.losses.items()
+    assert count == 2
+    assert f'messages of /t from {2**63} on cannot be read (their log times are after 2262)' in loss

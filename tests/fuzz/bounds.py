@@ -66,7 +66,7 @@ class Bounds:
         seconds = 1 + size / 1e6
         most = 100_000_000 + 20 * size
         signal.signal(signal.SIGPROF, _stop)
-        signal.setitimer(signal.ITIMER_PROF, 3 * seconds)
+        signal.setitimer(signal.ITIMER_PROF, 1.5 * seconds)
         start = time.process_time()
         try:
             yield
