@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _SPACE = 3_000_000_000
 _MOST_CORPUS = 2000
 _TRIES = 400
+_FORGOTTEN = 100
+"""After so many inputs, memory that the process keeps for itself is no longer theirs."""
 _ALL_TRACED = 3000
 _TRACED = 8
 """Of later inputs one in so many is traced, which costs as much as reading."""
@@ -115,6 +117,8 @@ class _Run:
         lines, outcome = self.outcome.lines, self.outcome
         lines.new = False
         outcome.executions += 1
+        if not outcome.executions % _FORGOTTEN:
+            outcome.bounds.reset()
         self.refused = False
         traced = outcome.executions <= _ALL_TRACED or not outcome.executions % _TRACED
         key = self.execute(data, traced=traced)
