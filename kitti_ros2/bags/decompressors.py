@@ -119,7 +119,7 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
     with suppress(*_ERRORS):
         for piece in _pieces(name, data, most):
             found += piece
-    return bytes(found)
+    return memoryview(found).toreadonly()  # a copy would double the memory
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:

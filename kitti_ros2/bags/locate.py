@@ -183,7 +183,7 @@ def _rosbag2(path: Path) -> BagFiles:
         count = int(information['message_count'])
         entries = information.get('topics_with_message_count') or ()
         topics = tuple(str(entry['topic_metadata']['name']) for entry in entries)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         reason = ' '.join(str(error).split())
         if any(_files(path).values()):
             return _without_metadata(path, f'{source}: is no metadata of rosbag2 ({reason})')
@@ -191,7 +191,7 @@ def _rosbag2(path: Path) -> BagFiles:
     if storage not in CONTAINERS or not CONTAINERS[storage].in_rosbag2:
         raise BadBagError(path, f'has a storage {storage!r} that is not known here')
     files = tuple(path / name for name in names)
-    missing = [file.name for file in files if not file.is_file()]
+    missing = [file.name for file in files if not _is_file(file)]
     if missing and len(missing) == len(files):
         raise BadBagError(path, f'{missing[0]} is missing, which its {METADATA} lists')
     return BagFiles(
@@ -204,6 +204,13 @@ def _rosbag2(path: Path) -> BagFiles:
         topics=topics,
         losses=tuple(f'{path}: {name} is missing, which its {METADATA} lists' for name in missing),
     )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # of a name that no file can have
+        return False
 
 
 def _compression_mode(information: dict[str, Any]) -> str:

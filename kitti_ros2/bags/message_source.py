@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from .pieces import StoredChannel
 
 _BEGINNING = -(2**63)
+_LAST_NS = 2**63 - 1
+"""What readers count with; a damaged record of MCAP may have any stamp up to 2**64."""
 
 
 class BagMessages:
@@ -161,6 +163,9 @@ class BagMessages:
         since_ns = _BEGINNING if start_ns is None else start_ns
         for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
             reading = readings[number][channel_id]
+            if stamp_ns > _LAST_NS and not self._as_stored:
+                self._lose(reading, stamp_ns, ValueError('their log times are after 2262'))
+                continue
             try:
                 cdr = self._to_cdr(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything

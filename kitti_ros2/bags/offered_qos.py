@@ -58,7 +58,7 @@ def _kept_depth(profiles: str) -> int:
             if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
                 depth = int(profile.get('depth') or UNKNOWN_DEPTH)
                 return depth if 0 < depth <= _MOST else UNKNOWN_DEPTH
-    except (TypeError, AttributeError, ValueError):
+    except (TypeError, AttributeError, ValueError, OverflowError):
         return UNKNOWN_DEPTH
     return 0
 
@@ -80,7 +80,8 @@ def qos_faults(profiles: str) -> list[str]:
     offered: dict[str, set[object]] = {}
     for profile, (policy, words) in product(found, _POLICIES.items()):
         value = profile.get(policy)
-        word = words[value] if value in range(len(words)) else value
+        is_number = isinstance(value, int) and value in range(len(words))
+        word = words[value] if is_number else value
         if word not in words:
             faults.append(f'{policy} of a publisher is {value!r}'[:100])
         offered.setdefault(policy, set()).add(str(word))

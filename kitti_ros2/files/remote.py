@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from ..model.errors import UsageError
+from ..model.text import shown
 from .url_path import URL, LocalPathError, UrlPath
 
 if TYPE_CHECKING:
@@ -130,11 +131,13 @@ def as_path(text: str | os.PathLike[str]) -> Path:
     A local folder named `s3:` is `./s3:/...`.
 
     Raises:
-        UsageError: The URL contains a password, is a chain of URLs, or file:// with a host.
+        UsageError: The URL contains a password, is a chain of URLs, or file:// with a host; or no
+            file can have the name.
     """
     if isinstance(text, Path):
         return text
     given = os.fspath(text)
+    _check_name(given)
     if _CHAIN.match(given):
         raise UsageError(f'{given.partition("::")[0]}::...: chained URLs are not supported')
     match = URL.fullmatch(given)
@@ -145,7 +148,18 @@ def as_path(text: str | os.PathLike[str]) -> Path:
     local = match[2].removeprefix('localhost')
     if not local.startswith('/'):
         raise UsageError(f'{given}: names no file of this machine; expected file:///FOLDER/NAME')
+    _check_name(unquote(local))
     return Path(unquote(local))
+
+
+def _check_name(text: str) -> None:
+    """Check that the system can be asked for a path: files of options may contain any character."""
+    try:
+        valid = b'\0' not in os.fsencode(text)
+    except UnicodeEncodeError:
+        valid = False
+    if not valid:
+        raise UsageError(f'{shown(text)}: no file can have this name')
 
 
 def real_place(path: Path) -> str:

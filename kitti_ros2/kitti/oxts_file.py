@@ -9,6 +9,7 @@ samples.OxtsPacket. The dataset's own dataformat.txt lists ay twice: the second 
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
@@ -25,8 +26,14 @@ COLUMNS: tuple[str, ...] = tuple(
     field.name for field in fields(OxtsPacket) if field.name != 'source'
 )
 _FLOATS = COLUMNS.index('navstat')
-# Of lat, lon (degrees), alt (metres), roll, pitch, yaw (radians): no real packet comes near.
-_LIMITS = (89.9, 360.0, 1e5, 6.3, 6.3, 6.3)
+# Degrees, metres, radians, metres, m/s: no real packet comes near.
+_LIMITS = {
+    'lat': 89.9,
+    'lon': 360.0,
+    'alt': 1e5,
+    **dict.fromkeys(('roll', 'pitch', 'yaw'), 6.3),
+    **dict.fromkeys(('pos_accuracy', 'vel_accuracy'), 1e9),
+}
 
 
 def parse_packet(
@@ -55,13 +62,15 @@ def parse_packet(
 
 
 def _check_ranges(values: list[float]) -> None:
-    """Check that a place is on earth: Mercator would make NaN of another.
+    """Check that a place is on earth, and that accuracies have squares.
+
+    Mercator would make NaN of another place.
 
     Raises:
         ValueError: A column is out of range.
     """
-    for name, value, limit in zip(COLUMNS, values, _LIMITS, strict=False):
-        if abs(value) > limit:
+    for name, value in zip(COLUMNS, values, strict=True):
+        if abs(value) > _LIMITS.get(name, math.inf):
             raise ValueError(f'{name} is {value:g}')
 
 

@@ -67,7 +67,10 @@ class Fields:
             return default
         if isinstance(found, bool) or not isinstance(found, (int, float, np.number)):
             raise _wrong(name, 'a number', found)
-        return float(found)
+        try:
+            return float(found)
+        except OverflowError as error:
+            raise _wrong(name, 'a number', found) from error
 
     def integer(self, name: str, largest: int = _LARGEST) -> int:
         """Return an integer of 0 or more."""
@@ -81,7 +84,7 @@ class Fields:
         found = self.value(name)
         try:
             numbers = np.array([] if found is None else found, np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise _wrong(name, 'a list of numbers', found) from error
         if numbers.ndim != 1 or (counts and len(numbers) not in counts):
             expected = ' or '.join(map(str, counts)) or 'a list of'

@@ -133,7 +133,7 @@ def _checked(transform: Transform) -> Transform:
 
 def _covariance(sigma: float | None) -> Float64Array:
     """Return (36,) with the variance of x, y and z; zeros are unknown."""
-    variance = 0.0 if sigma is None else sigma**2
+    variance = 0.0 if sigma is None else sigma * sigma
     return np.diag([variance] * 3 + [0.0] * 3).ravel()
 
 

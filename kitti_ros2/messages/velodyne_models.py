@@ -207,4 +207,7 @@ def parse_lasers(text: str, path: Path) -> Lasers:
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - of any YAML
-    return float(value) if isinstance(value, int | float) else float('nan')
+    try:
+        return float(value) if isinstance(value, int | float) else float('nan')
+    except OverflowError:  # of a whole number
+        return float('inf')

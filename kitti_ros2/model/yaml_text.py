@@ -128,9 +128,19 @@ def _parts(node: yaml.Node) -> list[yaml.Node]:
 
 
 class _Bounded:
-    """Stops at a depth: the recursion of both parsers would end in an error, or in a crash."""
+    """Stops at a depth: the recursion of both parsers would end in an error, or in a crash.
+
+    And PyYAML raises errors of Python at values that do not fit their tags, such as !!float ''.
+    """
 
     depth = 0
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:  # noqa: ANN401, FBT001, FBT002
+        try:
+            return super().construct_object(node, deep=deep)  # type: ignore[misc]
+        except (AttributeError, LookupError, TypeError):
+            problem = f'a value that is no {node.tag.rpartition(":")[2]}'
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
     def descend_resolver(self, *node: Any) -> None:  # noqa: ANN401 - as the base class has it
         self.depth += 1

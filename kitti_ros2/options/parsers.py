@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 E = TypeVar('E', bound=Enum)
 
 _WHOLE = re.compile(r'-?\d{1,100}', re.ASCII)
+_BEYOND = 10**100
 
 
 def parse_text(name: str, value: object) -> str:
@@ -49,7 +50,7 @@ def parse_flag(name: str, value: object) -> bool:
 
 def parse_integer(name: str, value: object) -> int:
     """Parse a whole number."""
-    if isinstance(value, int) and not isinstance(value, bool):
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < _BEYOND:
         return value
     if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
@@ -58,7 +59,9 @@ def parse_integer(name: str, value: object) -> int:
 
 def parse_number(name: str, value: object) -> float:
     """Parse a number."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
+    if isinstance(value, float):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < _BEYOND:
         return float(value)
     if isinstance(value, str) and value.removeprefix('-').isdecimal():
         return float(value)

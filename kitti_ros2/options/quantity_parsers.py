@@ -75,7 +75,7 @@ def parse_place(name: str, value: object) -> tuple[float, ...]:
     items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
     try:
         return tuple(float(item) for item in items)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise UsageError(
             f'{name} takes three numbers x,y,z in metres, not {shown(value)}'
         ) from None
@@ -86,7 +86,7 @@ def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     try:
         words = value if isinstance(value, (list, tuple)) else str(value).split(',')
         back, front, right, left = (float(word) for word in words)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise UsageError(
             f'{name} takes four numbers in metres, from and to forward, from and to to the left,'
             f" such as '-10,60,-25,25', not {shown(value)}"

@@ -156,7 +156,7 @@ def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
     for each in message.value.transforms:
         q, t = each.transform.rotation, each.transform.translation
         link = f'{each.header.frame_id} -> {each.child_frame_id}'
-        norm = q.x**2 + q.y**2 + q.z**2 + q.w**2
+        norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w  # ** raises where * is inf
         if not np.isfinite((t.x, t.y, t.z)).all() or not abs(norm - 1) < _NORM_OFF:
             numbers = f'{t.x:g} {t.y:g} {t.z:g}, {q.x:g} {q.y:g} {q.z:g} {q.w:g}'
             yield Breach(f'{message.topic}: {link} is {numbers}', message.bag)

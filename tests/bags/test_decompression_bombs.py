@@ -84,7 +84,7 @@ def test_the_beginning_of_a_block_is_bounded(bomb, size, most, allocated):
     name, data = bomb
     found = decompress_beginning(name, data[: len(data) - 3], size)
     assert len(found) <= most
-    assert allocated() < 4 * most + 3 * MB
+    assert allocated() < 1.3 * most + 3 * MB
     assert not any(found[:1000])
 
 
@@ -111,7 +111,7 @@ def test_what_was_compressed_comes_back(data, times, kind):
     name, packed = kind.split()[0], COMPRESS[kind](data * times)
     assert decompress(name, packed, len(data) * times) == data * times
     assert decompress_beginning(name, packed, len(data) * times) == data * times
-    assert (data * times).startswith(decompress_beginning(name, packed[:-5], 0))
+    assert (data * times).startswith(bytes(decompress_beginning(name, packed[:-5], 0)))
     if name == 'bz2':  # of several streams, as parallel compressors write it
         assert decompress(name, packed * 2, 2 * len(data) * times) == data * times * 2
     if name == 'zstd':

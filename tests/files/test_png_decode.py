@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from dataclasses import replace
 
@@ -108,3 +109,25 @@ def test_a_chunk_beyond_the_end_is_refused_before_it_is_allocated(place, length)
     data[start : start + 4] = length.to_bytes(4, 'big')
     with pytest.raises(ValueError, match=f'a chunk of {length} bytes at byte {start}, beyond'):
         decode_png(replace(parse_image(sound, 'x'), png=bytes(data)))
+
+
+@pytest.mark.parametrize(
+    'size', [(2**31 - 1, 2**31 - 1), (2**31 - 1, 1), (1, 2**31 - 1), (30000, 30000)]
+)
+@pytest.mark.parametrize('has_isal', [True, False])
+def test_a_header_of_more_pixels_than_the_data_can_have_is_refused(size, has_isal, monkeypatch):
+    """OpenCV allocates the pixels of the header before it looks at the data."""
+    if not has_isal:
+        monkeypatch.setitem(sys.modules, 'isal', None)
+    data = cv2.imencode('.png', noisy((16, 32), 1))[1].tobytes()
+    head = data[12:16] + struct.pack('>II', *size) + data[24:29]
+    made = data[:12] + head + struct.pack('>I', zlib.crc32(head)) + data[33:]
+    with pytest.raises(ValueError, match='bytes of image data, which is too little'):
+        decode_png(parse_image(made, 'x'))
+
+
+@pytest.mark.parametrize('channels', [1, 3])
+def test_the_most_compressible_image_is_decoded(channels):
+    shape = (2000, 3000, 3) if channels == 3 else (2000, 3000)
+    data = cv2.imencode('.png', np.zeros(shape, np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+    assert not decode_png(parse_image(data.tobytes(), 'x')).any()

@@ -122,6 +122,7 @@ def test_bad_pose(words, said):
         ([], '0 values'),
         (['1'] * 29 + ['x'], "'x' is no number"),
         (['nan'] + ['1'] * 29, 'no finite number'),
+        (['1'] * 23 + ['1e200'] + ['1'] * 6, 'pos_accuracy is 1e\\+200'),
     ],
 )
 def test_bad_packet(words, said):

@@ -46,6 +46,20 @@ def test_a_hostile_text_has_one_outcome(text):
 
 
 @pytest.mark.parametrize(
+    ('text', 'kind'),
+    [
+        ("a: !!float ''", 'float'),
+        ("- 1\n- !!int ''", 'int'),
+        ('a: !!bool maybe', 'bool'),
+        ('!!timestamp now', 'timestamp'),
+    ],
+)
+def test_a_value_that_does_not_fit_its_tag_is_an_error_with_its_line(text, kind):
+    with pytest.raises(YamlTextError, match=f'line [12]: a value that is no {kind}'):
+        load_yaml(text)
+
+
+@pytest.mark.parametrize(
     ('text', 'reason'),
     [
         ('[' * 100_000, 'nested too deeply'),

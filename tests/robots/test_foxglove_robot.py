@@ -21,6 +21,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.foxglove_fields import JsonFields
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -405,3 +406,11 @@ def test_a_type_that_the_bag_defines_otherwise_is_not_mixed_up(tmp_path):
         assert list(messages) == []
         (loss,) = messages.losses
     assert 'defines std_msgs/msg/Header otherwise than ROS 2 Jazzy' in loss
+
+
+@pytest.mark.parametrize(
+    'read', [lambda fields: fields.number('x'), lambda fields: fields.numbers('xs')]
+)
+def test_a_huge_number_is_no_number(read):
+    with pytest.raises(ValueError, match=r'expected a (number|list of numbers)'):
+        read(JsonFields({'x': 10**400, 'xs': [10**400]}))

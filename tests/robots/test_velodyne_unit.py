@@ -123,7 +123,16 @@ class TestHdl64:
 
     @pytest.mark.parametrize(
         'text',
-        ['', 'lasers: 3', 'lasers: [1]', 'lasers: [{laser_id: 0, vert_correction: .nan}]', '{'],
+        [
+            *(
+                '',
+                'lasers: 3',
+                'lasers: [1]',
+                'lasers: [{laser_id: 0, vert_correction: .nan}]',
+                '{',
+            ),
+            pytest.param(f'lasers: [{{laser_id: 0, vert_correction: {10**400}}}]', id='huge'),
+        ],
     )
     def test_a_wrong_file(self, tmp_path, unit, text):
         bag, path, _ = unit

@@ -193,6 +193,7 @@ FAULTS = (
         make_header(START_NS, 'camera'), 'jpeg', np.frombuffer(b'\xff\xd8\xff', np.uint8)))),
     ('quaternion of zeros', 'tf-transform', added('/tf', turned(0, 0, 0, 0))),
     ('quaternion of length 2', 'tf-transform', added('/tf', turned(0, 0, 0, 2))),
+    ('quaternion of length 1e200', 'tf-transform', added('/tf', turned(0, 0, 0, 1e200))),
     ('transform with NaN', 'tf-transform',
      added('/tf', tf(START_NS, ('base', 'arm'), x=math.nan))),
     ('frame without a name', 'tf-transform', added('/tf', tf(START_NS, ('base', '')))),

@@ -25,6 +25,11 @@ _CHUNK = struct.Struct('>I4s')
 _CHUNK_END = 4
 _SIZE = struct.Struct('>II')
 _SIZE_OFFSET = 16
+_HEADER = struct.Struct('>16xIIBB')
+_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Of a pixel, by colour type."""
+_MOST_INFLATED = 1032
+"""Bytes that a byte of deflated data becomes at most: 258 of each two bits."""
 _MOST_PIXEL_BYTES = 8
 _SIGNATURE_BYTES = 8
 _BLOCK = struct.Struct('<BHH')
@@ -44,7 +49,11 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
 
     grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
     flag = grey if image.channels == 1 else cv2.IMREAD_COLOR
-    pixels = cv2.imdecode(np.frombuffer(inflated(image.png), dtype=np.uint8), flag)
+    file = np.frombuffer(inflated(image.png), dtype=np.uint8)
+    try:
+        pixels = cv2.imdecode(file, flag)
+    except cv2.error:  # more pixels than OpenCV allows
+        pixels = None
     if pixels is None or pixels.shape[:2] != (image.height, image.width):
         raise ValueError('the PNG cannot be decoded')
     return cast('npt.NDArray[np.uint8 | np.uint16]', pixels)
@@ -54,10 +63,10 @@ def inflated(png: bytes) -> bytes:
     """Return the PNG with its image data stored instead of compressed, or png itself.
 
     Raises:
-        ValueError: The data inflate to more than an image of the size in the header, or a chunk is
-            longer than the file.
+        ValueError: The data inflate to more than an image of the size in the header, or cannot
+            inflate to as much; or a chunk is longer than the file.
     """
-    _check_chunks(png)
+    _check_size(png, _check_chunks(png))
     try:
         from isal import isal_zlib  # noqa: PLC0415 - a workspace may do without
     except ImportError:
@@ -82,13 +91,16 @@ def inflated(png: bytes) -> bytes:
     return b''.join([memoryview(png)[:first], length, data, crc, memoryview(png)[last:]])
 
 
-def _check_chunks(png: bytes) -> None:
+def _check_chunks(png: bytes) -> int:
     """Refuse a chunk beyond the end of the file: OpenCV allocates what it declares, up to 4 GB.
+
+    Returns:
+        Bytes of compressed image data.
 
     Raises:
         ValueError: There is one.
     """
-    offset = _SIGNATURE_BYTES
+    offset, stored = _SIGNATURE_BYTES, 0
     while offset + _CHUNK.size <= len(png):
         length, kind = _CHUNK.unpack_from(png, offset)
         if offset + _CHUNK.size + length > len(png):
@@ -96,8 +108,31 @@ def _check_chunks(png: bytes) -> None:
                 f'a PNG with a chunk of {length} bytes at byte {offset}, beyond its end'
             )
         if kind == b'IEND':
-            return
+            break
+        stored += length if kind == b'IDAT' else 0
         offset += _CHUNK.size + length + _CHUNK_END
+    return stored
+
+
+def _check_size(png: bytes, stored: int) -> None:
+    """Refuse a header of more pixels than the data can have: OpenCV allocates them first.
+
+    Args:
+        png: The file.
+        stored: Bytes of compressed image data.
+
+    Raises:
+        ValueError: It has more, or is cut off.
+    """
+    if len(png) < _HEADER.size:
+        raise ValueError('a PNG whose header is cut off')
+    width, height, depth, colour = _HEADER.unpack_from(png)
+    row = (width * depth * _SAMPLES.get(colour, 1) + 7) // 8
+    if height * row > _MOST_INFLATED * stored:
+        raise ValueError(
+            f'a PNG of {width} x {height} pixels with {stored} bytes of image data, which is too'
+            f' little'
+        )
 
 
 def _most_bytes(png: bytes) -> int:

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Targets: bags of every container, whole and damaged, and what is in them beside messages."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from contextlib import suppress
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from kitti_ros2.api.conversions import to_kitti
+from kitti_ros2.bags.definitions import parse_definition
+from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
+from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.recover import recover
+from kitti_ros2.importer.apply_plan import guess
+from kitti_ros2.importer.survey import glance, look
+from kitti_ros2.kitti.store import decode_text
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.options.validating import ValidateOptions
+from kitti_ros2.validation.bag_checks import check_bag
+from kitti_ros2.validation.results import FindingTally
+from kitti_ros2.validation.rule_table import rules_by_id
+
+from .inputs import bag_bytes, found, own_bag, samples
+from .target import YAML_WORDS, Target, place, stored
+
+_MCAP = ('bags/mcap_file.py', 'bags/mcap_scan.py', 'bags/mcap_records.py',
+         'bags/chunked_file.py', 'bags/chunk_scan.py',
+         'bags/record_walk.py')  # fmt: skip
+_SQLITE = ('bags/sqlite_file.py', 'bags/sqlite_scan.py', 'bags/sqlite_tree.py',
+           'bags/sqlite_topics.py', 'bags/sqlite_connection.py')  # fmt: skip
+_ROS1 = ('bags/ros1_file.py', 'bags/ros1_scan.py', 'bags/ros1_records.py',
+         'bags/ros1_messages.py', 'bags/chunked_file.py', 'bags/chunk_scan.py',
+         'bags/record_walk.py')  # fmt: skip
+_COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
+           'bags/to_cdr.py', 'bags/offered_qos.py', 'bags/foxglove_channels.py',
+           'bags/decompressors.py')  # fmt: skip
+
+
+def _read(path: Path) -> None:
+    """Read a bag as info, report and conversions do."""
+    summarize_bag(path)
+    with open_messages(path) as messages:
+        for message in messages:
+            bytes(message.data[:4])
+        _ = messages.losses, messages.findings, messages.expected
+
+
+def _reader(name: str):
+    def run(data: bytes) -> None:
+        _read(stored(name, data))
+
+    return run
+
+
+def _metadata(data: bytes) -> None:
+    folder = place('with_metadata/metadata.yaml').parent
+    if not (folder / 'a_0.mcap').exists():
+        (folder / 'a_0.mcap').write_bytes(_small()[0])
+    (folder / 'metadata.yaml').write_bytes(data)
+    _read(folder)
+
+
+def _qos(data: bytes) -> None:
+    text = data.decode('utf-8', 'replace')
+    offered_qos(text)
+    qos_faults(text)
+
+
+def _qos_texts() -> list[bytes]:
+    latched = b'- history: 1\n  depth: 9\n  durability: transient_local\n  reliability: reliable\n'
+    other = b'- history: keep_last\n  depth: 3\n  durability: 2\n  reliability: 1\n'
+    return [latched, other, latched + other, b'']
+
+
+def _definition(data: bytes) -> None:
+    name, _, text = decode_text(data, Path('definition')).partition('\n')
+    for encoding in ('ros2msg', 'ros1msg', 'ros2idl'):
+        # What bags/definitions.py makes a loss of.
+        with suppress(Exception):
+            parse_definition(name, text, encoding)
+
+
+def _survey(data: bytes) -> None:
+    path = stored('survey.mcap', data)
+    glance(path)
+    survey = look([path])
+    for layout in Layout:
+        with suppress(KittiRos2Error):
+            guess([path], survey, ImportOptions(layout=layout))
+
+
+def _restore(data: bytes) -> None:
+    path = stored('restore.mcap', data)
+    to_kitti(path, place('restored'), overwrite=True)
+
+
+def _recover(data: bytes) -> None:
+    recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
+
+
+def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
+    """An MCAP file of (topic, type, stamp, data); no checksum stops mutations."""
+    target = BytesIO()
+    options.setdefault('compression', CompressionType.NONE)
+    writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
+    writer.start(profile='ros2')
+    channels: dict[str, int] = {}
+    for topic, kind, stamp_ns, data in messages:
+        text = TYPESTORE.generate_msgdef(kind, ros_version=2)[0]
+        if topic not in channels:
+            schema = writer.register_schema(kind, 'ros2msg', text.encode())
+            channels[topic] = writer.register_channel(topic, 'cdr', schema)
+        channel = channels[topic]
+        writer.add_message(channel, stamp_ns, data, stamp_ns)
+    writer.add_metadata('m', {'a': 'b'})
+    writer.add_attachment(1, 1, 'a', 'text/plain', b'content')
+    writer.finish()
+    return target.getvalue()
+
+
+_HELLO = ('/t', 'std_msgs/msg/String', 10**18, b'\0\1\0\0\6\0\0\0hello\0')
+_IMAGE = ('/i', 'sensor_msgs/msg/CompressedImage', 2 * 10**18, b'\0\1\0\0' + bytes(40))
+
+
+@cache
+def _small() -> list[bytes]:
+    kinds = (
+        {'compression': CompressionType.NONE},
+        {'compression': CompressionType.ZSTD},
+        {'compression': CompressionType.LZ4},
+        {'compression': CompressionType.NONE, 'use_chunking': False},
+        {'compression': CompressionType.NONE, 'chunk_size': 60},
+    )
+    return [_mcap([_HELLO, _IMAGE, _HELLO], **kind) for kind in kinds]
+
+
+def _indexed() -> list[bytes]:
+    return [*_small(), *bag_bytes('a.mcap')]
+
+
+def _unindexed() -> list[bytes]:
+    """The same without an index, as a recorder leaves them that was killed."""
+    return [data[:-30] for data in _indexed()] + [data[: len(data) * 2 // 3] for data in _small()]
+
+
+def _ros1_bags() -> list[bytes]:
+    real = samples('kitti/bags/*.bag', lines=10**6)
+    packed = [bag_bytes('a.bag', compression=each)[0] for each in ('bz2', 'lz4')]
+    return [*bag_bytes('a.bag'), *packed, *(each for each in real if len(each) < 39_000)]
+
+
+def _databases() -> list[bytes]:
+    small = [each for each in found('sql/*.db3') if len(each) < 20_000]
+    return [*bag_bytes('a'), *small]
+
+
+def _metadata_texts() -> list[bytes]:
+    folder = own_bag('a')
+    plain = (folder / 'metadata.yaml').read_bytes()
+    values = yaml.safe_load(plain)
+    information = values['rosbag2_bagfile_information']
+    information['relative_file_paths'] = ['a_0.mcap']
+    information['storage_identifier'] = 'mcap'
+    information['files'][0]['path'] = 'a_0.mcap'
+    return [plain, yaml.safe_dump(values).encode()]
+
+
+def _definition_texts() -> list[bytes]:
+    kinds = ('sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage', 'sensor_msgs/msg/PointCloud2')
+    made = [TYPESTORE.generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds]
+    texts = [kind.encode() + b'\n' + text for kind, text in zip(kinds, made, strict=True)]
+    idl = (b'a/msg/B\nmodule a { module msg { const long C = 3; typedef double d[3];'
+           b' struct B { @verbatim(language="x", text="y") d place; sequence<string> names;'
+           b' a::msg::E e; }; }; };')  # fmt: skip
+    return [*texts, idl]
+
+
+def _own() -> list[bytes]:
+    layouts = (Layout.OBJECT, Layout.TRACKING, Layout.RAW)
+    return [_mcap(_messages_of(own_bag('a.mcap', layout))) for layout in layouts]
+
+
+def _messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
+    """The first messages of each topic."""
+    counts: Counter[str] = Counter()
+    found = []
+    with open_messages(path) as messages:
+        for each in messages:
+            counts[each.topic] += 1
+            if counts[each.topic] <= (20 if 'source' in each.topic else 2):
+                found.append((each.topic, each.msgtype, each.stamp_ns, bytes(each.data)))
+    return found
+
+
+def _checked(data: bytes) -> None:
+    check_bag(
+        stored('checked.mcap', data),
+        ValidateOptions(),
+        FindingTally(rules_by_id(bags=True)),
+        lambda *_: None,
+    )
+
+
+_RECORD_WORDS = (
+    *(b'\x89MCAP0\r\n', b'zstd', b'lz4', b'cdr', b'ros2msg', b'ros2idl', b'protobuf', b'json'),
+    *(struct.pack('<BQ', kind, size) for kind in range(1, 16) for size in (0, 8, 2**40)),
+)
+_ROS1_WORDS = (
+    *(b'op=', b'\x02', b'\x03', b'\x04', b'\x05', b'\x06', b'\x07', b'conn=', b'chunk_pos='),
+    *(b'compression=', b'none', b'bz2', b'lz4', b'size=', b'topic=', b'#ROSBAG V2.0\n', b'time='),
+)
+_SQL_WORDS = (b'topics', b'messages', b'schema', b'metadata', b'CREATE VIEW', b'zeroblob(', b'\x0d',
+              b'\x05', b'\x02', b'\x0a', b'INTEGER', b'BLOB')  # fmt: skip
+
+TARGETS = (
+    Target('mcap', _reader('a.mcap'), _indexed, (*_MCAP, *_COMMON), _RECORD_WORDS, short=150),
+    Target('mcap_without_index', _reader('a.mcap'), _unindexed, (*_MCAP, *_COMMON), _RECORD_WORDS,
+           short=150),
+    Target('sqlite3', _reader('a.db3'), _databases, (*_SQLITE, *_COMMON), _SQL_WORDS, short=100),
+    Target('ros1', _reader('a.bag'), _ros1_bags, (*_ROS1, *_COMMON), _ROS1_WORDS, short=100),
+    Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
+           short=100),
+    Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
+           long=100_000),
+    Target('definition', _definition, _definition_texts, ('bags/definitions.py',),
+           (b'string<=3', b'[<=4]', b'[2]', b'uint8', b'===', b'MSG: a/B', b'=1', b'module '),
+           is_text=True),
+    Target('survey', _survey, _own,
+           ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py'), short=20,
+           long=2000),
+    Target('restore', _restore, _own,
+           ('own_bags/description.py', 'own_bags/blueprint.py', 'own_bags/recorded_layout.py',
+            'own_bags/restore.py', 'own_bags/source_texts.py', 'own_bags/numbering.py'),
+           (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null'), short=10,
+           long=2000),
+    Target('recover', _recover,
+           lambda: [*_indexed(), *_unindexed(), *_ros1_bags(), *_databases()],
+           ('bags/recover.py',), short=30, long=2000),
+    Target('check_bag', _checked, _own, ('validation/bag_checks.py',), short=10, long=2000),
+)  # fmt: skip
+"""All of them."""

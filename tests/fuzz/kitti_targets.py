@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Targets: KITTI's own files."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+from kitti_ros2.files.picture_headers import jpeg_size, png_chunks, png_size, webp_size
+from kitti_ros2.files.png.decode import decode_png
+from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.kitti.append_journal import parse_journal
+from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
+from kitti_ros2.kitti.image_set import parse_image_set
+from kitti_ros2.kitti.label_file import labels_of_text
+from kitti_ros2.kitti.object_mapping import parse_mapping, parse_rand
+from kitti_ros2.kitti.oxts_file import parse_packet
+from kitti_ros2.kitti.poses import MercatorWorld, pose_from_odometry, pose_from_packet
+from kitti_ros2.kitti.poses_file import parse_poses
+from kitti_ros2.kitti.scan_file import parse_scan, parse_scan_text
+from kitti_ros2.kitti.semantic_file import parse_point_labels
+from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
+from kitti_ros2.kitti.store import decode_text
+from kitti_ros2.kitti.track_file import TrackFile
+from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
+from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity
+from kitti_ros2.messages.pose import encode_odometry
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
+from kitti_ros2.model.samples import Calibration, TextFile
+
+from .inputs import SEPARATOR, files, found, joined, parted, samples
+from .target import Target
+
+PATH = Path('folder/file.txt')
+_RAW = ('calib_cam_to_cam.txt', 'calib_velo_to_cam.txt', 'calib_imu_to_velo.txt')
+_TEXT_FILE = 'kitti/text_file.py'
+
+
+def _calibration(data: bytes) -> None:
+    parse_calibration(decode_text(data, PATH), PATH, 'calib/000000.txt')
+
+
+def _raw_calibration(data: bytes) -> None:
+    texts = {
+        name: decode_text(part, PATH)
+        for name, part in zip(_RAW, parted(data, 3), strict=True)
+        if part
+    }
+    for rectified in (True, False):
+        parse_raw_calibration(texts, PATH.parent, rectified=rectified)
+
+
+def _labels(data: bytes) -> None:
+    labels_of_text(TextFile('label_2/000000.txt', decode_text(data, PATH)))
+
+
+def _tracks(data: bytes) -> None:
+    tracks = TrackFile(decode_text(data, PATH), PATH)
+    for number in (*tracks.rows, 10**6):
+        tracks.boxes(number)
+        tracks.labels(number, 'label_02/0000.txt')
+
+
+def _point_labels(data: bytes) -> None:
+    parse_point_labels(data, 8, PATH)
+
+
+def _tracklets(data: bytes) -> None:
+    for cuboids in cuboids_by_frame(parse_tracklets(data, PATH)).values():
+        labels_of_tracklets(cuboids, PATH)
+
+
+def _oxts(data: bytes) -> None:
+    packets = []
+    for line, text in enumerate(decode_text(data, PATH).splitlines(), 1):
+        with suppress(BadFileError):  # costs its own packet
+            packets.append(parse_packet(text, PATH, line))
+    if packets:
+        world = MercatorWorld.at(packets[0])
+        for packet in packets:
+            pose = pose_from_packet(packet, world)
+            for encode in (encode_imu, encode_fix, encode_velocity):
+                serialize(encode(packet, 1, 'imu_link'))
+            serialize(encode_odometry(pose, Transform.identity(), 1, ('map', 'base_link')))
+
+
+def _timestamps(data: bytes) -> None:
+    parse_timestamps(decode_text(data, PATH), PATH).sound()
+
+
+def _times(data: bytes) -> None:
+    parse_times(decode_text(data, PATH), PATH).sound()
+
+
+def _poses(data: bytes) -> None:
+    for matrix in parse_poses(decode_text(data, PATH), PATH).sound().values():
+        pose_from_odometry(matrix, Calibration({}, None, None, NOMINAL_VELO_T_IMU))
+
+
+def _scan(data: bytes) -> None:
+    parse_scan(data, PATH).sum()
+
+
+def _scan_text(data: bytes) -> None:
+    parse_scan_text(data, PATH).sum()
+
+
+def _png(data: bytes) -> None:
+    for size in (png_size, jpeg_size, webp_size):
+        size(data)
+    with suppress(ValueError):  # what its callers report
+        png_chunks(data)
+    image = parse_image(data, PATH)
+    with suppress(ValueError):
+        decode_png(image)
+
+
+def _image_set(data: bytes) -> None:
+    text = decode_text(data, PATH)
+    for frames in (True, False):
+        parse_image_set(text, PATH, frames=frames)
+
+
+def _mapping(data: bytes) -> None:
+    first, second = parted(data, 2)
+    lines = parse_mapping(decode_text(first, PATH), PATH)
+    parse_rand(decode_text(second, PATH), PATH, len(lines))
+
+
+def _journal(data: bytes) -> None:
+    _ = parse_journal(decode_text(data, PATH), PATH).numbers
+
+
+def _checksummed(data: bytes) -> bytes:
+    """Correct the checksums of the chunks of a PNG."""
+    parts, at = [data[:8]], 8
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from('>I', data, at)
+        body = data[at + 4 : at + 8 + length]
+        parts += [data[at : at + 4], body, struct.pack('>I', zlib.crc32(body))]
+        at += 12 + length
+    return b''.join(parts) + data[at:]
+
+
+def _pngs() -> list[bytes]:
+    return files('*.png', most=1) + found('png4g/object/training/image_?/*.png')[:2]
+
+
+def _journals() -> list[bytes]:
+    values = {
+        'version': 1,
+        'split': 'training',
+        'files': ['training/image_2/000001.png'],
+        'lists': ['ImageSets/train.txt'],
+        'folders': ['training/image_2'],
+    }
+    return [json.dumps(values).encode()]
+
+
+def _mappings() -> list[bytes]:
+    lines = [f'2011_09_26 2011_09_26_drive_0005_sync {n:010d}\n' for n in range(4)]
+    return [joined([''.join(lines).encode(), b'2,4,1,3'])]
+
+
+_ODOMETRY = b"""P0: 1 0 0 0 0 1 0 0 0 0 1 0
+P2: 700 0 600 45 0 700 170 -0.3 0 0 1 0.005
+Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0
+"""
+_WAYMO = b"""P4: 1 0 0 0 0 1 0 0 0 0 1 0
+Tr_velo_to_cam_0: 0 -1 0 0 0 0 -1 0 1 0 0 0
+Tr_velo_to_cam_4: 0 -1 0 0 0 0 -1 0 1 0 0 0
+"""
+_TRACKING = b"""R_rect 1 0 0 0 1 0 0 0 1
+Tr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0
+Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0
+"""
+_LABEL = b'Car 0.00 0 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3\n'
+_MANY = 100_000
+
+
+def _object_calibrations() -> list[bytes]:
+    made = files('calib/*.txt') + files('calib.txt', Layout.ODOMETRY)
+    return [*made, _ODOMETRY, _WAYMO, _TRACKING, *samples('kitti/*/training/calib/*.txt')]
+
+
+def _raw_calibrations() -> list[bytes]:
+    made = [files(name, Layout.RAW)[0] for name in _RAW]
+    real = [samples(f'kitti/raw/2011_09_26/{name}') for name in _RAW]
+    return [joined(made), *([joined([each[0] for each in real])] if all(real) else [])]
+
+
+TARGETS = (
+    Target('calibration', _calibration, _object_calibrations,
+           ('kitti/calib_file.py', 'kitti/calib_table.py', _TEXT_FILE),
+           (b'P2:', b'Tr:', b'R0_rect:', b'R_rect ', b'Tr_velo_to_cam_0:', b'Tr_imu_to_velo:'),
+           is_text=True, long=_MANY),
+    Target('calibration_raw', _raw_calibration, _raw_calibrations,
+           ('kitti/calib_file.py', 'kitti/calib_table.py', _TEXT_FILE),
+           (b'K_00:', b'D_02:', b'S_rect_02:', b'P_rect_00:', b'R:', b'T:', SEPARATOR),
+           is_text=True, long=_MANY),
+    Target('labels', _labels,
+           lambda: [*files('label_2/*.txt'), _LABEL,
+                    _LABEL.replace(b'4.0', b'-4.0'), *samples('kitti/object/*/label_2/*.txt')],
+           ('kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1', b'-1000'),
+           is_text=True, long=_MANY),
+    Target('tracks', _tracks,
+           lambda: [*files('label_02/*.txt'), b'0 1 ' + _LABEL, b'1.0 2 ' + _LABEL,
+                    *samples('kitti/tracking/*/label_02/*.txt')],
+           ('kitti/track_file.py', 'kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1'),
+           is_text=True, long=_MANY),
+    Target('semantic', _point_labels, lambda: [bytes(32), bytes(range(32))],
+           ('kitti/semantic_file.py',), long=_MANY),
+    Target('tracklets', _tracklets,
+           lambda: [*files('tracklet_labels.xml', Layout.RAW),
+                    *samples('kitti/devkit/*tracklet*.xml', lines=90)],
+           ('kitti/tracklet_file.py',),
+           (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
+           is_text=True, long=_MANY),
+    Target('oxts', _oxts,
+           lambda: [*files('oxts/data/*.txt', Layout.RAW), *files('oxts/*.txt', Layout.TRACKING),
+                    *samples('kitti/tracking/*/oxts/*.txt', lines=3)],
+           ('kitti/oxts_file.py', _TEXT_FILE), is_text=True, long=_MANY),
+    Target('stamps', _timestamps,
+           lambda: [*files('timestamps.txt', Layout.RAW, most=1),
+                    *samples('kitti/raw/*/*/image_02/timestamps.txt', lines=9)],
+           ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE),
+           (b'2011-09-26 13:02:25.951199337', b'1969-12-31', b'9999-99-99', b'2262-04-11'),
+           is_text=True, long=_MANY),
+    Target('times', _times, lambda: [*files('times.txt', Layout.ODOMETRY), b'0.0\n1.037359e-01\n'],
+           ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE), is_text=True, long=_MANY),
+    Target('poses', _poses,
+           lambda: [*files('poses/*.txt', Layout.ODOMETRY), b'1 0 0 0 0 1 0 0 0 0 1 0\n' * 2,
+                    *samples('kitti/odometry/dataset/poses/*.txt', lines=3)],
+           ('kitti/poses_file.py', _TEXT_FILE), is_text=True, long=_MANY),
+    Target('scan', _scan, lambda: files('velodyne/*.bin', Layout.OBJECT, most=1),
+           ('kitti/scan_file.py',), long=_MANY),
+    Target('scan_text', _scan_text,
+           lambda: [b'1.000 2.000 3.000 0.50\n4.0 5.0 6.0 0.1\n', b'nan inf -1e30 0\n'],
+           ('kitti/scan_file.py',), is_text=True, long=_MANY),
+    Target('png', _png, _pngs,
+           ('files/png/header.py', 'files/png/decode.py', 'files/picture_headers.py'),
+           (b'IHDR', b'IDAT', b'IEND', b'PLTE', b'tRNS', b'\xff\xd8\xff\xc0', b'RIFF', b'WEBP'),
+           mend=_checksummed, long=_MANY),
+    Target('image_set', _image_set,
+           lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n'],
+           ('kitti/image_set.py',), is_text=True, long=_MANY),
+    Target('mapping', _mapping, _mappings, ('kitti/object_mapping.py',), (SEPARATOR,),
+           is_text=True, long=_MANY),
+    Target('journal', _journal, _journals, ('kitti/append_journal.py',),
+           (b'..', b'"\\ud800"', b'null', b'[]', b'{}', b'NaN'), is_text=True, long=_MANY),
+)  # fmt: skip
+"""All of them."""

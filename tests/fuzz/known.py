@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs that broke a target once, made here: no file of KITTI is needed."""
+
+from __future__ import annotations
+
+import bz2
+import sqlite3
+import struct
+import zlib
+from contextlib import closing
+from functools import cache
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import zstandard
+from lz4 import frame as lz4_frame
+from mcap.writer import CompressionType, Writer
+
+from kitti_ros2.bags.message_source import BagMessages
+from kitti_ros2.model.layouts import Layout
+
+from .inputs import files, own_bag
+from .target import place
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_BOMB_BYTES = 150_000_000
+_MAGIC = b'\x89MCAP0\r\n'
+_DATA_END, _FOOTER = 15, 2
+
+
+def _text(value: bytes) -> bytes:
+    return struct.pack('<I', len(value)) + value
+
+
+def _record(kind: int, body: bytes) -> bytes:
+    return struct.pack('<BQ', kind, len(body)) + body
+
+
+def _mcap_chunk(name: bytes, data: bytes, declared: int) -> bytes:
+    """An MCAP file with a chunk that states a size."""
+    head = struct.pack('<QQQI', 1, 1, declared, 0) + _text(name) + struct.pack('<Q', len(data))
+    records = _record(1, _text(b'ros2') + _text(b'')) + _record(6, head + data)
+    ending = _record(_DATA_END, bytes(4)) + _record(_FOOTER, bytes(20))
+    return _MAGIC + records + ending + _MAGIC
+
+
+@cache
+def _chunk_bombs() -> list[bytes]:
+    zeros = bytes(_BOMB_BYTES)
+    packed = {
+        b'zstd': [
+            zstandard.ZstdCompressor().compress(zeros),
+            zstandard.ZstdCompressor(write_content_size=False).compress(zeros),
+        ],
+        b'lz4': [lz4_frame.compress(zeros)],
+    }
+    return [
+        _mcap_chunk(name, data, declared)
+        for name, each in packed.items()
+        for data in each
+        for declared in (0, 1000, _BOMB_BYTES)
+    ]
+
+
+def _message_bomb() -> list[bytes]:
+    """A message that is compressed on its own."""
+    target = BytesIO()
+    writer = Writer(target, compression=CompressionType.NONE)
+    writer.start(profile='ros2')
+    schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+    channel = writer.register_channel('/t', 'cdr', schema)
+    writer.add_message(channel, 1, zstandard.ZstdCompressor().compress(bytes(_BOMB_BYTES)), 1)
+    writer.finish()
+    return [target.getvalue()]
+
+
+def _ros1_record(fields: dict[bytes, bytes], data: bytes) -> bytes:
+    head = b''.join(_text(name + b'=' + value) for name, value in fields.items())
+    return _text(head) + _text(data)
+
+
+def _ros1_bomb() -> list[bytes]:
+    data = bz2.compress(bytes(_BOMB_BYTES))
+    made = []
+    for declared in (1000, 2**32 - 1):
+        chunk = {b'op': b'\5', b'compression': b'bz2', b'size': struct.pack('<I', declared)}
+        head = {b'op': b'\3', b'index_pos': bytes(8), b'conn_count': bytes(4)}
+        head[b'chunk_count'] = struct.pack('<I', 1)
+        start = b'#ROSBAG V2.0\n' + _ros1_record(head, b' ' * 100)
+        made.append(start + _ros1_record(chunk, data))
+    return made
+
+
+def _ros1_lengths() -> list[bytes]:
+    """A bag of ROS 1 with a message that states billions of markers."""
+    path = own_bag('a.bag')
+    with BagMessages([path], as_stored=True) as messages:
+        stored = next(bytes(each.data) for each in messages if each.topic.endswith('/markers'))
+    data = path.read_bytes()
+    at = data.index(stored)
+    return [
+        data[:at] + struct.pack('<I', length) + data[at + 4 :]
+        for length in (2**24, 2**31 - 1, 2**32 - 1)
+    ]
+
+
+def _chunk(kind: bytes, body: bytes, length: int | None = None) -> bytes:
+    size = len(body) if length is None else length
+    return struct.pack('>I', size) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
+
+
+def _pngs() -> list[bytes]:
+    """A chunk longer than its file, and pixels that inflate to more than the image has."""
+    png = files('image_2/*.png', Layout.OBJECT, most=1)[0]
+    at = png.index(b'IDAT') - 4
+    head, ending = png[:at], _chunk(b'IEND', b'')
+    bomb = zlib.compress(bytes(_BOMB_BYTES // 2))
+    wide = png[:16] + struct.pack('>II', 2**31 - 1, 2**31 - 1) + png[24:29]
+    return [
+        head + _chunk(b'IDAT', b'x' * 50, length)[:-4] + ending for length in (2**31, 2**32 - 9)
+    ] + [
+        head + _chunk(b'IDAT', bomb) + ending,
+        wide + struct.pack('>I', zlib.crc32(wide[12:])) + png[33:],
+    ]
+
+
+def _databases() -> list[bytes]:
+    """Views, computed columns and large values in place of what a bag stores."""
+    topics = (
+        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format'
+        ' TEXT, offered_qos_profiles TEXT)'
+    )
+    endless = 'WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r)'
+    a_topic = "INSERT INTO topics VALUES (1, '/t', 'std_msgs/msg/String', 'cdr', '')"
+    columns = 'id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER'
+    stored = f'CREATE TABLE messages({columns}, data BLOB)'
+    numbers = f'{endless} SELECT n id, 1 topic_id, n timestamp, zeroblob(9) data FROM r'
+    names = f"{endless} SELECT n id, '/t' name, 'a/B' type, 'cdr' serialization_format FROM r"
+    computed = stored.replace('BLOB', 'BLOB AS (zeroblob(999999999))')
+    a_message = 'INSERT INTO messages(id, topic_id, timestamp) VALUES (1, 1, 1)'
+    scripts = (
+        f'{topics}; {a_topic}; CREATE VIEW messages AS {numbers}',
+        f'{stored}; CREATE VIEW topics AS {names}',
+        f'{topics}; {a_topic}; {computed}; {a_message}',
+    )
+    made = []
+    for script in scripts:
+        path = place('made.db3')
+        path.unlink(missing_ok=True)
+        with closing(sqlite3.connect(path, isolation_level=None)) as database:
+            database.executescript(script)
+        made.append(path.read_bytes())
+    return made
+
+
+def _yaml_tags() -> list[bytes]:
+    return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
+
+
+_KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
+    'mcap': (_chunk_bombs, _message_bomb),
+    'mcap_without_index': (_chunk_bombs,),
+    'ros1': (_ros1_bomb, _ros1_lengths),
+    'sqlite3': (_databases,),
+    'png': (_pngs,),
+    'yaml': (_yaml_tags,),
+    'config': (_yaml_tags,),
+    'plan': (_yaml_tags,),
+    'lasers': (_yaml_tags,),
+}
+NAMES = tuple(sorted(_KNOWN))
+
+
+@cache
+def known(target: str) -> list[bytes]:
+    """The inputs of a target that broke it once."""
+    return [data for make in _KNOWN.get(target, ()) for data in make()]

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""All targets, by name."""
+
+from __future__ import annotations
+
+from . import (
+    bag_targets,
+    foxglove_targets,
+    kitti_targets,
+    message_targets,
+    result_targets,
+    yaml_targets,
+)
+
+_ALL = (
+    *kitti_targets.TARGETS,
+    *yaml_targets.TARGETS,
+    *bag_targets.TARGETS,
+    *message_targets.TARGETS,
+    *foxglove_targets.TARGETS,
+    *result_targets.TARGETS,
+)
+TARGETS = {target.name: target for target in _ALL}

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers and names that the machine has no place for are refused in one line."""
+
+import pytest
+
+from kitti_ros2.model.errors import UsageError
+from kitti_ros2.options.parsers import parse_integer, parse_number, parse_path
+from kitti_ros2.options.quantity_parsers import parse_four_numbers, parse_place
+
+HUGE = 10**400
+
+
+@pytest.mark.parametrize(
+    ('parse', 'value'),
+    [
+        (parse_integer, HUGE),
+        (parse_number, HUGE),
+        (parse_number, -HUGE),
+        (parse_place, [0, 0, HUGE]),
+        (parse_four_numbers, [0, 0, 0, HUGE]),
+    ],
+)
+def test_a_huge_whole_number_is_refused(parse, value):
+    with pytest.raises(UsageError, match='option takes '):
+        parse('option', value)
+
+
+@pytest.mark.parametrize('name', ['a\0b', '\ud800', 'file:///a%00b'])
+def test_a_name_that_no_file_can_have_is_refused(name):
+    """YAML and JSON have escapes for these characters; a command line has not."""
+    with pytest.raises(UsageError, match='no file can have this name'):
+        parse_path('option', name)
+
+
+def test_a_name_of_other_bytes_than_text_is_a_name():
+    name = b'a\xff'.decode('utf-8', 'surrogateescape')
+    assert str(parse_path('option', name)) == name
