@@ -165,8 +165,7 @@ def _wait(child: int) -> int | None:
     ended, _, _ = select.select([descriptor], [], [], _LONGEST_S)
     os.close(descriptor)
     if not ended:
-        os.kill(child, signal.SIGABRT)
-        os.killpg(child, signal.SIGKILL)
+        os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)
