@@ -70,8 +70,10 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
             staging.content.mkdir()
             yield staging.content
         staging.publish()
-    finally:
+    except BaseException as error:
         staging.discard()
+        staging.tell_remains(error)
+        raise
 
 
 def _is_empty(path: Path) -> bool:
@@ -120,5 +122,7 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
             (folder / out.name).rename(staging.content)
             folder.rmdir()
         staging.publish()
-    finally:
+    except BaseException as error:
         staging.discard()
+        staging.tell_remains(error)
+        raise

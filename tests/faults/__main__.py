@@ -27,6 +27,7 @@ def main() -> int:
     parser.add_argument('commands', nargs='*', metavar='COMMAND', help=', '.join(CASES))
     parser.add_argument('--fault', action='append', choices=FAULTS, help='default: every fault')
     parser.add_argument('--all', action='store_true', help=f'every call, not {_FEW} of each')
+    parser.add_argument('--points', type=int, default=_FEW, help='so many calls of each')
     parser.add_argument('--at', type=int, help='this call only')
     given = parser.parse_args()
     names = [
@@ -44,7 +45,7 @@ def main() -> int:
             with ForkServer(library, work) as server:
                 bench = Bench(name, CASES[name], server, work / 'work')
                 for fault in given.fault or FAULTS:
-                    most = None if given.all else _FEW
+                    most = None if given.all else given.points
                     findings += _sweep(bench, fault, most, given.at)
     print(f'{findings} findings')
     return min(findings, 1)

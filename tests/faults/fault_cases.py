@@ -51,17 +51,22 @@ class Fault:
         do: FAULT_DO.
         code: FAULT_CODE.
         calls: FAULT_CALLS.
-        sources: Whether only calls on the source count.
+        is_of_sources: Whether it changes the source, and so strikes calls on the source only.
     """
 
     do: str
     code: int = 0
     calls: str = 'change'
-    sources: bool = False
+    is_of_sources: bool = False
+
+    @property
+    def hits_removing(self) -> bool:
+        """Whether files cannot be removed either."""
+        return self.do in {'error', 'errors'} and self.code in {errno.EIO, errno.EACCES}
 
     def variables(self, work: Path, at: int) -> dict[str, Any]:
         """Return the variables of the library for the k-th call."""
-        path = work / 'source' if self.sources else work
+        path = work / 'source' if self.is_of_sources else work
         return {
             'path': f'{path}/', 'calls': self.calls, 'at': at, 'do': self.do, 'code': self.code,
             'size': MEMORY_BYTES,
@@ -82,8 +87,8 @@ FAULTS = {
     'EINTR of a read': Fault('error', errno.EINTR, 'read'),
     'short reads': Fault('short', 0, 'read'),
     'SIGTERM at a read': Fault('term', 0, 'read'),
-    'vanishing file': Fault('vanish', 0, 'read', sources=True),
-    'growing file': Fault('grow', 0, 'read', sources=True),
+    'vanishing file': Fault('vanish', 0, 'read', is_of_sources=True),
+    'growing file': Fault('grow', 0, 'read', is_of_sources=True),
     'no memory': Fault('error', errno.ENOMEM, 'memory'),
 }
 
@@ -115,14 +120,14 @@ def _layout_bag(layout: Layout) -> Callable[[Path], Path]:
 
 
 def _cut(name: str, *words: str) -> Callable[[Path], Path]:
-    """A bag whose last sixth is missing."""
+    """A bag whose second half is missing."""
 
     def prepare(folder: Path) -> Path:
         path = _bag(name, *words)(folder)
         for file in [path] if path.is_file() else [each for each in path.iterdir()]:
             if file.suffix in {'.mcap', '.bag', '.db3'}:
                 with file.open('r+b') as opened:
-                    opened.truncate(file.stat().st_size * 5 // 6)
+                    opened.truncate(file.stat().st_size // 2)
         return path
 
     return prepare

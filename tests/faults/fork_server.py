@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import importlib
+import io
 import json
 import os
 import select
 import signal
 import subprocess
 import sys
+import threading
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +91,12 @@ class ForkServer:
         return Run(*reply, self._errors.read_text('utf-8', 'replace'))
 
     def learn(self, words: Sequence[str], folder: Path) -> None:
-        """Import the modules that a command imports."""
+        """Run a command in the server, so that runs need not import and prepare what it needs.
+
+        Args:
+            words: Arguments of kitti-ros2; other paths than those of runs, as paths may be kept.
+            folder: TMPDIR.
+        """
         self._ask({'words': [*words], 'faults': {'TMPDIR': str(folder)}, 'learn': True})
 
     def _ask(self, request: Mapping[str, object]) -> Any:
@@ -116,6 +122,11 @@ def _serve(answers: str, errors: str) -> None:
     with Path(answers).open('w') as replies:
         for line in sys.stdin:
             request = json.loads(line)
+            if 'learn' in request:
+                _learn(request)
+                replies.write('null\n')
+                replies.flush()
+                continue
             reader, writer = os.pipe()
             child = os.fork()
             if not child:
@@ -124,11 +135,22 @@ def _serve(answers: str, errors: str) -> None:
             os.close(writer)
             code = _wait(child)
             with open(reader) as pipe:  # noqa: PTH123 - a descriptor
-                said = json.loads(pipe.read() or 'null')
-            if 'learn' in request:
-                _import_all(said['modules'])
-            replies.write(json.dumps([code, said and said['calls']]) + '\n')
+                calls = json.loads(pipe.read() or 'null')
+            replies.write(json.dumps([code, calls]) + '\n')
             replies.flush()
+
+
+def _learn(request: dict[str, Any]) -> None:
+    """Run a command here, so that forks have what it imports and prepares."""
+    from kitti_ros2.cli import main  # noqa: PLC0415 - the client imports nothing of it
+
+    os.environ.update(request['faults'])
+    sys.argv[1:] = request['words']
+    with contextlib.redirect_stderr(io.StringIO()):
+        main()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    left = threading.enumerate()
+    assert left == [threading.main_thread()], f'a fork would lack {left}'
 
 
 def _run(request: dict[str, Any], errors: str, writer: int) -> None:
@@ -150,12 +172,11 @@ def _run(request: dict[str, Any], errors: str, writer: int) -> None:
         traceback.print_exc()
         code = _TRACEBACK
     calls = library.faults_end()
-    said = {'calls': calls, 'modules': [*sys.modules] if 'learn' in request else []}
     with contextlib.suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
     with open(writer, 'w') as pipe:  # noqa: PTH123 - a descriptor
-        pipe.write(json.dumps(said))
+        pipe.write(json.dumps(calls))
     os._exit(code)
 
 
@@ -170,13 +191,6 @@ def _wait(child: int) -> int | None:
     with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)
     return os.waitstatus_to_exitcode(status) if ended else None
-
-
-def _import_all(modules: list[str]) -> None:
-    for name in modules:
-        if name not in sys.modules and '__main__' not in name:
-            with contextlib.suppress(Exception):
-                importlib.import_module(name)
 
 
 if __name__ == '__main__':
