@@ -36,5 +36,5 @@ def deferred_signals() -> Iterator[None]:
     finally:
         for number in handled:
             signal.signal(number, before[number])
-        for number in dict.fromkeys(pending):
-            signal.raise_signal(number)
+        for caught in dict.fromkeys(pending):
+            signal.raise_signal(caught)

@@ -119,15 +119,15 @@ def _layout_bag(layout: Layout) -> Callable[[Path], Path]:
     return prepare
 
 
-def _cut(name: str, *words: str) -> Callable[[Path], Path]:
-    """A bag whose second half is missing."""
+def _cut(name: str, *words: str, keep: float = 0.5) -> Callable[[Path], Path]:
+    """A bag whose end is missing."""
 
     def prepare(folder: Path) -> Path:
         path = _bag(name, *words)(folder)
-        for file in [path] if path.is_file() else [each for each in path.iterdir()]:
+        for file in [path] if path.is_file() else list(path.iterdir()):
             if file.suffix in {'.mcap', '.bag', '.db3'}:
                 with file.open('r+b') as opened:
-                    opened.truncate(file.stat().st_size // 2)
+                    opened.truncate(int(file.stat().st_size * keep))
         return path
 
     return prepare
@@ -190,7 +190,7 @@ CASES = {
     'to-kitti --append': Case(_APPEND, _bag('bag.mcap'), before=_APPEND),
     'recover mcap': Case(('recover', '{source}', '{out}.mcap', '-q'), _cut('bag.mcap')),
     'recover sqlite3': Case(
-        ('recover', '{source}', '{out}', '-q'), _cut('bag', '--storage', 'sqlite3')
+        ('recover', '{source}', '{out}', '-q'), _cut('bag', '--storage', 'sqlite3', keep=0.8)
     ),
     'recover ros1': Case(('recover', '{source}', '{out}.bag', '-q'), _cut('bag.bag')),
     'download': Case(

@@ -175,7 +175,7 @@ def _run(request: dict[str, Any], errors: str, writer: int) -> None:
     with contextlib.suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
-    with open(writer, 'w') as pipe:  # noqa: PTH123 - a descriptor
+    with open(writer, 'w') as pipe:
         pipe.write(json.dumps(calls))
     os._exit(code)
 

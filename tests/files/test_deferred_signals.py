@@ -40,13 +40,18 @@ def test_an_ignored_signal_stays_ignored(caught):
 
 
 def test_an_error_does_not_lose_a_signal(caught):
-    with pytest.raises(OSError, match='disk'), deferred_signals():
-        signal.raise_signal(signal.SIGTERM)
-        raise OSError('disk')
+    def fail():
+        with deferred_signals():
+            signal.raise_signal(signal.SIGTERM)
+            raise OSError('disk')
+
+    with pytest.raises(OSError, match='disk'):
+        fail()
     assert caught == [signal.SIGTERM]
 
 
-def test_other_threads_leave_the_handlers_alone(caught):
+@pytest.mark.usefixtures('caught')
+def test_other_threads_leave_the_handlers_alone():
     handlers = []
 
     def work():
