@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from dataclasses import dataclass
@@ -55,10 +56,14 @@ class Finding:
 
 def tree_of(folder: Path) -> dict[str, bytes | None]:
     """The files and folders below a folder with their content, hidden ones too."""
-    return {
-        path.relative_to(folder).as_posix(): None if path.is_dir() else path.read_bytes()
-        for path in sorted(folder.rglob('*'))
-    }
+    found: dict[str, bytes | None] = {}
+    for place, folders, files in os.walk(folder):
+        start = f'{place}/'.removeprefix(f'{folder}/')
+        found |= {f'{start}{name}': None for name in folders}
+        for name in files:
+            with open(f'{place}/{name}', 'rb') as file:  # noqa: PTH123 - thousands of files
+                found[f'{start}{name}'] = file.read()
+    return dict(sorted(found.items()))
 
 
 def _is_shown(name: str) -> bool:
