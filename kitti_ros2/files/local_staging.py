@@ -159,7 +159,7 @@ class Staging:
 
     def tell_remains(self, error: BaseException) -> None:
         """Correct the text of an OutputError where the partial directory could not be removed."""
-        if isinstance(error, OutputError) and os.path.lexists(self._partial):
+        if isinstance(error, OutputError) and may_exist(self._partial):
             error.tell_remains(self._partial)
 
     def _check_free(self) -> None:
@@ -252,6 +252,17 @@ def _remove(entry: Path) -> None:
     with suppress(OSError):
         entry.unlink()
     shutil.rmtree(entry, ignore_errors=True)
+
+
+def may_exist(path: Path) -> bool:
+    """Whether a path exists, or cannot be looked at."""
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def lock_exclusively(fd: int, path: Path) -> None:

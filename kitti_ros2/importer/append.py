@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from ..files.deferred_signals import deferred_signals
 from ..files.remote import is_remote
-from ..files.staging import lock_exclusively, reported, staged
+from ..files.staging import lock_exclusively, may_exist, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
     BEFORE,
@@ -159,7 +159,7 @@ def _remains_told(out: Path) -> Iterator[None]:
         with reported(out):
             yield
     except OutputError as error:
-        if os.path.lexists(out / FOLDER):
+        if may_exist(out / FOLDER):
             error.tell_remains(out / FOLDER)
         raise
 

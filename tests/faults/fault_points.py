@@ -72,9 +72,14 @@ def _is_shown(name: str) -> bool:
 
 
 def shown(tree: Tree) -> dict[str, bytes | None]:
-    """Leave out hidden files, downloads in progress and the manifest, which records times."""
+    """Leave out hidden files, downloads in progress and the manifest, which records times.
+
+    The record of archives has them in the order in which they were extracted.
+    """
     return {
-        name: data
+        name: b''.join(sorted(data.replace(b',', b'').split()))
+        if name == _RECORD and data
+        else data
         for name, data in tree.items()
         if _is_shown(name) and not name.rpartition('/')[2].startswith(MANIFEST)
     }
