@@ -76,13 +76,14 @@ def shown(tree: Tree) -> dict[str, bytes | None]:
 
     The record of archives has them in the order in which they were extracted.
     """
-    return {
-        name: b''.join(sorted(data.replace(b',', b'').split()))
-        if name == _RECORD and data
-        else data
+    found = {
+        name: data
         for name, data in tree.items()
         if _is_shown(name) and not name.rpartition('/')[2].startswith(MANIFEST)
     }
+    if record := found.get(_RECORD):
+        found[_RECORD] = b' '.join(sorted(record.replace(b',', b'').split()))
+    return found
 
 
 def hidden(tree: Tree) -> list[str]:
