@@ -195,9 +195,9 @@ class Bench:
         elif run.code == 0 and not fault.is_of_sources:
             if left != after or self._code != 0:
                 yield 'a success that is incomplete'
-        elif run.code == _REFUSED:
-            if left not in (before, after):
-                yield f'an output that is neither old nor complete: {[*left][:5]}'
+        elif run.code == _LOSSES and fault.calls == 'change':
+            if left != after or self._code != _LOSSES:
+                yield 'a fault of the output cost data'
         elif run.code not in {0, _LOSSES} and left not in (before, after):
             yield f'an output that is neither old nor complete: {[*left][:5]}'
 
