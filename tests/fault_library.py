@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import platform
 import shutil
 import subprocess
 import sys
@@ -13,8 +14,8 @@ _SOURCE = Path(__file__).with_name('faults') / 'call_faults.c'
 
 
 def compiler_of_faults() -> str | None:
-    """Return the C compiler; None where there is none, or no Linux."""
-    if not sys.platform.startswith('linux'):
+    """Return the C compiler; None where there is none, or no Linux with glibc."""
+    if not sys.platform.startswith('linux') or platform.libc_ver()[0] != 'glibc':
         return None
     return shutil.which('cc') or shutil.which('gcc')
 
@@ -28,7 +29,7 @@ def compile_faults(folder: Path) -> Path:
     """
     compiler = compiler_of_faults()
     if compiler is None:
-        raise FileNotFoundError('needs Linux and a C compiler')
+        raise FileNotFoundError('needs Linux with glibc, and a C compiler')
     library = folder / 'call_faults.so'
     subprocess.run([compiler, '-shared', '-fPIC', '-o', library, _SOURCE, '-ldl'], check=True)
     return library
