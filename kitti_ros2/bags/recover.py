@@ -131,7 +131,7 @@ class _Copy:
         for topic, channel in sorted(messages.sources.items()):
             try:
                 self._ids[topic] = writer.add_channel(channel)
-            except KittiRos2Error:
+            except (KittiRos2Error, MemoryError):
                 raise
             except Exception as error:  # noqa: BLE001 - types of any kind
                 text = f'{topic}: {channel.msgtype} cannot be written to {storage} ({error})'
@@ -153,7 +153,7 @@ class _Copy:
         try:
             _check_stamp(message.stamp_ns, self._storage)
             self._writer.write(self._ids[topic], message.stamp_ns, [message.data])
-        except KittiRos2Error:
+        except (KittiRos2Error, MemoryError):
             raise
         except Exception as error:  # noqa: BLE001 - converters may raise anything
             key = (topic, str(error))

@@ -68,8 +68,9 @@ class BagWriter:
                 if not single_file:
                     self._staging.content.mkdir()
                 self._next_segment()
-        except BaseException:
+        except BaseException as error:
             self.abort()
+            self._staging.tell_remains(error)
             raise
 
     def add_channel(self, channel: Channel) -> int:
@@ -111,6 +112,7 @@ class BagWriter:
             # A caller that continues must not end with a bag in which a message is missing.
             self._failure = self._error(error)
             self.abort()
+            self._staging.tell_remains(self._failure)
             raise self._failure from error
         tally = self._tallies[-1]
         tally.counts[channel_id] += 1
@@ -134,8 +136,9 @@ class BagWriter:
                 self._finish_names()
             self._staging.publish()
             self._done = True
-        except BaseException:
+        except BaseException as error:
             self.abort()
+            self._staging.tell_remains(error)
             raise
 
     def abort(self) -> None:
@@ -154,11 +157,12 @@ class BagWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
+    def __exit__(self, kind: object, error: BaseException | None, *_: object) -> None:
+        if error is None:
             self.close()
         else:
             self.abort()
+            self._staging.tell_remains(error)
 
     def _opened(self) -> SegmentWriter:
         if self._failure is not None:

@@ -34,6 +34,8 @@ def run_guarded(
         result = work(job, advance)
     except (KittiRos2Error, OSError) as error:
         result = UnitResult(reason=describe_error(error))
+    except MemoryError:
+        result = UnitResult(reason='not enough memory; lower --jobs, and run it again with --retry')
     except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
         reason = f'internal error, {type(error).__name__}: {error}; please report it'
         result = UnitResult(reason=reason)

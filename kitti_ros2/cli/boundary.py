@@ -72,6 +72,11 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
             raise
         _complain(_describe(error, words))
         return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
+    except MemoryError:
+        if debug:
+            raise
+        _complain('not enough memory; close other programs, or lower --jobs if you gave it')
+        return EXIT_USAGE
     except Exception as error:
         if debug:
             raise

@@ -138,7 +138,9 @@ def _write(
             if written > member.size:
                 break
             crc = crc32(piece, crc)
-            file.write(piece)
+            left = memoryview(piece)
+            while left:  # a disk that fills up takes less than it is given
+                left = left[file.write(left) :]
             advance(len(piece))
     if written != member.size:
         raise BadMemberError(

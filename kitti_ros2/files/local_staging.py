@@ -21,6 +21,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from ..model.errors import OutputError, OutputExistsError
+from .deferred_signals import deferred_signals
 from .exchange import exchange
 from .output_paths import make_parents, named_output
 from .remote import is_remote
@@ -91,6 +92,7 @@ class Staging:
         self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
         self._created: list[Path] = []
         self._lock = -1
+        self._made = False
         try:
             self._check_free()
         except OutputExistsError:
@@ -103,10 +105,12 @@ class Staging:
                 self._clear()
         except BaseException as error:
             self.discard()
-            if isinstance(error, (KeyboardInterrupt, SystemExit)):
-                # The interrupt may fall between creating the directory and locking it.
+            if self._made or isinstance(error, (KeyboardInterrupt, SystemExit)):
+                # It may have been created and not locked.
                 with suppress(OSError):
                     self._partial.rmdir()
+            if self._made:
+                self.tell_remains(error)
             raise
 
     def publish(self) -> None:
@@ -134,6 +138,10 @@ class Staging:
 
     def discard(self) -> None:
         """Remove the content and release the lock; never raises OSError."""
+        with deferred_signals():
+            self._remove_all()
+
+    def _remove_all(self) -> None:
         lock, self._lock = self._lock, -1
         if lock >= 0:
             with suppress(OSError):
@@ -148,6 +156,11 @@ class Staging:
             with suppress(OSError):
                 folder.rmdir()
         self._created.clear()
+
+    def tell_remains(self, error: BaseException) -> None:
+        """Correct the text of an OutputError where the partial directory could not be removed."""
+        if isinstance(error, OutputError) and may_exist(self._partial):
+            error.tell_remains(self._partial)
 
     def _check_free(self) -> None:
         with reported(self.path):
@@ -174,6 +187,7 @@ class Staging:
         while True:
             with suppress(FileExistsError):
                 self._partial.mkdir()
+                self._made = True
             if self._partial.is_symlink() or not self._partial.is_dir():
                 raise OutputError(
                     self.path,
@@ -238,6 +252,17 @@ def _remove(entry: Path) -> None:
     with suppress(OSError):
         entry.unlink()
     shutil.rmtree(entry, ignore_errors=True)
+
+
+def may_exist(path: Path) -> bool:
+    """Whether a path exists, or cannot be looked at."""
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def lock_exclusively(fd: int, path: Path) -> None:

@@ -14,6 +14,7 @@ from .local_staging import (
     NAMED,
     Staging,
     lock_exclusively,
+    may_exist,
     output_error,
     reported,
     taking_over,
@@ -29,6 +30,7 @@ __all__ = [
     'Staging',
     'lies_inside',
     'lock_exclusively',
+    'may_exist',
     'open_staging',
     'output_error',
     'refuse_inside',
@@ -70,8 +72,10 @@ def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> It
             staging.content.mkdir()
             yield staging.content
         staging.publish()
-    finally:
+    except BaseException as error:
         staging.discard()
+        staging.tell_remains(error)
+        raise
 
 
 def _is_empty(path: Path) -> bool:
@@ -120,5 +124,7 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
             (folder / out.name).rename(staging.content)
             folder.rmdir()
         staging.publish()
-    finally:
+    except BaseException as error:
         staging.discard()
+        staging.tell_remains(error)
+        raise

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
+from ..files.deferred_signals import deferred_signals
 from ..files.remote import is_remote
-from ..files.staging import lock_exclusively, reported, staged
+from ..files.staging import lock_exclusively, may_exist, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
     BEFORE,
@@ -32,7 +33,7 @@ from ..kitti.append_journal import (
     parse_journal,
 )
 from ..kitti.store import STORE
-from ..model.errors import KittiRos2Error, OutputExistsError, UsageError
+from ..model.errors import KittiRos2Error, OutputError, OutputExistsError, UsageError
 from ..model.losses import format_numbers
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
         raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
     if not out.is_dir():
         raise OutputExistsError(out, 'it is no folder; choose another name')
-    with reported(out), _locked(out):
+    with reported(out), _locked(out), _remains_told(out):
         notes = _recover(out)
         _refuse_links(out, split)
         first = next_number(out, split)
@@ -90,7 +91,7 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
             yield Appending(stage, first, notes)
             _commit(out, split)
         finally:
-            with suppress(OSError):
+            with suppress(OSError), deferred_signals():
                 _recover(out)
             if os.path.lexists(out / FOLDER / JOURNAL):
                 raise KittiRos2Error(
@@ -149,6 +150,18 @@ def _locked(out: Path) -> Iterator[None]:
         yield
     finally:
         os.close(folder)
+
+
+@contextmanager
+def _remains_told(out: Path) -> Iterator[None]:
+    """Convert errors of the operating system, as reported; the text names what was left behind."""
+    try:
+        with reported(out):
+            yield
+    except OutputError as error:
+        if may_exist(out / FOLDER):
+            error.tell_remains(out / FOLDER)
+        raise
 
 
 def _refuse_links(out: Path, split: str) -> None:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
+_NOTHING_LEFT = 'nothing was left behind'
+
+
 @dataclass(frozen=True)
 class Remedy:
     """A command that does what was meant; the command line prints it after the error.
@@ -194,7 +197,12 @@ class OutputError(KittiRos2Error):
 
     def __init__(self, path: Path, reason: str, remedy: str) -> None:
         self.path = str(path)
-        super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
+        super().__init__(f'{path}: {reason}; {_NOTHING_LEFT} ({remedy})')
+
+    def tell_remains(self, remains: Path) -> None:
+        """Correct the text: a path could not be removed."""
+        left = f'{remains} was left behind, and the next run that writes there removes it'
+        self.args = (str(self).replace(_NOTHING_LEFT, left),)
 
 
 class BadBagError(KittiRos2Error):

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -19,20 +18,17 @@ import pytest
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 
 from builders import files_of  # isort: skip
+from fault_library import compile_faults, compiler_of_faults  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
 ROOT = Path(__file__).parents[2]
-_SOURCE = Path(__file__).with_name('call_faults.c')
 
 
 def build_faults(folder):
     """Compile the library of faults; skip the test where there is no compiler."""
-    compiler = shutil.which('cc') or shutil.which('gcc')
-    if compiler is None or not sys.platform.startswith('linux'):
+    if compiler_of_faults() is None:
         pytest.skip('needs Linux and a C compiler')
-    library = folder / 'call_faults.so'
-    subprocess.run([compiler, '-shared', '-fPIC', '-o', library, _SOURCE, '-ldl'], check=True)
-    return library
+    return compile_faults(folder)
 
 
 @dataclass(frozen=True)

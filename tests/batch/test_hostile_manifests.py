@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import sqlite3
 from contextlib import closing
@@ -105,7 +106,7 @@ def test_a_locked_manifest_is_one_line(root, out, finished, capsys, monkeypatch)
 def test_a_folder_that_becomes_read_only_is_one_line(root, finished, tmp_path):
     run = Faulty(build_faults(tmp_path), root, tmp_path / 'bags')
     shutil.copytree(finished, run.out)
-    code, complaints = run.run(1, path='bags', at=1, do='readonly')
+    code, complaints = run.run(1, path='bags', at=1, do='errors', code=errno.EROFS)
     assert code == 2
     assert len(complaints.splitlines()) == 1
     assert 'internal error' not in complaints

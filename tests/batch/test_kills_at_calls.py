@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from functools import cache
@@ -110,7 +111,7 @@ def test_two_workers_killed_by_one_unit_leave_no_partial_output(run, undisturbed
 @pytest.mark.parametrize('path', ['manifest.sqlite', '.partial'])
 def test_a_full_disk_is_one_line_and_loses_nothing(moment, path, run, undisturbed, calls):
     at = max(1, calls(1, path) * moment // 5)
-    code, complaints = run.run(1, at=at, do='full', path=path)
+    code, complaints = run.run(1, at=at, do='errors', code=errno.ENOSPC, path=path)
     assert 'Traceback' not in complaints
     assert 'internal error' not in complaints
     lines = complaints.splitlines()

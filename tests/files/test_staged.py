@@ -4,8 +4,11 @@
 
 from __future__ import annotations
 
+import errno
+
 import pytest
 
+from kitti_ros2.files import local_staging
 from kitti_ros2.files.staging import Staging, staged, taking_over
 from kitti_ros2.model.errors import OutputError, OutputExistsError
 
@@ -38,6 +41,27 @@ def test_what_fails_leaves_nothing(tmp_path):
     with pytest.raises(KeyError):
         fail()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('stays', [True, False])
+def test_an_error_says_what_could_not_be_removed(tmp_path, monkeypatch, stays):
+    def fail():
+        with staged(tmp_path / 'out') as stage:
+            write(stage, 'a/b.txt')
+            if stays:
+                monkeypatch.setattr(local_staging, '_remove', lambda _: None)
+            raise OSError(errno.EIO, 'Input/output error')
+
+    with pytest.raises(OutputError) as caught:
+        fail()
+    partial = tmp_path / '.out.partial'
+    assert partial.exists() == stays
+    assert (f'{partial} was left behind' in str(caught.value)) == stays
+    assert ('nothing was left behind' in str(caught.value)) == (not stays)
+    monkeypatch.undo()
+    with staged(tmp_path / 'out') as stage:
+        write(stage, 'a.txt')
+    assert [path.name for path in tmp_path.iterdir()] == ['out']
 
 
 def test_a_folder_that_holds_something_is_refused_and_an_empty_one_taken(tmp_path):
