@@ -11,7 +11,13 @@ import signal
 import sys
 from io import TextIOWrapper
 
-from ..model.errors import KittiRos2Error, UnsynchronisedError, describe_error
+from ..model.errors import (
+    KeptInterruptError,
+    KittiRos2Error,
+    UnsynchronisedError,
+    describe_error,
+    notes_of,
+)
 from ..model.text import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
@@ -56,6 +62,13 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
     except KeyboardInterrupt:
         _complain('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
+    except KeptInterruptError as error:
+        _complain(str(error))
+        return EXIT_INTERRUPTED
+    except SystemExit as error:
+        if notes_of(error):
+            _complain(f'terminated; {"; ".join(notes_of(error))}')
+        raise
     except BrokenPipeError:
         # The reader of the pipe closed it, as head does; Python would report it again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
