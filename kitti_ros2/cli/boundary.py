@@ -62,9 +62,6 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
     except KeyboardInterrupt:
         _complain('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
-    except KeptInterruptError as error:
-        _complain(str(error))
-        return EXIT_INTERRUPTED
     except SystemExit as error:
         if notes_of(error):
             _complain(f'terminated; {"; ".join(notes_of(error))}')
@@ -77,7 +74,7 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
         if debug:
             raise
         _complain(_describe(error, words))
-        return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
+        return _code_of(error)
     except Exception as error:
         if debug:
             raise
@@ -86,6 +83,12 @@ def _run_to_one_line(words: list[str], *, debug: bool) -> int:
             f' traceback, and please report it'
         )
         return EXIT_USAGE
+
+
+def _code_of(error: Exception) -> int:
+    if isinstance(error, KeptInterruptError):
+        return EXIT_INTERRUPTED
+    return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
 
 
 def _run_and_flush(words: list[str]) -> int:
