@@ -5,7 +5,7 @@
 
     python benchmarks/durability.py SRC [--repeat N] [--dir FOLDER] [--container NAME ...]
 
-SRC is a KITTI drive; one of 480 frames makes a bag of 1.6 GB with decoded images. The two take
+SRC is a KITTI drive; one of 480 frames makes a bag of 1.6 GB. The two take
 turns, the first of them alternating. Before each run all files are on the disk. A run without fsync
 ends while its output is still in memory, so that the cost includes writing what another program
 would wait for later: the last column says how long os.sync takes after such a run.
@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument('--repeat', type=int, default=5)
     parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
     parser.add_argument('--container', nargs='*', choices=OUTPUTS, default=[*OUTPUTS])
-    parser.add_argument('--images', default='raw', help='those of the bags; raw makes them large')
+    parser.add_argument('--images', default='compressed', help='those of the bags')
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=given.dir or given.src.resolve().parent.parent) as name:
         folder = Path(name)

@@ -10,7 +10,7 @@ from itertools import count
 from typing import TYPE_CHECKING
 
 from ..files.staging import Staging
-from ..model.errors import OutputError
+from ..model.errors import OutputError, add_note
 from ..model.text import format_count
 
 if TYPE_CHECKING:
@@ -40,6 +40,13 @@ class KeptBag:
         """Readable text, for the end of an error."""
         text = f'{format_count(self.messages, "message")} written so far are kept in {self.path}'
         return text if self.whole else f'{text}, which kitti-ros2 recover repairs'
+
+    def name_in(self, error: BaseException) -> None:
+        """Let an error name what is kept."""
+        if isinstance(error, OutputError):
+            error.leave(self.text)
+        else:
+            add_note(error, self.text)
 
 
 def is_interruption(error: BaseException | None) -> bool:

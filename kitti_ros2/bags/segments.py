@@ -12,7 +12,7 @@ from ..files.replacing import keep_all, keep_all_but_bags
 from ..files.signal_hold import SignalHold
 from ..files.staging import open_staging, output_error
 from ..model.containers import CONTAINERS
-from ..model.errors import OutputError, UsageError, add_note
+from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .keeping import KeptBag, is_interruption, move_aside
 from .metadata import bag_information, information_text, metadata_yaml
@@ -124,10 +124,7 @@ class BagWriter:
         except self._errors as error:
             # A caller that continues must not end with a bag in which a message is missing.
             self._failure = self._error(error)
-            kept = self._keep(broken=True)
-            if kept is not None:
-                self._failure = self._failure.keeping(kept.text)
-            self.abort()
+            self._give_up(self._failure)
             raise self._failure from error
 
     def close(self) -> None:
@@ -142,19 +139,13 @@ class BagWriter:
         if self._done:
             return
         try:
-            with self._reported():
+            with self._reported(), self._hold:
                 self._close_segment()
                 self._finish_names()
             self._staging.publish()
             self._done = True
-        except OutputError as error:
-            kept = self._keep(broken=True)
-            self.abort()
-            if kept is not None:
-                raise error.keeping(kept.text) from error
-            raise
-        except BaseException:
-            self.abort()
+        except BaseException as error:
+            self._give_up(error)
             raise
         finally:
             self._release()
@@ -176,30 +167,32 @@ class BagWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:
-        if kind is None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        if error is None:
             self.close()
             return
-        kept = self._keep(broken=False) if is_interruption(error) else None
-        if kept is not None and error is not None:
-            add_note(error, kept.text)
+        self._give_up(error)
+
+    def _give_up(self, error: BaseException) -> None:
+        """Abort; if that is wanted, keep what was written, and name it in the error."""
+        broken = isinstance(error, (OSError, OutputError))
+        kept = self._keep(broken=broken) if is_interruption(error) else None
         self.abort()
+        if kept is not None:
+            kept.name_in(error)
 
     def _keep(self, *, broken: bool) -> KeptBag | None:
-        """Keep what was written under another name, if that is wanted.
+        """Keep what was written under another name.
 
         Args:
             broken: Whether the disk has refused a part of the file being written.
-
-        Returns:
-            What is kept; None if nothing is.
         """
         messages = sum(tally.total for tally in self._tallies)
         if not self._context.options.keep_partial or self._done or not messages:
             return None
         whole = not broken
         with self._hold:
-            if not broken:
+            if whole and self._segment is not None:
                 try:
                     self._close_segment()
                 except self._errors:

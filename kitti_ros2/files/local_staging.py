@@ -149,10 +149,11 @@ class Staging:
             OSError: The disk refuses.
         """
         self.content.rename(path)
-        if self._fsync:
-            sync_tree(path)
-        self._sync_names(path.parent, *(each.parent for each in self._created))
-        self._created.clear()
+        created, self._created = self._created, []
+        with suppress(OSError):  # it is worth more than nothing
+            if self._fsync:
+                sync_tree(path)
+            self._sync_names(path.parent, *(each.parent for each in created))
 
     def _replace(self) -> None:
         """Replace what a rename cannot; without an exchange the output is absent for a moment."""

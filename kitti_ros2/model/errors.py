@@ -199,9 +199,10 @@ class OutputError(KittiRos2Error):
         self._parts = path, reason, remedy
         super().__init__(f'{path}: {reason}; {left} ({remedy})')
 
-    def keeping(self, left: str) -> OutputError:
-        """Return the error with other words about what was left behind."""
-        return OutputError(*self._parts, left)
+    def leave(self, left: str) -> None:
+        """Change the words about what was left behind."""
+        path, reason, remedy = self._parts
+        self.args = (f'{path}: {reason}; {left} ({remedy})',)
 
 
 class NotDurableError(KittiRos2Error):

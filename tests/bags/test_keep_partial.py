@@ -197,3 +197,18 @@ def test_a_store_is_refused(samples):
 
 def write_to_store(samples):
     write(as_path('memory://bucket/a.mcap'), {'keep_partial': True}, samples)
+
+
+@every_case
+def test_an_interruption_at_the_very_end_keeps_the_whole_bag(tmp_path, samples, case, monkeypatch):
+    def interrupt(_):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    name, kept, options = CASES[case]
+    monkeypatch.setattr('kitti_ros2.files.local_staging.sync_tree', interrupt)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        write(tmp_path / name, {**options, 'keep_partial': True}, samples)
+    assert len(notes_of(caught.value)) == 1
+    assert [each.name for each in tmp_path.iterdir()] == [kept]
+    assert sorted(contents(tmp_path / kept)) == expected(samples)
