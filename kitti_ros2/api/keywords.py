@@ -80,6 +80,8 @@ class ToBagKeywords(ReadKeywords, total=False):
     split_size: int | str | None
     split_duration: float | str | None
     overwrite: bool
+    fsync: bool
+    keep_partial: bool
 
 
 class ToKittiKeywords(TypedDict, total=False):
@@ -93,6 +95,7 @@ class ToKittiKeywords(TypedDict, total=False):
     all_cameras: bool
     append: bool
     overwrite: bool
+    fsync: bool
     start: int | str | None
     end: int | str | None
 
@@ -112,6 +115,7 @@ class CropKeywords(TypedDict, total=False):
     empty_labels: str
     copy: bool
     overwrite: bool
+    fsync: bool
     layout: str | None
     sequence: str | None
     deskew: bool

@@ -54,6 +54,7 @@ def recover(
     storage: str | None = None,
     *,
     overwrite: bool = False,
+    fsync: bool = True,
     progress: Callable[[int, int], None] = lambda _done, _expected: None,
 ) -> RecoveryReport:
     """Copy the readable messages of a bag to a new bag, in the order of log times.
@@ -63,6 +64,7 @@ def recover(
         out: The repaired bag: a name with the suffix of a container, or a rosbag2 directory.
         storage: One of model.containers; by default that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
+        fsync: Whether the repaired bag outlasts a power cut.
         progress: Called with the number of messages done and the number expected.
 
     Raises:
@@ -78,7 +80,8 @@ def recover(
     storage = guess_storage(out, storage, default=bag.storage)
     as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
     with BagMessages([path], as_stored=as_stored) as messages:
-        options = BagOptions(storage, _compression(messages, storage), overwrite=overwrite)
+        compression = _compression(messages, storage)
+        options = BagOptions(storage, compression, overwrite=overwrite, fsync=fsync)
         with open_bag(out, options, messages.typestore) as writer:
             copy = _Copy(writer, messages, storage)
             expected = messages.expected

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.rosbag1 import Writer
 
+from ..files.durability import WritingOut
 from .compressors import ros1_lz4
 from .ros1_records import MAGIC
 from .ros1_scan import Ros1Channel
@@ -89,6 +90,7 @@ class Ros1Segment:
         self._writer = Ros1Writer(path, context.options.compression)
         self._channels: list[tuple[Connection, _Convert]] = []
         self._writer.open()
+        self._writing_out = WritingOut(path)
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
         """Write the connection's record, unchanged if it is copied from another ROS 1 bag."""
@@ -116,14 +118,17 @@ class Ros1Segment:
         connection, convert = self._channels[channel_id]
         data = parts[0] if len(parts) == 1 else b''.join(parts)
         self._writer.write(connection, stamp_ns, convert(data))
+        self._writing_out.advance(len(data))
 
     def close(self, information: str) -> None:
         """Write the index."""
         del information  # the format cannot store it
+        self._writing_out.close()
         self._writer.close()
 
     def abort(self) -> None:
         """Close the file."""
+        self._writing_out.close()
         self._writer.abort()
 
 

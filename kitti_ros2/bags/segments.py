@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TYPE_CHECKING
 
+from ..files.remote import is_remote
 from ..files.replacing import keep_all, keep_all_but_bags
+from ..files.signal_hold import SignalHold
 from ..files.staging import open_staging, output_error
 from ..model.containers import CONTAINERS
 from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
+from .keeping import KeptBag, is_interruption, move_aside
 from .metadata import bag_information, information_text, metadata_yaml
 from .storages import storage_of
 
@@ -48,6 +51,7 @@ class BagWriter:
         self._context = context
         self._container = CONTAINERS[context.options.storage]
         self._storage = storage_of(context.options.storage)
+        self._hold: SignalHold | nullcontext[None] = nullcontext()
         self._errors: tuple[type[Exception], ...] = (OSError, *self._storage.write_errors)
         self._single_file = single_file
         self._split_size = context.options.split_size
@@ -60,14 +64,19 @@ class BagWriter:
         self._size = 0
         self._done = False
         self._failure: OutputError | None = None
+        if context.options.keep_partial and is_remote(path):
+            raise UsageError(f'{path}: --keep-partial keeps local bags only; leave it out')
         refusal = keep_all_but_bags if context.options.overwrite else keep_all
-        self._staging = open_staging(path, refusal)
+        self._staging = open_staging(path, refusal, fsync=context.options.fsync)
         self.path = self._staging.path
         try:
             with self._reported():
                 if not single_file:
                     self._staging.content.mkdir()
                 self._next_segment()
+            if context.options.keep_partial:
+                # A message that is cut in two could not be told from a damaged bag.
+                self._hold = SignalHold()
         except BaseException as error:
             self.abort()
             self._staging.tell_remains(error)
@@ -84,11 +93,11 @@ class BagWriter:
             raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
         segment = self._opened()
         channel_id = len(self._channels)
-        with self._reported():
+        with self._reported(), self._hold:
             segment.add_channel(channel_id, channel)
-        self._channels.append(channel)
-        self._topics.add(channel.topic)
-        self._tallies[-1].counts.append(0)
+            self._channels.append(channel)
+            self._topics.add(channel.topic)
+            self._tallies[-1].counts.append(0)
         return channel_id
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
@@ -105,19 +114,19 @@ class BagWriter:
         if stamp_ns < 0:
             raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
         try:
-            if self._split:
-                self._make_room(stamp_ns, sum(map(len, parts)))
-            self._opened().write(channel_id, stamp_ns, parts)
+            with self._hold:
+                if self._split:
+                    self._make_room(stamp_ns, sum(map(len, parts)))
+                self._opened().write(channel_id, stamp_ns, parts)
+                tally = self._tallies[-1]
+                tally.counts[channel_id] += 1
+                tally.start_ns = min(tally.start_ns, stamp_ns)
+                tally.end_ns = max(tally.end_ns, stamp_ns)
         except self._errors as error:
             # A caller that continues must not end with a bag in which a message is missing.
             self._failure = self._error(error)
-            self.abort()
-            self._staging.tell_remains(self._failure)
+            self._give_up(self._failure)
             raise self._failure from error
-        tally = self._tallies[-1]
-        tally.counts[channel_id] += 1
-        tally.start_ns = min(tally.start_ns, stamp_ns)
-        tally.end_ns = max(tally.end_ns, stamp_ns)
 
     def close(self) -> None:
         """Complete the bag and move it to its path; nothing happens the second time.
@@ -131,15 +140,16 @@ class BagWriter:
         if self._done:
             return
         try:
-            with self._reported():
+            with self._reported(), self._hold:
                 self._close_segment()
                 self._finish_names()
             self._staging.publish()
             self._done = True
         except BaseException as error:
-            self.abort()
-            self._staging.tell_remains(error)
+            self._give_up(error)
             raise
+        finally:
+            self._release()
 
     def abort(self) -> None:
         """Give the bag up and remove its files; never raises OSError."""
@@ -153,16 +163,55 @@ class BagWriter:
                     segment.abort()
         finally:
             self._staging.discard()
+            self._release()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if error is None:
             self.close()
-        else:
-            self.abort()
-            self._staging.tell_remains(error)
+            return
+        self._give_up(error)
+
+    def _give_up(self, error: BaseException) -> None:
+        """Abort; if that is wanted, keep what was written, and name it in the error."""
+        broken = isinstance(error, (OSError, OutputError))
+        kept = self._keep(broken=broken) if is_interruption(error) else None
+        self.abort()
+        self._staging.tell_remains(error)
+        if kept is not None:
+            kept.name_in(error)
+
+    def _keep(self, *, broken: bool) -> KeptBag | None:
+        """Keep what was written under another name.
+
+        Args:
+            broken: Whether the disk has refused a part of the file being written.
+        """
+        messages = sum(tally.total for tally in self._tallies)
+        if not self._context.options.keep_partial or self._done or not messages:
+            return None
+        whole = not broken
+        with self._hold:
+            if whole and self._segment is not None:
+                try:
+                    self._close_segment()
+                except self._errors:
+                    whole = False
+            segment, self._segment = self._segment, None
+            with suppress(*self._errors):
+                if segment is not None:
+                    segment.abort()
+            with suppress(OSError):
+                self._finish_names()
+            path = move_aside(self._staging, single_file=self._single_file)
+        return None if path is None else KeptBag(path, messages, whole)
+
+    def _release(self) -> None:
+        hold, self._hold = self._hold, nullcontext()
+        if isinstance(hold, SignalHold):
+            hold.close()
 
     def _opened(self) -> SegmentWriter:
         if self._failure is not None:

@@ -13,6 +13,7 @@ import sqlite3
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
+from ..files.durability import WritingOut
 from ..files.workers import OrderedPool
 from .compressors import POOL_AHEAD, compressor
 from .metadata import ROS_DISTRO, VERSION, qos_text
@@ -68,6 +69,7 @@ class SqliteSegment:
         self._connection.executescript(_PRAGMAS + _TABLES)
         self._connection.execute('INSERT INTO schema VALUES(?, ?)', (_SCHEMA_VERSION, ROS_DISTRO))
         self._connection.execute('BEGIN')
+        self._writing_out = WritingOut(path)
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
         """Write the topic's row, and its type's row if the type is new."""
@@ -107,13 +109,18 @@ class SqliteSegment:
         )
         self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
         self._connection.execute('COMMIT')
-        self._connection.close()
+        self._close()
 
     def abort(self) -> None:
         """Stop all threads and close the file."""
         if self._pool is not None:
             self._pool.close()
+        self._close()
+
+    def _close(self) -> None:
         self._connection.close()
+        # After it: closing a file ends the locks that SQLite has on it.
+        self._writing_out.close()
 
     def _compressed(self, row: _Row) -> _Row:
         topic_id, stamp_ns, data = row
@@ -123,3 +130,4 @@ class SqliteSegment:
         self._connection.execute(
             'INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)', row
         )
+        self._writing_out.advance(len(row[2]))

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from .pool import Outcome, RunUnit
     from .units import WorkUnit
 
+_OF_DISK = {'overwrite', 'fsync'}
+"""Options that change nothing in an output."""
 _ATTEMPTS = 2  # a killed worker may have been unlucky once
 
 
@@ -145,7 +147,7 @@ class Collection:
 
     def options_text(self) -> str:
         """Return the command and its options as JSON, with the state of the files they name."""
-        chosen = {name: value for name, value in self.options.items() if name != 'overwrite'}
+        chosen = {name: value for name, value in self.options.items() if name not in _OF_DISK}
         paths = [value for value in chosen.values() if isinstance(value, Path)]
         named = {'files': fingerprint_paths(paths)} if paths else {}
         return json.dumps(

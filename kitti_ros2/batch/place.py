@@ -19,6 +19,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.output_paths import make_folder
 from ..files.remote import is_remote
 from ..files.staging import lock_exclusively, reported
 from ..files.store_lock import locked_in_store
@@ -74,7 +75,7 @@ class LocalPlace:
         """
         with reported(out):
             # Here, as a worker that fails would remove a folder that another one counts on.
-            out.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(out.parent)
 
     def changed(self) -> None:
         """Take note that the manifest has changed."""
@@ -167,7 +168,7 @@ def open_place(out: Path) -> Iterator[LocalPlace]:
     """
     if not is_remote(out):
         with reported(out):
-            out.mkdir(parents=True, exist_ok=True)
+            make_folder(out)
         with _locked(out, out) as lock:
             yield LocalPlace(out, lock)
         return

@@ -12,7 +12,13 @@ import sys
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
-from ..model.errors import KittiRos2Error, UnsynchronisedError, describe_error
+from ..model.errors import (
+    KeptInterruptError,
+    KittiRos2Error,
+    UnsynchronisedError,
+    describe_error,
+    notes_of,
+)
 from ..model.text import one_line
 from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
@@ -63,6 +69,10 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
     except KeyboardInterrupt:
         _complain('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
+    except SystemExit as error:
+        if notes_of(error):
+            _complain(f'terminated; {"; ".join(notes_of(error))}')
+        raise
     except BrokenPipeError:
         # The reader of the pipe closed it, as head does; Python would report it again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -71,20 +81,27 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
         if debug:
             raise
         _complain(_describe(error, words))
-        return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
-    except MemoryError:
-        if debug:
-            raise
-        _complain('not enough memory; close other programs, or lower --jobs if you gave it')
-        return EXIT_USAGE
+        return _code_of(error)
     except Exception as error:
         if debug:
             raise
-        _complain(
-            f'internal error, {type(error).__name__}: {error}; run again with {_DEBUG} for the'
-            f' traceback, and please report it'
-        )
+        _complain(_describe_unexpected(error))
         return EXIT_USAGE
+
+
+def _describe_unexpected(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return 'not enough memory; close other programs, or lower --jobs if you gave it'
+    return (
+        f'internal error, {type(error).__name__}: {error}; run again with {_DEBUG} for the'
+        f' traceback, and please report it'
+    )
+
+
+def _code_of(error: Exception) -> int:
+    if isinstance(error, KeptInterruptError):
+        return EXIT_INTERRUPTED
+    return EXIT_LOSSES if isinstance(error, UnsynchronisedError) else EXIT_USAGE
 
 
 def _run_and_flush(words: list[str], *, interruptible: bool) -> int:

@@ -27,6 +27,7 @@ def run_recover(
     storage: str | None,
     *,
     overwrite: bool,
+    fsync: bool = True,
     quiet: bool,
     json: bool = False,
 ) -> int:
@@ -37,6 +38,7 @@ def run_recover(
         out: The repaired bag.
         storage: The container, None for that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
+        fsync: Whether the repaired bag outlasts a power cut.
         quiet: Print only losses.
         json: Whether to print the summary as JSON.
 
@@ -47,7 +49,7 @@ def run_recover(
     keep_freed_memory()
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:
-        report = recover(bag, out, storage, overwrite=overwrite, progress=progress)
+        report = recover(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
     elapsed = time.monotonic() - started
     for loss in report.losses:
         complain(loss)

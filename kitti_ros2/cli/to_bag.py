@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,6 +15,7 @@ from ..exporter.to_bag import ExportOptions, convert
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
+from ..model.errors import KeptInterruptError, UsageError, notes_of
 from ..model.streams import Clock
 from ..options.batch import split_batch_options
 from ..options.messages import Images
@@ -25,7 +27,7 @@ from .progress import conversion_progress
 from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from ..exporter.to_bag import ExportReport
@@ -75,13 +77,14 @@ def run_to_bag(
     if settings.messages.images is not Images.COMPRESSED:
         keep_freed_memory()
     started = time.monotonic()
-    report = convert(
-        recording,
-        out,
-        options,
-        progress=partial(conversion_progress, show=not quiet),
-        jobs=batch.jobs or 1,
-    )
+    with _interruption_described():
+        report = convert(
+            recording,
+            out,
+            options,
+            progress=partial(conversion_progress, show=not quiet),
+            jobs=batch.jobs or 1,
+        )
     elapsed = time.monotonic() - started
     if json:
         print_json(
@@ -116,6 +119,11 @@ def _run_whole(
     from ..batch.units import find_units
     from .collection import refuse_sequence, run_collection
 
+    if chosen.get('keep_partial'):
+        raise UsageError(
+            '--keep-partial is for one bag; with --all, the next run converts again what was'
+            ' interrupted'
+        )
     read = settings.read
     refuse_sequence(read)
     roots = find_roots(src)
@@ -126,6 +134,17 @@ def _run_whole(
         quiet=quiet,
         json=json,
     )
+
+
+@contextmanager
+def _interruption_described() -> Iterator[None]:
+    """Let Ctrl-C be an error that names what is kept: typer catches KeyboardInterrupt."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        if not notes_of(error):
+            raise
+        raise KeptInterruptError('; '.join(notes_of(error))) from error
 
 
 def _summarize(

@@ -117,7 +117,7 @@ def crop_sets(
     if not any(map(len, jobs)):
         raise MissingDataError(f'{src}: no scans; crop cuts the .bin files of a KITTI folder')
     refusal = keep_all_but_data_sets(len(jobs)) if options.overwrite else None
-    with staged(out, refusal) as root:
+    with staged(out, refusal, fsync=options.fsync) as root:
         _run(jobs, root, progress)
         losses = tuple(loss for job in jobs for loss in job.losses)
         results = tuple(job.result for job in jobs)

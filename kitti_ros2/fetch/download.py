@@ -214,6 +214,7 @@ class _Download:
                 source,
                 backoff,
                 lambda count, size: meter.advance(entry.name, count, size),
+                fsync=self._extraction.fsync,
             )
             transfer.run(checksums.get(entry.name, ''))
             require_archive(target)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import errno
 import os
 from collections import defaultdict
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -121,7 +121,8 @@ def extract_all(
         extraction = _Extraction(
             root, options, sum(each.size_bytes for each in placements), progress
         )
-        done = tuple(extraction.extract(placement) for placement in placements)
+        with closing(extraction):
+            done = tuple(extraction.extract(placement) for placement in placements)
     notes = [note for placement in placements for note in placement.notes]
     return ExtractReport(root, done, (*losses, *extraction.losses), (*notes, *extraction.notes))
 
@@ -132,7 +133,7 @@ class _Extraction:
     def __init__(self, root: Path, options: ExtractOptions, total: int, progress: Progress) -> None:
         self._root = root
         self._options = options
-        self._tree = Tree(root, overwrite=options.overwrite)
+        self._tree = Tree(root, overwrite=options.overwrite, fsync=options.fsync)
         self._total = total
         self._done = 0
         self._progress = progress
@@ -159,6 +160,8 @@ class _Extraction:
                     continue
                 counts[outcome] += 1
                 size_bytes += member.size if outcome is Outcome.WRITTEN else 0
+        with _stopping(self._root):
+            self._tree.settle()
         self.losses += [
             Loss(placement.path.name, len(of), f'{_first_of(of)}: {reason}')
             for reason, of in skipped.items()
@@ -175,6 +178,10 @@ class _Extraction:
         written, kept = counts[Outcome.WRITTEN], counts[Outcome.KEPT]
         ends = placement.files[0][1], placement.files[-1][1]
         return ExtractedArchive(placement.path, written, kept, size_bytes, removed, ends)
+
+    def close(self) -> None:
+        """Keep what is complete; never raises OSError."""
+        self._tree.close()
 
     def _advance(self, size: int) -> None:
         self._done += size

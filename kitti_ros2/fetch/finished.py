@@ -8,6 +8,8 @@ import json
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from ..files.durability import sync_file, sync_folders
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -41,4 +43,6 @@ class FinishedArchives:
         self._files[name] = files
         part = self._path.with_name(f'.{_NAME}.part')
         part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
+        sync_file(part)
         part.replace(self._path)
+        sync_folders([self._path.parent])

@@ -18,6 +18,7 @@ class ExtractKeywords(TypedDict, total=False):
     remove_archives: bool
     max_ratio: float
     max_size: int | str
+    fsync: bool
 
 
 class DownloadKeywords(TypedDict, total=False):
@@ -39,3 +40,4 @@ class DownloadKeywords(TypedDict, total=False):
     overwrite: bool
     max_ratio: float
     max_size: int | str
+    fsync: bool

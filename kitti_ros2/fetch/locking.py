@@ -8,6 +8,7 @@ import os
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from ..files.output_paths import make_folder
 from ..files.staging import lock_exclusively, output_error
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def locked_folder(path: Path) -> Iterator[None]:
         OutputError: Another run is writing to it, or it cannot be created.
     """
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        make_folder(path)
         folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError as error:
         raise output_error(path, error) from error

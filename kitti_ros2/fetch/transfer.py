@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from ..files.durability import WritingOut, sync_file, sync_folders
 from ..model.text import format_bytes
 from .sources import (
     BrokenTransferError,
@@ -76,6 +77,7 @@ class Transfer:
         backoff: Waits between attempts.
         advance: Called with the bytes of each piece, negative for those that are dropped, and with
             the size of the file when it is known.
+        fsync: Whether the file outlasts a power cut once it is complete.
     """
 
     def __init__(
@@ -85,6 +87,8 @@ class Transfer:
         source: ArchiveSource,
         backoff: Backoff,
         advance: Callable[[int, int | None], None],
+        *,
+        fsync: bool = True,
     ) -> None:
         self.target = target
         self._urls = urls
@@ -92,6 +96,7 @@ class Transfer:
         self._backoff = backoff
         self._advance = advance
         self._counted = 0
+        self._fsync = fsync
         self._part = target.with_name(f'{target.name}.part')
         self._log = target.with_name(f'{target.name}.part.json')
 
@@ -116,7 +121,11 @@ class Transfer:
                 f'{without_password(url)}: has another SHA-256 than {sha256}, and was removed; it'
                 f' is damaged, or was replaced (--no-verify takes it as it is)'
             )
+        if self._fsync:
+            sync_file(self._part)
         self._part.replace(self.target)
+        if self._fsync:
+            sync_folders([self.target.parent])
         self._log.unlink(missing_ok=True)
 
     def drop(self) -> None:
@@ -175,12 +184,15 @@ class Transfer:
             )
 
     def _write(self, file: IO[bytes], opened: Opened, done: int) -> int:
+        writing_out = WritingOut(self._part)
         try:
             for piece in opened.pieces:
                 file.write(piece)
                 done += len(piece)
+                writing_out.advance(len(piece))
                 self._count(done)
         finally:
+            writing_out.close()
             done = done if opened.size is None else min(done, opened.size)
             file.truncate(done)
         return done

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from stat import S_ISDIR, S_ISLNK, S_ISREG
@@ -14,6 +15,7 @@ from ..files.checksums import crc32
 from ..kitti import names
 from .errors import BadMemberError
 from .members import PIECE_BYTES
+from .pending import PendingFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,10 +41,12 @@ class Tree:
     Args:
         root: The folder; it exists.
         overwrite: Whether existing files that differ are replaced.
+        fsync: Whether the files outlast a power cut, once settled.
     """
 
-    def __init__(self, root: Path, *, overwrite: bool) -> None:
+    def __init__(self, root: Path, *, overwrite: bool, fsync: bool = True) -> None:
         self._root = root
+        self._pending = PendingFiles(root, fsync=fsync)
         self._real = Path(os.path.realpath(root))
         self._overwrite = overwrite
         self._folders: dict[Path, str] = {}
@@ -50,7 +54,7 @@ class Tree:
     def put(
         self, member: Member, place: str, pieces: Iterator[bytes], advance: Callable[[int], None]
     ) -> Outcome:
-        """Write a file, unless it exists with the same content.
+        """Write a file, unless it exists with the same content; settle gives it its name.
 
         Args:
             member: The file as the archive lists it.
@@ -64,7 +68,11 @@ class Tree:
         """
         target = self._root / place
         self._enter(target.parent)
+        if target in self._pending:
+            self._pending.publish()
         exists = self._exists(target)
+        if exists:
+            self._pending.note(target)
         if exists and member.crc is not None and _equals(target, member.size, member.crc):
             advance(member.size)
             return Outcome.KEPT
@@ -78,10 +86,25 @@ class Tree:
             if exists:
                 outcome = self._compare(target, part, member.size, crc)
             if outcome is Outcome.WRITTEN:
-                part.replace(target)
+                self._pending.add(part, target, member.size)
         finally:
-            part.unlink(missing_ok=True)
+            if target not in self._pending:
+                part.unlink(missing_ok=True)
         return outcome
+
+    def settle(self) -> None:
+        """Wait until all files are on the disk, under their names.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        self._pending.settle()
+
+    def close(self) -> None:
+        """Give files that are complete their names, and remove the others; never raises OSError."""
+        with suppress(OSError):
+            self._pending.publish()
+        self._pending.drop()
 
     def _compare(self, target: Path, part: Path, size: int, crc: int) -> Outcome:
         """Decide between an existing file and a new one, which is complete."""

@@ -6,6 +6,9 @@ Everything is written inside the hidden directory ``.{name}.partial`` beside the
 locked while its writer runs, and renamed to the output when complete. The lock ends with the
 process: a partial directory without a lock is left over from a killed run, and the next run
 removes it.
+
+Against a power cut, the content is on the disk before it gets the output's name, and the name
+before what it replaces is deleted.
 """
 
 from __future__ import annotations
@@ -20,8 +23,9 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
-from ..model.errors import OutputError, OutputExistsError
+from ..model.errors import NotDurableError, OutputError, OutputExistsError
 from .deferred_signals import deferred_signals
+from .durability import sync_folders, sync_tree
 from .exchange import exchange
 from .output_paths import make_parents, named_output
 from .remote import is_remote
@@ -77,6 +81,7 @@ class Staging:
     Args:
         path: The output.
         refusal: Returns the reason why an existing output is kept, None if it may be replaced.
+        fsync: Whether a published output outlasts a power cut.
 
     Raises:
         OutputExistsError: The output exists and may not be replaced.
@@ -84,8 +89,11 @@ class Staging:
         UsageError: The path cannot be an output.
     """
 
-    def __init__(self, path: Path, refusal: Callable[[Path], str | None]) -> None:
+    def __init__(
+        self, path: Path, refusal: Callable[[Path], str | None], *, fsync: bool = True
+    ) -> None:
         self.path = named_output(path)
+        self._fsync = fsync
         self._refusal = refusal
         self._partial = self.path.with_name(f'.{self.path.name}.partial')
         # Unique: a writer that is taken over, or not locked out, never publishes another's content.
@@ -119,22 +127,49 @@ class Staging:
         Raises:
             OutputExistsError: The output was created meanwhile, or may not be replaced.
             OutputError: The disk refuses.
+            NotDurableError: The output is published, and the disk does not confirm its name.
         """
         self._check_free()
         with reported(self.path):
             self.content.lstat()  # raises if another writer has taken over
+            if self._fsync:
+                sync_tree(self.content)
             if self.path.is_dir() or (self.content.is_dir() and self.path.exists()):
                 self._replace()
             else:
                 self.content.rename(self.path)
-        self._created.clear()
+        try:
+            self._sync_names(self.path.parent, *(each.parent for each in self._created))
+        except OSError as error:
+            raise NotDurableError(self.path, error) from error
+        finally:
+            self._created.clear()
         self.discard()
+
+    def keep(self, path: Path) -> None:
+        """Rename content that is not complete to another path, which must be free.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        self.content.rename(path)
+        created, self._created = self._created, []
+        with suppress(OSError):  # it is worth more than nothing
+            if self._fsync:
+                sync_tree(path)
+            self._sync_names(path.parent, *(each.parent for each in created))
 
     def _replace(self) -> None:
         """Replace what a rename cannot; without an exchange the output is absent for a moment."""
         if not exchange(self.content, self.path):
             self.path.rename(self._partial / _REPLACED)
+            # A run after a power cut must find it there.
+            self._sync_names(self._partial, self.path.parent)
             self.content.rename(self.path)
+
+    def _sync_names(self, *folders: Path) -> None:
+        if self._fsync:
+            sync_folders(folders)
 
     def discard(self) -> None:
         """Remove the content and release the lock; never raises OSError."""

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
 
 from ..model.errors import UsageError
+from .durability import sync_folders
 
 
 def named_output(path: Path) -> Path:
@@ -45,3 +47,16 @@ def make_parents(folder: Path) -> list[Path]:
                 path.rmdir()
         raise
     return created
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, all of which outlast a power cut.
+
+    Raises:
+        OSError: One cannot be made; none is left behind.
+    """
+    created = make_parents(folder)
+    if created:
+        sync_folders(each.parent for each in created)
+    elif not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))

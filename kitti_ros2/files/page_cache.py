@@ -4,7 +4,8 @@
 
 A drive that stays in the cache evicts other files from memory, and on many machines allocating
 pages costs more than writing does. Linux 6.16 on ext4, XFS and Btrfs starts writeback at once and
-drops the pages when they are on the disk; other systems write as usual. Source: pwritev2(2),
+drops the pages when they are on the disk; other systems keep the pages, and older Linux starts
+writeback at once all the same, so that a later fsync has little to do. Source: pwritev2(2),
 RWF_DONTCACHE; 6.14 supports the flag, but could drop pages that were still in use.
 """
 
@@ -16,6 +17,8 @@ import os
 import re
 import sys
 from typing import TYPE_CHECKING, TypeAlias
+
+from .durability import start_writing_out
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,8 +50,10 @@ def write_uncached(file: int, buffers: Buffers, position: int) -> int:
         OSError: The disk refuses.
     """
     size = sum(map(len, buffers))
-    if size < _UNCACHED_FROM or not _KERNEL_DROPS_PAGES:
+    if size < _UNCACHED_FROM:
         return os.pwritev(file, buffers, position)
+    if not _KERNEL_DROPS_PAGES:
+        return _write_cached(file, buffers, position)
     pages = without_end(buffers, (position + size) % mmap.PAGESIZE)
     try:
         return os.pwritev(file, pages, position, _RWF_DONTCACHE)
@@ -57,7 +62,13 @@ def write_uncached(file: int, buffers: Buffers, position: int) -> int:
     except OSError as error:
         if error.errno not in _UNKNOWN_FLAG:
             raise
-    return os.pwritev(file, buffers, position)
+    return _write_cached(file, buffers, position)
+
+
+def _write_cached(file: int, buffers: Buffers, position: int) -> int:
+    written = os.pwritev(file, buffers, position)
+    start_writing_out(file, position, written)
+    return written
 
 
 def kernel_drops_pages(platform: str, release: str) -> bool:

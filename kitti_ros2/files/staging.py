@@ -41,32 +41,37 @@ __all__ = [
 ]
 
 
-def open_staging(path: Path, refusal: Callable[[Path], str | None]) -> Staging | UploadStaging:
+def open_staging(
+    path: Path, refusal: Callable[[Path], str | None], *, fsync: bool = True
+) -> Staging | UploadStaging:
     """Open the temporary place of an output, local or in a store.
 
-    Args and errors are those of Staging and UploadStaging.
+    Args and errors are those of Staging and UploadStaging; a store needs no fsync.
     """
     if is_remote(path):
         from .upload_staging import UploadStaging  # noqa: PLC0415 - for URLs only
 
         return UploadStaging(path, refusal)
-    return Staging(path, refusal)
+    return Staging(path, refusal, fsync=fsync)
 
 
 @contextmanager
-def staged(out: Path, refusal: Callable[[Path], str | None] | None = None) -> Iterator[Path]:
+def staged(
+    out: Path, refusal: Callable[[Path], str | None] | None = None, *, fsync: bool = True
+) -> Iterator[Path]:
     """Yield a folder to build a data set in; its content is moved to out on success.
 
     Args:
         out: The data set: absent, an empty folder, or one that the refusal lets be replaced.
         refusal: As in Staging; None keeps all.
+        fsync: As in Staging.
 
     Raises:
         OutputExistsError: out is not empty.
         OutputError: It cannot be written.
     """
     keep = refusal or _keep_content
-    staging = open_staging(out, lambda path: None if _is_empty(path) else keep(path))
+    staging = open_staging(out, lambda path: None if _is_empty(path) else keep(path), fsync=fsync)
     try:
         with reported(out):
             staging.content.mkdir()

@@ -4,8 +4,8 @@
 
 The new frames are built in a folder of the set that loaders ignore. Then a journal is written, the
 files are moved to their places, the lists of frames last, and the journal is renamed: that commits
-the append. If the process ends earlier, the next run undoes what the journal lists. This covers
-killed processes and full disks; files are not flushed, so it does not cover a loss of power.
+the append. If the process ends earlier, the next run undoes what the journal lists. Each step is on
+the disk before the next one begins, which covers killed processes, full disks and power cuts.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..files.deferred_signals import deferred_signals
+from ..files.durability import sync_folders, sync_tree
 from ..files.remote import is_remote
 from ..files.staging import lock_exclusively, may_exist, reported, staged
 from ..kitti import names
@@ -60,12 +61,13 @@ class Appending:
 
 
 @contextmanager
-def appended(out: Path, split: str) -> Iterator[Appending]:
+def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending]:
     """Build frames that are added to an object set on success only.
 
     Args:
         out: The set's folder; a new set is made where it is absent or empty.
         split: training or testing.
+        fsync: Whether the frames, once appended, outlast a power cut.
 
     Raises:
         OutputExistsError: out is not a folder, or a file of a new frame appeared meanwhile.
@@ -74,7 +76,7 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
     """
     _refuse_url(out)
     if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
-        with staged(out) as stage:
+        with staged(out, fsync=fsync) as stage:
             yield Appending(stage, 0)
         return
     if out.is_symlink():
@@ -89,7 +91,7 @@ def appended(out: Path, split: str) -> Iterator[Appending]:
             stage = out / FOLDER / CONTENT
             stage.mkdir(parents=True)
             yield Appending(stage, first, notes)
-            _commit(out, split)
+            _commit(out, split, fsync=fsync)
         finally:
             with suppress(OSError), deferred_signals():
                 _recover(out)
@@ -189,17 +191,26 @@ def _refuse_links(out: Path, split: str) -> None:
         )
 
 
-def _commit(out: Path, split: str) -> None:
+def _commit(out: Path, split: str, *, fsync: bool) -> None:
     """Move the staged files into the set; can be undone until all are moved."""
     work = out / FOLDER
     journal = _plan(out, split)
     STORE.write_text(work / _NEW_JOURNAL, format_journal(journal))
+    if fsync:
+        sync_tree(work)
     (work / _NEW_JOURNAL).rename(work / JOURNAL)
+    if fsync:
+        sync_folders([work, out])
     for folder in journal.folders:
         (out / folder).mkdir()
     for path in (*journal.files, *journal.lists):
         (work / CONTENT / path).rename(out / path)
+    if fsync:
+        moved = (*journal.files, *journal.lists)
+        sync_folders(out / parent for path in moved for parent in path.parents)
     (work / JOURNAL).rename(work / COMMITTED)
+    if fsync:
+        sync_folders([work])
 
 
 def _plan(out: Path, split: str) -> AppendJournal:
@@ -283,4 +294,7 @@ def _undo(out: Path, journal: AppendJournal) -> None:
     for folder in reversed(journal.folders):
         with suppress(OSError):  # contains files of others
             (out / folder).rmdir()
+    touched = {parent for path in (*journal.files, *journal.lists) for parent in path.parents}
+    sync_folders(out / each for each in touched if (out / each).is_dir())
     (work / JOURNAL).unlink()
+    sync_folders([work])

@@ -111,7 +111,7 @@ def convert(
         return [convert_by_plan(bags, plan, survey, out, options, progress)]
     folders = [folder_of(plan, name) for name in plans_of(plan)]
     refusal = keep_all_but_camera_sets(folders) if options.overwrite else None
-    with staged(out, refusal) as stage:
+    with staged(out, refusal, fsync=options.fsync) as stage:
         return build_sets(bags, plan, survey, stage, options, progress)
 
 
@@ -141,9 +141,9 @@ def convert_by_plan(
         OutputError: It cannot be written.
     """
     if options.append:
-        with appended(out, plan.name) as place:
+        with appended(out, plan.name, fsync=options.fsync) as place:
             report = build(bags, plan, survey, Target(place.stage, place.first), options, progress)
         return replace(report, notes=(*place.notes, *report.notes))
     refusal = keep_all_but_data_sets(1) if options.overwrite else None
-    with staged(out, refusal) as stage:
+    with staged(out, refusal, fsync=options.fsync) as stage:
         return build(bags, plan, survey, Target(stage), options, progress)

@@ -195,14 +195,37 @@ class OutputExistsError(KittiRos2Error):
 class OutputError(KittiRos2Error):
     """The output cannot be written: permissions, a full disk, a busy writer."""
 
-    def __init__(self, path: Path, reason: str, remedy: str) -> None:
+    def __init__(self, path: Path, reason: str, remedy: str, left: str = _NOTHING_LEFT) -> None:
         self.path = str(path)
-        super().__init__(f'{path}: {reason}; {_NOTHING_LEFT} ({remedy})')
+        self._parts = path, reason, remedy
+        super().__init__(f'{path}: {reason}; {left} ({remedy})')
+
+    def leave(self, left: str) -> None:
+        """Change the words about what was left behind."""
+        path, reason, remedy = self._parts
+        self.args = (f'{path}: {reason}; {left} ({remedy})',)
 
     def tell_remains(self, remains: Path) -> None:
         """Correct the text: a path could not be removed."""
-        left = f'{remains} was left behind, and the next run that writes there removes it'
-        self.args = (str(self).replace(_NOTHING_LEFT, left),)
+        self.leave(f'{remains} was left behind, and the next run that writes there removes it')
+
+
+class NotDurableError(KittiRos2Error):
+    """The output is complete, but the disk cannot confirm that it will outlast a power cut."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        self.path = str(path)
+        super().__init__(
+            f'{path}: is complete, but the disk does not confirm its name'
+            f' ({error.strerror or error}), so that a power cut may lose it; check the disk'
+        )
+
+
+class KeptInterruptError(KittiRos2Error):
+    """Ctrl-C has ended the writing of an output, a part of which is kept."""
+
+    def __init__(self, kept: str) -> None:
+        super().__init__(f'interrupted; {kept}')
 
 
 class BadBagError(KittiRos2Error):
@@ -231,6 +254,16 @@ class ClusterError(KittiRos2Error):
 
 class NotABagError(BadBagError):
     """A path that holds nothing of a bag."""
+
+
+def add_note(error: BaseException, note: str) -> None:
+    """Add a sentence to an exception, as BaseException.add_note of Python 3.11 does."""
+    error.__dict__.setdefault('__notes__', []).append(note)
+
+
+def notes_of(error: BaseException) -> tuple[str, ...]:
+    """Return the sentences that were added to an exception."""
+    return tuple(error.__dict__.get('__notes__', ()))
 
 
 def describe_error(error: Exception) -> str:

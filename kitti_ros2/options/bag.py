@@ -11,6 +11,7 @@ from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
 from .declare import option
+from .disk import fsync_option
 from .parsers import parse_flag, parse_integer, parse_text
 from .quantity_parsers import parse_seconds_ns, parse_split_size
 
@@ -30,6 +31,8 @@ class BagOptions:
         split_size: Bytes of messages, before compression, after which a new file is started.
         split_duration_ns: Nanoseconds of recording after which a new file is started.
         overwrite: Whether an existing bag at the output may be replaced.
+        fsync: Whether the finished bag outlasts a power cut.
+        keep_partial: Whether what was written of an interrupted bag is kept beside the output.
 
     Raises:
         UsageError: A value is unknown or does not match the others.
@@ -59,6 +62,10 @@ class BagOptions:
         unset='never',
     )
     overwrite: bool = option(False, 'Replace an existing bag', parse_flag)
+    fsync: bool = fsync_option()
+    keep_partial: bool = option(
+        False, 'Keep what was written before an interruption, as OUT.partial', parse_flag
+    )
 
     def __post_init__(self) -> None:
         if self.storage not in CONTAINERS:

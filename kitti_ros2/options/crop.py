@@ -12,6 +12,7 @@ from typing import ClassVar, TypeAlias
 
 from ..model.errors import UsageError
 from .declare import choice, option
+from .disk import fsync_option
 from .parsers import parse_flag, parse_integer, parse_number, parse_text
 from .quantity_parsers import parse_boxes, parse_image_size, parse_span
 from .read import ReadOptions
@@ -58,6 +59,7 @@ class CropOptions:
         empty_labels: Whether labels without a point in their 3D box are kept.
         copy: Whether unchanged files are copied instead of hard-linked.
         overwrite: Whether an existing data set may be replaced.
+        fsync: Whether the finished data set outlasts a power cut.
         read: Layout and sequence of the source.
 
     Raises:
@@ -139,6 +141,7 @@ class CropOptions:
         False, 'Copy unchanged files instead of linking them', parse_flag, group=_DATA_SET
     )
     overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag, group=_DATA_SET)
+    fsync: bool = fsync_option(group=_DATA_SET)
     read: ReadOptions = field(default_factory=ReadOptions)
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from .declare import check_bounds, option
+from .disk import fsync_option
 from .parsers import parse_flag, parse_integer, parse_number, parse_path, parse_text, parse_texts
 from .quantity_parsers import parse_seconds_ns, parse_size
 
@@ -24,6 +25,7 @@ class ExtractOptions:
         remove_archives: Whether an archive is removed when all of it is extracted.
         max_ratio: Bytes of content for each byte of an archive, above which it is refused.
         max_size: Bytes of content of one archive, above which it is refused.
+        fsync: Whether finished files outlast a power cut.
 
     Raises:
         UsageError: The ratio is out of range.
@@ -48,6 +50,7 @@ class ExtractOptions:
         unset='500GB',
         metavar='SIZE',
     )
+    fsync: bool = fsync_option()
 
     def __post_init__(self) -> None:
         check_bounds(self, 'max_ratio')

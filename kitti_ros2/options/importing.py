@@ -11,6 +11,7 @@ from ..model.errors import UsageError
 from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from .declare import choice, option
+from .disk import fsync_option
 from .parsers import parse_flag, parse_number, parse_path, parse_text
 from .selection import SelectionOptions
 
@@ -41,6 +42,7 @@ class ImportOptions:
         all_cameras: Whether each camera of a bag of others gets a data set of its own.
         append: Whether to continue the numbering of an existing object set.
         overwrite: Whether an existing data set may be replaced.
+        fsync: Whether the finished data set outlasts a power cut.
         selection: First and last frame to convert: KITTI's file numbers in a bag written by
             to-bag, else the numbers that a conversion of the whole bag gives.
 
@@ -87,6 +89,7 @@ class ImportOptions:
     )
 
     overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag)
+    fsync: bool = fsync_option()
     selection: SelectionOptions = field(default_factory=SelectionOptions)
 
     def __post_init__(self) -> None:

@@ -85,6 +85,7 @@ def restore(
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
     *,
     overwrite: bool = False,
+    fsync: bool = True,
 ) -> list[ImportReport]:
     """Restore the recordings in bags written by to-bag, in one data set.
 
@@ -93,6 +94,7 @@ def restore(
         out: The data set's folder, absent or empty unless it is overwritten.
         progress: Called with the files and the bytes written so far of one bag.
         overwrite: Whether a data set in the folder may be replaced.
+        fsync: Whether the finished data set outlasts a power cut.
 
     Raises:
         BadBagError: A bag cannot be read.
@@ -107,7 +109,7 @@ def restore(
         if other is not path:
             raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
-    with staged(out, refusal) as stage:
+    with staged(out, refusal, fsync=fsync) as stage:
         return [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
 
 

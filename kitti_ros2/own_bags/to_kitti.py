@@ -73,7 +73,9 @@ class Conversion:
         files = sum(blueprint.files for _, blueprint in selected)
         frames = sum(_count_frames(*each) for each in selected)
         with self.progress(files, frames) as show:
-            return restore(selected, self.out, show, overwrite=options.overwrite)
+            return restore(
+                selected, self.out, show, overwrite=options.overwrite, fsync=options.fsync
+            )
 
     def _convert_by_plan(
         self, recordings: Sequence[tuple[OpenBag, Blueprint]], losses: tuple[Loss, ...]

@@ -22,6 +22,13 @@ if TYPE_CHECKING:
 
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
+FsyncOption = Annotated[
+    bool,
+    typer.Option(
+        '--fsync/--no-fsync',
+        help='Wait until the output is on the disk, safe from a power cut [default: on]',
+    ),
+]
 AllOverwriteOption = Annotated[
     bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
 ]

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Optional
 
 from ...model.containers import CONTAINERS
-from .declared import JsonOption, OverwriteOption, QuietOption, argument, choice
+from .declared import FsyncOption, JsonOption, OverwriteOption, QuietOption, argument, choice
 
 
 def recover(
@@ -17,6 +17,7 @@ def recover(
         choice(CONTAINERS, 'Container of the repaired bag [default: by OUT, else that of BAG]'),
     ] = None,
     overwrite: OverwriteOption = False,
+    fsync: FsyncOption = True,
     json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> int:
@@ -28,4 +29,4 @@ def recover(
     """
     from ..recover import run_recover
 
-    return run_recover(bag, out, storage, overwrite=overwrite, json=json, quiet=quiet)
+    return run_recover(bag, out, storage, overwrite=overwrite, fsync=fsync, json=json, quiet=quiet)
