@@ -13,11 +13,13 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from contextlib import contextmanager, suppress
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
+from multiprocessing.util import get_temp_dir
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from ..files.workers import hold_to_one_thread
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     ShowUnit: TypeAlias = Callable[[str, int, int], None]
 
 _EXIT_TERMINATED = 143
+_LONGEST_FOLDER = 60  # bytes; multiprocessing adds 32
 _ADVANCE_S = 0.2  # between two reports of progress
 _PATIENCE_S = 10.0  # for a worker to remove its partial output
 
@@ -48,8 +51,21 @@ def prepare_workers(*, cluster: bool = False) -> None:
     more = ['distributed.nanny', f'{__package__}.dask_unit'] if cluster else []
     context.set_forkserver_preload([f'{__package__}.bag_unit', __name__, *more])
     resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
-    with no_interrupt():
+    with no_interrupt(), _short_socket_names():
         forkserver.ensure_running()
+
+
+@contextmanager
+def _short_socket_names() -> Iterator[None]:
+    """Keep multiprocessing's sockets out of a TMPDIR of a long name: unix(7) allows 107 bytes."""
+    before = tempfile.tempdir
+    if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
+        tempfile.tempdir = '/tmp'  # noqa: S108 - mkdtemp makes a folder of this user in it
+    try:
+        get_temp_dir()
+        yield
+    finally:
+        tempfile.tempdir = before
 
 
 def use_one_thread() -> None:

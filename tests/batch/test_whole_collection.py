@@ -8,6 +8,8 @@ import json
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 
 import pytest
 
@@ -86,6 +88,18 @@ def test_another_version_runs_all_again(root, out, monkeypatch):
     monkeypatch.setattr('kitti_ros2.__version__', '99.0')
     assert to_bag(root, out, *words) == 0
     assert not before.items() & times(out).items()
+
+
+@pytest.mark.parametrize('place', ['temporary', 'temporary' * 10])
+def test_nothing_is_left_among_the_temporary_files(root, out, tmp_path, place):
+    """Sockets in a folder of a long name would have names that are too long."""
+    folder = tmp_path / place
+    folder.mkdir()
+    command = [sys.executable, '-m', 'kitti_ros2', 'to-bag', str(root), str(out), '--all', '-q']
+    words = ['--jobs', '2', '--topics', '/kitti/oxts/*']
+    subprocess.run([*command, *words], env={**os.environ, 'TMPDIR': str(folder)}, check=True)
+    assert times(out)
+    assert not [*folder.iterdir()]
 
 
 @pytest.mark.parametrize('jobs', ['1', '2'])
