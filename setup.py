@@ -99,6 +99,7 @@ EXTRAS['test'] = [
     'mypy>=1.15,<3',
     'packaging>=23,<27',
     'pexpect>=4.9,<5',
+    'pytest-timeout>=2.3,<3',
     'pytest-xdist>=3.5,<4',
     'pytest>=8,<10',
     'ruff>=0.17,<0.18',
