@@ -105,7 +105,9 @@ class BagProgram:
                 raise BadBagError(bag.path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(dict.fromkeys((*bag.index.findings, *messages.findings)))
-            self.channels: Sequence[Channel] = played.channels(messages, self._topics)
+            self.channels: Sequence[Channel] = played.channels(
+                messages, {topic: len(stamps[topic]) for topic in self._topics}
+            )
         self._index = {outlet.topic: index for index, outlet in enumerate(self.channels)}
         self._made = played.made(self.channels)
         if self._made:

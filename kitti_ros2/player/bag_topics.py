@@ -14,7 +14,7 @@ from ..model.errors import UsageError
 from ..model.msgtypes import HEADER, IMAGE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.reader import BagMessages
@@ -59,27 +59,32 @@ class PlayedTopics:
         """The topics to read from the bag."""
         return frozenset(self.sources.get(name, name) for name in self.names)
 
-    def channels(self, messages: BagMessages, topics: Collection[str]) -> list[Channel]:
+    def channels(self, messages: BagMessages, counts: Mapping[str, int]) -> list[Channel]:
         """Return the channels of the topics.
+
+        A latched one queues the messages of one round at most: a deeper queue would fill with
+        copies when the bag is repeated.
 
         Args:
             messages: The bag.
-            topics: The readable topics of the bag.
+            counts: The readable topics of the bag, with their numbers of messages.
         """
         own = [
             Channel(
                 topic,
                 msgtype,
                 latched=topic in messages.latched,
-                depth=messages.latched.get(topic, _DEPTH),
+                depth=min(messages.latched[topic], counts[topic])
+                if topic in messages.latched
+                else _DEPTH,
             )
             for topic, msgtype in messages.channels
-            if topic in topics and topic in self.names
+            if topic in counts and topic in self.names
         ]
         return own + [
             Channel(name, IMAGE, depth=_DEPTH)
             for name in self.names
-            if self.sources.get(name) in topics
+            if self.sources.get(name) in counts
         ]
 
     def made(self, channels: Sequence[Channel]) -> dict[str, list[int]]:

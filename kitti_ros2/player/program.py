@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
     from ..messages.ros_types import Typestore
+    from ..messages.topics import Topic
     from ..model.channels import Channel
     from ..model.layouts import Layout
     from ..model.recording import ReadableRecording
@@ -99,14 +101,19 @@ class RecordingProgram:
         self._encoder = Encoder(recording, schedule, messages, selection)
         self._entries = list(schedule)
         latched = {row.stream for row in self._encoder.table if row.latched}
-        self._latched = [  # the positions of the entries of each stream with a latched topic
-            np.flatnonzero(schedule.streams == code)
+        self._latched = {  # the positions of the entries of each stream with a latched topic
+            stream: np.flatnonzero(schedule.streams == code)
             for code, stream in enumerate(Stream)
             if stream in latched
-        ]
+        }
+        self._kept: dict[int, tuple[list[Message], list[Loss]]] = {}
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.channels: Sequence[Channel] = self._encoder.table
+        self.channels = [
+            replace(row, depth=self._depth(index, row))
+            for index, row in enumerate(self._encoder.table)
+        ]
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
         self.longest_gap_ns = longest_gap_ns(recording.layout, recording.clock)
@@ -136,7 +143,23 @@ class RecordingProgram:
         self._named.update(loss.message for loss in losses)
         return messages, list(_by_reason(losses).values())
 
+    def _depth(self, channel: int, row: Topic) -> int:
+        """Return the depth of a channel: a latched one queues the messages of one round at most.
+
+        A deeper queue would fill with copies when the program is repeated.
+        """
+        positions = self._latched.get(row.stream)
+        if not row.latched or row.depth == 1 or positions is None or not len(positions):
+            return row.depth
+        first = int(positions[0])
+        if first not in self._kept:
+            self._kept[first] = self._encode(first, ())
+        count = sum(message.channel == channel for message in self._kept[first][0])
+        return min(row.depth, max(1, count) * len(positions))
+
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
+        if index in self._kept:
+            return self._kept[index]
         entry = self._entries[index]
         encoded, losses = self._encoder.encode(entry, wanted)
         messages = [each._replace(parts=(each.data,)) for each in encoded]
@@ -148,7 +171,7 @@ class RecordingProgram:
     def latched_before(self, index: int) -> list[Message]:
         """See Program."""
         last: dict[int, list[Message]] = {}
-        for positions in self._latched:
+        for positions in self._latched.values():
             past = int(np.searchsorted(positions, index)) - 1
             if past < 0:
                 continue
