@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _BEGINNING = -(2**63)
 _LAST_NS = 2**63 - 1
-"""What readers count with; a damaged record of MCAP may have any stamp up to 2**64."""
+"""Readers count with int64; a record of MCAP may have any log time up to 2**64."""
 
 
 class BagMessages:
@@ -163,15 +163,14 @@ class BagMessages:
         since_ns = _BEGINNING if start_ns is None else start_ns
         for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
             reading = readings[number][channel_id]
-            if stamp_ns > _LAST_NS and not self._as_stored:
-                self._lose(reading, stamp_ns, ValueError('their log times are after 2262'))
-                continue
             try:
                 cdr = self._to_cdr(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything
                 self._lose(reading, stamp_ns, error)
                 continue
-            yield BagMessage(reading.channel.topic, reading.channel.msgtype, stamp_ns, cdr)
+            channel = reading.channel
+            log_ns = stamp_ns if self._as_stored else min(stamp_ns, _LAST_NS)
+            yield BagMessage(channel.topic, channel.msgtype, log_ns, cdr)
 
     def _lose(self, reading: Reading, stamp_ns: int, error: Exception) -> None:
         """Enter a lost message; those of one topic and reason share one line."""

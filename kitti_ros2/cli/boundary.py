@@ -9,6 +9,7 @@ import gc
 import os
 import signal
 import sys
+import warnings
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
@@ -45,6 +46,8 @@ def main(args: list[str] | None = None) -> int:
         # numpy's threads for large matrices, which are not used here, busy-wait.
         os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
         _mend_streams()
+        if not (debug or sys.warnoptions):
+            warnings.simplefilter('ignore')  # they are for developers
         signal.signal(signal.SIGTERM, _terminate)
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
             signal.signal(signal.SIGHUP, _terminate)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -53,7 +54,7 @@ class Mount:
     @property
     def distance_m(self) -> float:
         """Distance to its parent, metres; 0 for the root."""
-        return float(np.linalg.norm(self.xyz_m))
+        return math.hypot(*self.xyz_m)
 
 
 def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:

@@ -19,6 +19,7 @@ from builders import one_line  # isort: skip
 STOPPED = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
 from kitti_ros2.bags.mcap_writer import McapSegment
 from kitti_ros2.cli.boundary import main
 

@@ -253,7 +253,7 @@ class TestCompressedImage:
         [
             (PLAIN['rgb'][:-1], 'the PNG is cut after 71 bytes'),
             (encoded('.jpg', picture())[:-2], 'the JPEG is cut after'),
-            (PLAIN['rgb'][:8] + chunk(b'IEND'), 'the PNG cannot be decoded'),
+            (PLAIN['rgb'][:8] + chunk(b'IEND'), 'a PNG whose header is cut off'),
             (b'\xff\xd8\xff\xff\xd9', 'the JPEG cannot be decoded'),
             (b'', "neither PNG nor JPEG nor WebP: format 'png', data b''"),
             (b'\0\0\0\x01h264 and so on', 'neither PNG nor JPEG'),
