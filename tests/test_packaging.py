@@ -38,6 +38,7 @@ ROSDEP_KEYS = {
     'python3-numpy',
     'python3-opencv',
     'python3-pytest',
+    'python3-pytest-timeout',
     'python3-rich',
     'python3-rosbags-pip',
     'python3-typer',
@@ -152,7 +153,7 @@ def test_rosdep_keys_are_real_and_sorted_into_kinds(manifest: ET.Element) -> Non
     assert len(keys) == len(set(keys))
     assert set(keys) == ROSDEP_KEYS
     tests = {element.text for element in manifest.iterfind('test_depend')}
-    assert tests == {'python3-hypothesis', 'python3-pytest'}
+    assert tests == {'python3-hypothesis', 'python3-pytest', 'python3-pytest-timeout'}
 
 
 def test_workspace_gets_every_requirement(

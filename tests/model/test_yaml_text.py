@@ -70,7 +70,7 @@ def test_a_value_that_does_not_fit_its_tag_is_an_error_with_its_line(text, kind)
         (bomb(150, 1), 'nested too deeply'),
         ('a: &a {b: *a}', 'refers to what it is in'),
         ('&a [*a]', 'refers to what it is in'),
-        ('9' * 5000, '4300 digits'),
+        ('9' * 5000, '4300'),
         ('2001-99-99', 'month'),
         ('a: 1\nb: 2\na: 3', "line 3: the key 'a' is there twice"),
         ('a: [b', 'line 1'),
