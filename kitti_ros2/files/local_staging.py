@@ -24,7 +24,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from ..model.errors import NotDurableError, OutputError, OutputExistsError
-from .deferred_signals import deferred_signals
+from .signal_hold import deferred_signals
 from .durability import sync_folders, sync_tree
 from .exchange import exchange
 from .output_paths import make_parents, named_output

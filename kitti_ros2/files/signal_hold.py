@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import signal
 import threading
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from types import FrameType
 
     from typing_extensions import Self
@@ -20,9 +21,10 @@ _HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class SignalHold:
-    """As a context manager: the signals that end a program are handled when the block ends.
+    """As a context manager: the first signal that ends a program is handled when the block ends.
 
-    Only in the main thread, which handles them; elsewhere, nothing happens. Close it at the end.
+    Only in the main thread, which handles them; elsewhere, nothing happens. Signals that are ignored
+    stay ignored, and those that Python does not handle end the process at once. Close it at the end.
     """
 
     def __init__(self) -> None:
@@ -55,6 +57,20 @@ class SignalHold:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._holding:
-            self._pending = number, frame
+            self._pending = self._pending or (number, frame)
         else:
             self._before[number](number, frame)
+
+
+@contextmanager
+def deferred_signals() -> Iterator[None]:
+    """Hold back signals that end the program until the context ends, then handle them.
+
+    An exception of a handler would leave what is being removed half-removed.
+    """
+    hold = SignalHold()
+    try:
+        with hold:
+            yield
+    finally:
+        hold.close()

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from kitti_ros2.files.deferred_signals import deferred_signals
+from kitti_ros2.files.signal_hold import deferred_signals
 
 
 @pytest.fixture
