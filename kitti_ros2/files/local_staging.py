@@ -24,11 +24,11 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from ..model.errors import NotDurableError, OutputError, OutputExistsError
-from .signal_hold import deferred_signals
 from .durability import sync_folders, sync_tree
 from .exchange import exchange
 from .output_paths import make_parents, named_output
 from .remote import is_remote
+from .signal_hold import deferred_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -23,8 +23,9 @@ _HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class SignalHold:
     """As a context manager: the first signal that ends a program is handled when the block ends.
 
-    Only in the main thread, which handles them; elsewhere, nothing happens. Signals that are ignored
-    stay ignored, and those that Python does not handle end the process at once. Close it at the end.
+    Only in the main thread, which handles them; elsewhere, nothing happens. Signals that are
+    ignored stay ignored, and those that Python does not handle end the process at once. Close it
+    at the end.
     """
 
     def __init__(self) -> None:

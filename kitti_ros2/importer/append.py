@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..files.signal_hold import deferred_signals
 from ..files.durability import sync_folders, sync_tree
 from ..files.remote import is_remote
+from ..files.signal_hold import deferred_signals
 from ..files.staging import lock_exclusively, may_exist, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
