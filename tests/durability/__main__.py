@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -178,6 +179,7 @@ def main() -> int:
     given = parser.parse_args()
     if os.geteuid():
         parser.error('mounting needs root')
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # unmounts
     names = [
         name for name in CASES
         if not given.commands or any(name.startswith(each) for each in given.commands)

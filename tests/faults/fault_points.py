@@ -186,7 +186,8 @@ class Bench:
         before, after = shown(self._before), shown(self._after)
         if self._case.gradual:
             changed = fault.is_of_sources or run.code == _LOSSES
-            whole = {**self._sources_by_name(), **after}
+            sources = {name.rpartition('/')[2]: data for name, data in self._sources.items()}
+            whole = {**sources, **after}
             bad = [
                 name for name, data in left.items()
                 if name != _RECORD and not (changed and name not in after)
@@ -218,9 +219,6 @@ class Bench:
             yield f'listed, but absent: {[*after.keys() - left.keys()][:5]}'
         if run.code != _KILLED and 'undoes it' not in run.complaints:
             yield 'that frames are to be removed is not said'
-
-    def _sources_by_name(self) -> dict[str, bytes | None]:
-        return {name.rpartition('/')[2]: data for name, data in self._sources.items()}
 
     def _check_source(self, fault: Fault) -> Iterator[str]:
         if not fault.is_of_sources and tree_of(self._work / 'source') != self._sources:
