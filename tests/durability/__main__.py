@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -26,7 +27,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(_TESTS / 'faults'), str(_TESTS)]
 
 from fault_cases import CASES, Case  # noqa: E402 - after the path
 from fault_library import compile_faults  # noqa: E402
-from fault_points import shown, tree_of  # noqa: E402
+from fault_points import RECORD, shown, tree_of  # noqa: E402
 from fault_spread import spread  # noqa: E402
 
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest  # noqa: E402
@@ -155,10 +156,14 @@ class Trial:
         if code != _KILLED:
             yield f'call {call}: exit code {code}'
         if self._case.gradual:
+            extracted = json.loads(found.get(RECORD) or b'{}').values()
+            if any(f'out/{name}' not in found for names in extracted for name in names):
+                yield f'call {call}: recorded as extracted, but absent'
             whole = {**self._sources, **self._new}
             bad = [
                 name for name, data in found.items()
-                if whole.get(name, whole.get(name.rpartition('/')[2], b'?')) != data
+                if name != RECORD
+                and whole.get(name, whole.get(name.rpartition('/')[2], b'?')) != data
             ]  # fmt: skip
         else:
             bad = [] if found in (self._old, self._new) else sorted(found)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kitti_ros2.batch.manifest import MANIFEST
+from kitti_ros2.kitti.append_journal import FOLDER, JOURNAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -26,8 +27,8 @@ _NEVER_SAID = re.compile(
 )
 _NOTHING_LEFT = ('nothing was left behind', 'no incomplete output is left behind')
 _TOKEN = re.compile(r'(?<=content-)[0-9a-f]{8}')
-_RECORD = 'out/archives/extracted.json'  # grows with each archive
-_JOURNAL = 'out/.to-kitti-append/journal'  # the next run undoes what it lists
+RECORD = 'out/archives/extracted.json'
+_JOURNAL = f'out/{FOLDER}/{JOURNAL}'  # the next run undoes what it lists
 _KILLED = -9
 _TERMINATED = 143
 _REFUSED = 2
@@ -82,8 +83,8 @@ def shown(tree: Tree) -> dict[str, bytes | None]:
         for name, data in tree.items()
         if _is_shown(name) and not name.rpartition('/')[2].startswith(MANIFEST)
     }
-    if record := found.get(_RECORD):
-        found[_RECORD] = b' '.join(sorted(record.replace(b',', b'').split()))
+    if record := found.get(RECORD):
+        found[RECORD] = b' '.join(sorted(record.replace(b',', b'').split()))
     return found
 
 
@@ -190,7 +191,7 @@ class Bench:
             whole = {**sources, **after}
             bad = [
                 name for name, data in left.items()
-                if name != _RECORD and not (changed and name not in after)
+                if name != RECORD and not (changed and name not in after)
                 and whole.get(name, whole.get(name.rpartition('/')[2], b'?')) != data
             ]  # fmt: skip
             if bad and not changed:
