@@ -212,8 +212,8 @@ class Bench:
         before, after = shown(self._before), shown(self._after)
         if before.keys() - left.keys():
             yield f'files of before are gone: {[*before.keys() - left.keys()][:5]}'
-        known = [(tree.get(name, b'?') for tree in (before, after)) for name in left]
-        if any(data not in files for data, files in zip(left.values(), known, strict=True)):
+        known = {name: [tree.get(name, b'?') for tree in (before, after)] for name in left}
+        if any(data not in known[name] for name, data in left.items()):
             yield 'files that are neither old nor whole'
         is_listed = any(left[name] != before[name] for name in before if name in left)
         if is_listed and after.keys() - left.keys():
