@@ -124,6 +124,10 @@ class Trial:
         if '--append' in self._case.words:
             mend(place / 'out')
         found = shown(tree_of(place))
+        if RECORD in found:
+            extracted = json.loads((place / RECORD).read_bytes()).values()
+            absent = [name for names in extracted for name in names if f'out/{name}' not in found]
+            assert not absent, f'recorded as extracted, but absent: {absent}'
         if (place / 'out' / MANIFEST).exists():
             records, _ = read_manifest(place / 'out')
             for record in records:
@@ -156,9 +160,6 @@ class Trial:
         if code != _KILLED:
             yield f'call {call}: exit code {code}'
         if self._case.gradual:
-            extracted = json.loads(found.get(RECORD) or b'{}').values()
-            if any(f'out/{name}' not in found for names in extracted for name in names):
-                yield f'call {call}: recorded as extracted, but absent'
             whole = {**self._sources, **self._new}
             bad = [
                 name for name, data in found.items()
