@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _DEBUG = '--debug'
+_UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
 
 
 def main(args: list[str] | None = None) -> int:
@@ -92,6 +93,17 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
         return EXIT_USAGE
 
 
+def _interruption_of(error: RuntimeError) -> BaseException | None:
+    """Return the interruption that led to the error of a lock; None for all other errors.
+
+    A signal that arrives while threading.Condition.wait has released its lock, and does not expect
+    exceptions yet, leaves the lock released; leaving its context is an error then.
+    """
+    cause = error.__context__
+    is_interruption = isinstance(cause, (KeyboardInterrupt, SystemExit))
+    return cause if is_interruption and str(error) in _UNHELD_LOCK else None
+
+
 def _describe_unexpected(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'not enough memory; close other programs, or lower --jobs if you gave it'
@@ -119,7 +131,12 @@ def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
 
     if interruptible:
         _on_interrupt(signal.default_int_handler)
-    code = run(words)
+    try:
+        code = run(words)
+    except RuntimeError as error:
+        if interruption := _interruption_of(error):
+            raise interruption from None
+        raise
     sys.stdout.flush()
     return code
 

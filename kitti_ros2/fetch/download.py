@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..model.errors import KittiRos2Error, UsageError
+from ..model.errors import KittiRos2Error, OutputError, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S
 from ..options.dataset_tables import make_download_options
@@ -205,9 +205,6 @@ class _Download:
 
         def fetch_one(entry: CatalogueEntry) -> bool:
             target = self._folder / entry.name
-            if is_complete(target, checksums.get(entry.name, '')):
-                meter.advance(entry.name, target.stat().st_size, target.stat().st_size)
-                return False
             transfer = Transfer(
                 target,
                 entry.urls(base_url),
@@ -216,6 +213,10 @@ class _Download:
                 lambda count, size: meter.advance(entry.name, count, size),
                 fsync=self._extraction.fsync,
             )
+            if is_complete(target, checksums.get(entry.name, '')):
+                transfer.drop()  # what a run that was killed left of it
+                meter.advance(entry.name, target.stat().st_size, target.stat().st_size)
+                return False
             transfer.run(checksums.get(entry.name, ''))
             require_archive(target)
             return True
@@ -260,6 +261,9 @@ class _Download:
         except BadArchiveError as error:
             self._lose(entry, error)
             return
+        except OutputError as error:
+            error.leave('what was downloaded is kept')
+            raise
         self._extracted += report.archives
         self._losses += report.losses
         self._notes += report.notes

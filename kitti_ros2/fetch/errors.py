@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+import errno
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..model.errors import KittiRos2Error
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -30,3 +33,18 @@ class StoppedError(KittiRos2Error):
     def __init__(self, path: Path, reason: str) -> None:
         self.path = str(path)
         super().__init__(f'{path}: {reason}; what is complete is kept, run it again to go on')
+
+
+@contextmanager
+def stopping(path: Path) -> Iterator[None]:
+    """Convert errors of the disk to StoppedError.
+
+    Args:
+        path: What is written.
+    """
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in {errno.ENOSPC, errno.EDQUOT}
+        reason = 'the disk is full' if full else f'cannot be written ({error.strerror or error})'
+        raise StoppedError(path, reason) from error

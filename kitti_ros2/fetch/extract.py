@@ -4,10 +4,9 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections import defaultdict
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -18,7 +17,7 @@ from ..model.errors import KittiRos2Error, MissingPathError, UsageError
 from ..model.losses import Loss
 from ..model.text import format_count
 from ..options.dataset_tables import make_extract_options
-from .errors import BadArchiveError, BadMemberError, StoppedError
+from .errors import BadArchiveError, BadMemberError, stopping
 from .locking import locked_folder
 from .members import Limits
 from .open_archive import open_archive
@@ -27,7 +26,7 @@ from .tree import Outcome, Tree
 from .verification import require_space
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from typing_extensions import Unpack
 
@@ -153,14 +152,14 @@ class _Extraction:
             for member, pieces in packed.contents(readable):
                 place = readable[member]
                 try:
-                    with _stopping(self._root / place):
+                    with stopping(self._root / place):
                         outcome = self._tree.put(member, place, pieces, self._advance)
                 except BadMemberError as error:
                     skipped[str(error)].append(place)
                     continue
                 counts[outcome] += 1
                 size_bytes += member.size if outcome is Outcome.WRITTEN else 0
-        with _stopping(self._root):
+        with stopping(self._root):
             self._tree.settle()
         self.losses += [
             Loss(placement.path.name, len(of), f'{_first_of(of)}: {reason}')
@@ -237,14 +236,3 @@ def _check_space(root: Path, placements: Iterable[Placement]) -> None:
         if not os.path.lexists(root / place)
     )
     require_space(root, needed, 'extract elsewhere')
-
-
-@contextmanager
-def _stopping(path: Path) -> Iterator[None]:
-    """Convert errors of the disk to StoppedError."""
-    try:
-        yield
-    except OSError as error:
-        full = error.errno in {errno.ENOSPC, errno.EDQUOT}
-        reason = 'the disk is full' if full else f'cannot be written ({error.strerror or error})'
-        raise StoppedError(path, reason) from error

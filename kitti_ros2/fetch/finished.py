@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ..files.durability import sync_file, sync_folders
+from .errors import stopping
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,10 +40,15 @@ class FinishedArchives:
         return bool(files) and all((self._root / each).is_file() for each in files)
 
     def add(self, name: str, files: list[str]) -> None:
-        """Record that an archive was extracted."""
+        """Record that an archive was extracted.
+
+        Raises:
+            StoppedError: The disk refuses.
+        """
         self._files[name] = files
         part = self._path.with_name(f'.{_NAME}.part')
-        part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
-        sync_file(part)
-        part.replace(self._path)
-        sync_folders([self._path.parent])
+        with stopping(self._path):
+            part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
+            sync_file(part)
+            part.replace(self._path)
+            sync_folders([self._path.parent])

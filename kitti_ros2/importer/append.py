@@ -34,7 +34,13 @@ from ..kitti.append_journal import (
     parse_journal,
 )
 from ..kitti.store import STORE
-from ..model.errors import KittiRos2Error, OutputError, OutputExistsError, UsageError
+from ..model.errors import (
+    KittiRos2Error,
+    NotDurableError,
+    OutputError,
+    OutputExistsError,
+    UsageError,
+)
 from ..model.losses import format_numbers
 
 if TYPE_CHECKING:
@@ -72,6 +78,7 @@ def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending
     Raises:
         OutputExistsError: out is not a folder, or a file of a new frame appeared meanwhile.
         OutputError: Another run is writing to it, or it cannot be written.
+        NotDurableError: The frames are in the set, and the disk does not confirm it.
         UsageError: out is a URL, contains no object set, or has symbolic links where frames go.
     """
     _refuse_url(out)
@@ -210,7 +217,10 @@ def _commit(out: Path, split: str, *, fsync: bool) -> None:
         sync_folders(out / parent for path in moved for parent in path.parents)
     (work / JOURNAL).rename(work / COMMITTED)
     if fsync:
-        sync_folders([work])
+        try:
+            sync_folders([work])
+        except OSError as error:  # too late to undo: the frames are in the set
+            raise NotDurableError(out, error) from error
 
 
 def _plan(out: Path, split: str) -> AppendJournal:

@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -149,6 +150,28 @@ def test_an_unforeseen_error_is_one_line_too(recordings, tmp_path, capsys, monke
     monkeypatch.setattr('kitti_ros2.cli.to_bag.convert', lambda *_, **__: 1 / 0)
     assert main(['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']) == 2
     assert 'internal error, ZeroDivisionError' in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('lock', [threading.Lock, threading.RLock], ids=['Lock', 'RLock'])
+def test_an_interruption_that_breaks_a_lock_is_no_error(lock, tmp_path, capsys, monkeypatch):
+    """threading.Condition.wait has released its lock, and takes it again after the exception."""
+
+    def interrupt(error):
+        condition = threading.Condition(lock())
+        with condition:
+            condition.release()
+            raise error
+
+    words = ['to-bag', str(tmp_path), str(tmp_path / 'o.mcap')]
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(KeyboardInterrupt))
+    assert main(words) == 130
+    assert 'interrupted; ' in one_line(capsys.readouterr().err)
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(SystemExit(143)))
+    with pytest.raises(SystemExit, match='143'):
+        main(words)
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(ValueError))
+    assert main(words) == 2
+    assert 'internal error, RuntimeError' in one_line(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ class Sources:
     def foreign_bag(self) -> Path:
         out = self.folder / 'foreign.mcap'
         if not out.exists():
-            foreign.write_bag(out)
+            foreign.write_foreign(out, foreign.make_truth())
         return out
 
     def archive(self) -> Path:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import errno
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 from zipfile import ZipFile
 
@@ -93,28 +93,18 @@ FAULTS = {
 }
 
 
-def _drive(folder: Path) -> Path:
-    return write_synthetic(folder, Layout.RAW, TINY)
+def _drive(folder: Path, options: SyntheticOptions = TINY) -> Path:
+    return write_synthetic(folder, Layout.RAW, options)
 
 
-def _bag(name: str, *words: str) -> Callable[[Path], Path]:
+def _bag(name: str, *words: str, frames: int = 1) -> Callable[[Path], Path]:
     """A bag of the drive."""
 
     def prepare(folder: Path) -> Path:
-        drive = _drive(folder.with_name('drive'))
+        drive = _drive(folder.with_name('drive'), replace(TINY, frames=frames))
         assert main(['to-bag', str(drive), str(folder / name), '-q', *words]) == 0
         shutil.rmtree(folder.with_name('drive'))
         return folder / name
-
-    return prepare
-
-
-def _layout_bag(layout: Layout) -> Callable[[Path], Path]:
-    def prepare(folder: Path) -> Path:
-        source = write_synthetic(folder.with_name('drive'), layout, TINY)
-        assert main(['to-bag', str(source), str(folder / 'bag.mcap'), '-q']) == 0
-        shutil.rmtree(folder.with_name('drive'))
-        return folder / 'bag.mcap'
 
     return prepare
 
@@ -167,9 +157,9 @@ def _mirror(folder: Path) -> Path:
     return folder
 
 
-def _to_kitti(layout: str, *words: str, **more: Any) -> Case:
+def _to_kitti(layout: str, frames: int = 1) -> Case:
     given = ('to-kitti', '{source}', '{out}', '-q', *(['--layout', layout] if layout else []))
-    return Case((*given, *words), _bag('bag.mcap'), **more)
+    return Case(given, _bag('bag.mcap', frames=frames))
 
 
 _APPEND = ('to-kitti', '{source}', '{out}', '-q', '--layout', 'object', '--append')
@@ -185,7 +175,7 @@ CASES = {
     ),
     'to-kitti restored': _to_kitti(''),
     'to-kitti object': _to_kitti('object'),
-    'to-kitti odometry': _to_kitti('odometry'),
+    'to-kitti odometry': _to_kitti('odometry', 2),  # a frame needs a pose before and one after it
     'to-kitti tracking': _to_kitti('tracking'),
     'to-kitti --append': Case(_APPEND, _bag('bag.mcap'), before=_APPEND),
     'recover mcap': Case(('recover', '{source}', '{out}.mcap', '-q'), _cut('bag.mcap')),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kitti_ros2.batch.manifest import MANIFEST
+from kitti_ros2.kitti.append_journal import FOLDER, JOURNAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -26,7 +27,8 @@ _NEVER_SAID = re.compile(
 )
 _NOTHING_LEFT = ('nothing was left behind', 'no incomplete output is left behind')
 _TOKEN = re.compile(r'(?<=content-)[0-9a-f]{8}')
-_RECORD = 'out/archives/extracted.json'  # grows with each archive
+RECORD = 'out/archives/extracted.json'
+_JOURNAL = f'out/{FOLDER}/{JOURNAL}'  # the next run undoes what it lists
 _KILLED = -9
 _TERMINATED = 143
 _REFUSED = 2
@@ -81,8 +83,8 @@ def shown(tree: Tree) -> dict[str, bytes | None]:
         for name, data in tree.items()
         if _is_shown(name) and not name.rpartition('/')[2].startswith(MANIFEST)
     }
-    if record := found.get(_RECORD):
-        found[_RECORD] = b' '.join(sorted(record.replace(b',', b'').split()))
+    if record := found.get(RECORD):
+        found[RECORD] = b' '.join(sorted(record.replace(b',', b'').split()))
     return found
 
 
@@ -153,10 +155,13 @@ class Bench:
         elif run.code not in {0, _LOSSES, _REFUSED, _TERMINATED}:
             yield f'exit code {run.code}'
         yield from self._check_words(run, left)
-        yield from self._check_left(run, shown(left), fault)
-        # A fault that lets removing fail, too, leaves something; _check_words checks what is said.
-        orderly = run.code in {_LOSSES, _REFUSED, _TERMINATED} and not fault.hits_removing
-        if orderly and not self._case.gradual and self._leftovers(left):
+        if _JOURNAL in left:
+            yield from self._check_half_appended(run, shown(left))
+        else:
+            yield from self._check_left(run, shown(left), fault)
+        # A fault that lets removing or undoing fail leaves something; what is said is checked.
+        is_orderly = run.code in {_LOSSES, _REFUSED, _TERMINATED} and not fault.hits_removing
+        if is_orderly and _JOURNAL not in left and not self._case.gradual and self._leftovers(left):
             yield f'it leaves {self._leftovers(left)}'
 
     def _check_words(self, run: Run, left: Tree) -> Iterator[str]:
@@ -182,10 +187,11 @@ class Bench:
         before, after = shown(self._before), shown(self._after)
         if self._case.gradual:
             changed = fault.is_of_sources or run.code == _LOSSES
-            whole = {**self._sources_by_name(), **after}
+            sources = {name.rpartition('/')[2]: data for name, data in self._sources.items()}
+            whole = {**sources, **after}
             bad = [
                 name for name, data in left.items()
-                if name != _RECORD and not (changed and name not in after)
+                if name != RECORD and not (changed and name not in after)
                 and whole.get(name, whole.get(name.rpartition('/')[2], b'?')) != data
             ]  # fmt: skip
             if bad and not changed:
@@ -201,8 +207,19 @@ class Bench:
         elif run.code not in {0, _LOSSES} and left not in (before, after):
             yield f'an output that is neither old nor complete: {[*left][:5]}'
 
-    def _sources_by_name(self) -> dict[str, bytes | None]:
-        return {name.rpartition('/')[2]: data for name, data in self._sources.items()}
+    def _check_half_appended(self, run: Run, left: Tree) -> Iterator[str]:
+        """Some new frames are in their places: whole ones, and no list names one that is not."""
+        before, after = shown(self._before), shown(self._after)
+        if before.keys() - left.keys():
+            yield f'files of before are gone: {[*before.keys() - left.keys()][:5]}'
+        known = {name: [tree.get(name, b'?') for tree in (before, after)] for name in left}
+        if any(data not in known[name] for name, data in left.items()):
+            yield 'files that are neither old nor whole'
+        is_listed = any(left[name] != before[name] for name in before if name in left)
+        if is_listed and after.keys() - left.keys():
+            yield f'listed, but absent: {[*after.keys() - left.keys()][:5]}'
+        if run.code != _KILLED and 'undoes it' not in run.complaints:
+            yield 'that frames are to be removed is not said'
 
     def _check_source(self, fault: Fault) -> Iterator[str]:
         if not fault.is_of_sources and tree_of(self._work / 'source') != self._sources:
@@ -214,7 +231,8 @@ class Bench:
         differs = shown(left) not in (shown(self._before), shown(self._after))
         if differs and (fault.is_of_sources or (run.code == _LOSSES and not self._case.gradual)):
             return  # by what is listed as lost
-        if not self._case.gradual and shown(left) == shown(self._after) != shown(self._before):
+        is_done = shown(left) == shown(self._after) != shown(self._before)
+        if is_done and not self._case.gradual and _JOURNAL not in left:
             code, expected = self._again_code, self._again
         else:
             code, expected = self._code, self._after

@@ -17,6 +17,12 @@ FOUND = [
     ('to-bag mcap', 'SIGTERM at a read', 1.0),
     ('to-bag mcap', 'no memory', 0.6),
     ('to-kitti --append', 'SIGTERM', 0.85),
+    ('to-kitti --append', 'SIGKILL', 0.75),
+    ('to-kitti --append', 'full disk', 0.75),
+    ('to-kitti --append', 'full disk', 0.857),
+    ('download', 'SIGKILL', 0.065),
+    ('download', 'EIO once', 0.285),
+    ('download', 'full disk', 0.09),
 ]
 """Commands, faults and parts of a run at which something was found once."""
 

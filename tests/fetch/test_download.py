@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 import sys
+from itertools import count
 
 import pytest
 from archives_of import pack, pack_folder, tree_of
@@ -19,7 +20,7 @@ from http_mirror import Mirror, serving
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
 from kitti_ros2.fetch import download as download_module
-from kitti_ros2.fetch import transfer
+from kitti_ros2.fetch import finished, locking, transfer
 from kitti_ros2.fetch.catalogue import ENTRIES, KITTI_URL
 from kitti_ros2.fetch.keywords import DownloadKeywords, ExtractKeywords
 from kitti_ros2.fetch.locking import locked_folder
@@ -235,6 +236,48 @@ def test_a_full_disk_is_one_line_and_can_be_continued(mirror, tmp_path, monkeypa
     monkeypatch.setattr(transfer.Transfer, '_write', write)
     run(*words)
     assert (tmp_path / 'o' / 'raw' / '2011_09_26' / 'calib_cam_to_cam.txt').is_file()
+
+
+def test_what_a_killed_run_left_of_a_complete_archive_is_removed(mirror, tmp_path):
+    archives = tmp_path / 'o' / 'archives'
+    words = ['raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url,
+             '--accept-license', '-q']  # fmt: skip
+    run(*words, '--archives-only')
+    (archives / '2011_09_26_calib.zip.part.json').write_text('{}')
+    run(*words, '--archives-only')
+    assert [each.name for each in archives.iterdir()] == ['2011_09_26_calib.zip']
+
+
+def test_errors_after_a_download_say_what_is_kept(mirror, tmp_path, monkeypatch, capsys):
+    words = ['raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url,
+             '--accept-license', '-q']  # fmt: skip
+
+    def refuse(*_):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(finished, 'sync_file', refuse)
+        run(*words, code=2)
+    line = one_line(capsys.readouterr().err)
+    assert 'extracted.json: cannot be written (Input/output error); what is complete is' in line
+    (tmp_path / 'o' / 'archives' / 'extracted.json').unlink(missing_ok=True)
+    with monkeypatch.context() as patched:
+        patched.setattr(locking, 'lock_exclusively', _refuse_after_the_first())
+        run(*words, code=2)
+    line = one_line(capsys.readouterr().err)
+    assert 'what was downloaded is kept' in line
+    assert 'nothing was left' not in line
+
+
+def _refuse_after_the_first():
+    """Lock the folder of archives, and not that of what is extracted."""
+    calls = count()
+
+    def lock(_folder, path):
+        if next(calls):
+            raise OutputError(path, 'cannot be locked', 'write elsewhere')
+
+    return lock
 
 
 def test_too_little_space_is_known_before(tmp_path, monkeypatch):

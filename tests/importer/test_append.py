@@ -20,12 +20,19 @@ import pytest
 from kitti_ros2.cli import main
 from kitti_ros2.files.staging import staged
 from kitti_ros2.importer.append import appended, mend, next_number
-from kitti_ros2.kitti.append_journal import FOLDER, JOURNAL, find_journal, parse_journal
+from kitti_ros2.kitti.append_journal import (
+    COMMITTED,
+    FOLDER,
+    JOURNAL,
+    find_journal,
+    parse_journal,
+)
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import (
     BadFileError,
     KittiRos2Error,
+    NotDurableError,
     OutputError,
     OutputExistsError,
     UsageError,
@@ -492,3 +499,18 @@ def test_what_is_no_object_set_is_not_appended_to(tmp_path):
     with pytest.raises(OutputExistsError, match='no folder'):
         append(tmp_path / 'file')
     assert sorted(tree(tmp_path)) == ['file', 'out', 'out/holiday']
+
+
+def test_frames_whose_commit_is_not_confirmed_are_in_the_set(made, monkeypatch):
+    out = made[0]
+    first = next_number(out, 'training')
+
+    def refuse(folders):
+        if (out / FOLDER / COMMITTED).exists() and [*folders] == [out / FOLDER]:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr('kitti_ros2.importer.append.sync_folders', refuse)
+    with pytest.raises(NotDurableError, match='is complete, but the disk does not confirm'):
+        append(out)
+    assert next_number(out, 'training') == first + 2
+    assert not (out / FOLDER).exists()
