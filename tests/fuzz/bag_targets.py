@@ -12,12 +12,18 @@ from io import BytesIO
 from pathlib import Path
 
 import yaml
+import zstandard
 from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.api.conversions import to_kitti
-from kitti_ros2.bags.definitions import parse_definition
+from kitti_ros2.bags.bag_files import OpenBag
+from kitti_ros2.bags.decoding import Decoder
+from kitti_ros2.bags.definitions import Definitions
+from kitti_ros2.bags.findings import Findings
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
+from kitti_ros2.bags.pieces import StoredChannel
 from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.reading import BagMessage
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.survey import glance, look
@@ -42,21 +48,23 @@ _SQLITE = ('bags/sqlite_file.py', 'bags/sqlite_scan.py', 'bags/sqlite_tree.py',
 _ROS1 = ('bags/ros1_file.py', 'bags/ros1_scan.py', 'bags/ros1_records.py',
          'bags/ros1_messages.py', 'bags/chunked_file.py', 'bags/chunk_scan.py',
          'bags/record_walk.py')  # fmt: skip
-_COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
+COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
            'bags/to_cdr.py', 'bags/offered_qos.py', 'bags/foxglove_channels.py',
            'bags/decompressors.py')  # fmt: skip
 
 
 def _read(path: Path) -> None:
-    """Read a bag as info, report and conversions do."""
-    summarize_bag(path)
-    with open_messages(path) as messages:
-        for message in messages:
-            bytes(message.data[:4])
-        _ = messages.losses, messages.findings, messages.expected
+    """Read a bag as info, report and conversions do; what all share is opened once."""
+    with OpenBag(path) as bag:
+        _ = summarize_bag(bag).message_count
+        bag.index.by_topic()
+        with open_messages(bag) as messages:
+            for message in messages:
+                bytes(message.data[:4])
+            _ = messages.losses, messages.findings, messages.expected, messages.complete
 
 
-def _reader(name: str):
+def reader(name: str):
     def run(data: bytes) -> None:
         _read(stored(name, data))
 
@@ -69,6 +77,52 @@ def _metadata(data: bytes) -> None:
         (folder / 'a_0.mcap').write_bytes(_small()[0])
     (folder / 'metadata.yaml').write_bytes(data)
     _read(folder)
+
+
+def _packed(data: bytes) -> None:
+    """Read a file that rosbag2 compressed: alone, and in a folder with and without metadata."""
+    plain = place('packed/metadata.yaml')
+    (plain.parent / 'a_0.mcap.zstd').write_bytes(data)
+    _read(plain.parent / 'a_0.mcap.zstd')
+    plain.unlink(missing_ok=True)
+    _read(plain.parent)
+    plain.write_bytes(_packed_metadata('file'))
+    _read(plain.parent)
+
+
+def _packed_messages(data: bytes) -> None:
+    """Read a file whose messages rosbag2 compressed."""
+    folder = place('packed_messages/metadata.yaml').parent
+    (folder / 'a_0.mcap').write_bytes(data)
+    (folder / 'metadata.yaml').write_bytes(_packed_metadata('message'))
+    _read(folder)
+
+
+@cache
+def _packed_metadata(mode: str) -> bytes:
+    values = yaml.safe_load(_metadata_texts()[0])
+    information = values['rosbag2_bagfile_information']
+    information['compression_format'], information['compression_mode'] = 'zstd', mode
+    name = 'a_0.mcap.zstd' if mode == 'file' else 'a_0.mcap'
+    information['relative_file_paths'] = [name]
+    information['files'][0]['path'] = name
+    return yaml.safe_dump(values).encode()
+
+
+def _packed_files() -> list[bytes]:
+    packer = zstandard.ZstdCompressor()
+    streamed = zstandard.ZstdCompressor(write_content_size=False)
+    return [each.compress(data) for data in _small() for each in (packer, streamed)]
+
+
+def _with_packed_messages() -> list[bytes]:
+    made = []
+    for options in ({}, {'write_content_size': False}):
+        packer = zstandard.ZstdCompressor(**options)
+        packed = [(topic, kind, ns, packer.compress(data)) for topic, kind, ns, data in
+                  (_HELLO, _IMAGE, _HELLO)]  # fmt: skip
+        made.append(_mcap(packed))
+    return made
 
 
 def _qos(data: bytes) -> None:
@@ -85,10 +139,27 @@ def _qos_texts() -> list[bytes]:
 
 def _definition(data: bytes) -> None:
     name, _, text = decode_text(data, Path('definition')).partition('\n')
+    for encoding in ('ros2msg', 'ros1msg', 'ros2idl', 'other'):
+        channel = StoredChannel('/t', name, 'cdr', text, encoding)
+        Definitions(Findings()).add(Path('a'), Path('a'), channel)
+
+
+def _typestore(data: bytes) -> None:
+    """Go on to messages of the type, which is slow."""
+    name, _, text = decode_text(data, Path('definition')).partition('\n')
     for encoding in ('ros2msg', 'ros1msg', 'ros2idl'):
-        # What bags/definitions.py makes a loss of.
-        with suppress(Exception):
-            parse_definition(name, text, encoding)
+        definitions = Definitions(Findings())
+        for bag, each in ((Path('a'), text), (Path('b'), text.replace('64', '32'))):
+            channel = StoredChannel('/t', name, 'cdr', each, encoding)
+            definitions.add(bag, bag, channel)
+        if name in definitions.complete([name]):
+            continue
+        with suppress(ValueError):  # what its caller reports
+            definitions.check_known(name)
+        store = definitions.typestore()
+        definitions.with_original_texts(store).generate_msgdef(name, 2)
+        with suppress(ValueError):
+            Decoder(store)(BagMessage('/t', name, 1, bytes(400)))
 
 
 def _survey(data: bytes) -> None:
@@ -170,10 +241,14 @@ def _metadata_texts() -> list[bytes]:
     plain = (folder / 'metadata.yaml').read_bytes()
     values = yaml.safe_load(plain)
     information = values['rosbag2_bagfile_information']
+    del information['topics_with_message_count'][2:]  # short texts are read fast
     information['relative_file_paths'] = ['a_0.mcap']
     information['storage_identifier'] = 'mcap'
     information['files'][0]['path'] = 'a_0.mcap'
-    return [plain, yaml.safe_dump(values).encode()]
+    own = yaml.safe_dump(values).encode()
+    for each in information['topics_with_message_count']:
+        each['topic_metadata']['offered_qos_profiles'] = '- history: 1\n  depth: 9\n'
+    return [yaml.safe_dump(values).encode(), own, plain]
 
 
 def _definition_texts() -> list[bytes]:
@@ -183,7 +258,8 @@ def _definition_texts() -> list[bytes]:
     idl = (b'a/msg/B\nmodule a { module msg { const long C = 3; typedef double d[3];'
            b' struct B { @verbatim(language="x", text="y") d place; sequence<string> names;'
            b' a::msg::E e; }; }; };')  # fmt: skip
-    return [*texts, idl]
+    small = b'a/msg/B\nstd_msgs/Header header\nfloat64 x\nuint8 A=1\nstring S=text\n'
+    return [small, *texts, idl]
 
 
 def _own() -> list[bytes]:
@@ -212,7 +288,7 @@ def _checked(data: bytes) -> None:
     )
 
 
-_RECORD_WORDS = (
+RECORD_WORDS = (
     *(b'\x89MCAP0\r\n', b'zstd', b'lz4', b'cdr', b'ros2msg', b'ros2idl', b'protobuf', b'json'),
     *(struct.pack('<BQ', kind, size) for kind in range(1, 16) for size in (0, 8, 2**40)),
 )
@@ -222,20 +298,31 @@ _ROS1_WORDS = (
 )
 _SQL_WORDS = (b'topics', b'messages', b'schema', b'metadata', b'CREATE VIEW', b'zeroblob(', b'\x0d',
               b'\x05', b'\x02', b'\x0a', b'INTEGER', b'BLOB')  # fmt: skip
+_TYPE_WORDS = (
+    *(b'string<=3', b'[<=4]', b'[2]', b'uint8', b'===', b'MSG: a/B', b'=1', b'module ', b'header'),
+    *(b'(', b'sequence<', b'/*', b'//', b'"', b'#', b'a/B'),
+)
 
 TARGETS = (
-    Target('mcap', _reader('a.mcap'), _indexed, (*_MCAP, *_COMMON), _RECORD_WORDS, short=150),
-    Target('mcap_without_index', _reader('a.mcap'), _unindexed, (*_MCAP, *_COMMON), _RECORD_WORDS,
+    Target('mcap', reader('a.mcap'), _indexed, (*_MCAP, *COMMON), RECORD_WORDS, short=150),
+    Target('mcap_without_index', reader('a.mcap'), _unindexed, (*_MCAP, *COMMON), RECORD_WORDS,
            short=150),
-    Target('sqlite3', _reader('a.db3'), _databases, (*_SQLITE, *_COMMON), _SQL_WORDS, short=100),
-    Target('ros1', _reader('a.bag'), _ros1_bags, (*_ROS1, *_COMMON), _ROS1_WORDS, short=100),
+    Target('sqlite3', reader('a.db3'), _databases, (*_SQLITE, *COMMON), _SQL_WORDS, short=100),
+    Target('ros1', reader('a.bag'), _ros1_bags, (*_ROS1, *COMMON), _ROS1_WORDS, short=100),
+    Target('packed', _packed, _packed_files, (*_MCAP, *COMMON, 'bags/locate.py'), (b'zstd',),
+           short=40),
+    Target('packed_messages', _packed_messages, _with_packed_messages,
+           (*_MCAP, *COMMON, 'bags/locate.py'), RECORD_WORDS, short=40),
     Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
-           short=100),
+           short=100, long=100_000),
     Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
            long=100_000),
-    Target('definition', _definition, _definition_texts, ('bags/definitions.py',),
-           (b'string<=3', b'[<=4]', b'[2]', b'uint8', b'===', b'MSG: a/B', b'=1', b'module '),
-           is_text=True),
+    Target('definition', _definition, _definition_texts,
+           ('bags/definitions.py', 'bags/definition_texts.py'), _TYPE_WORDS, is_text=True,
+           long=100_000),
+    Target('typestore', _typestore, _definition_texts,
+           ('bags/definitions.py', 'bags/definition_texts.py', 'bags/decoding.py'), _TYPE_WORDS,
+           is_text=True, short=40, long=5000),
     Target('survey', _survey, _own,
            ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py'), short=20,
            long=2000),

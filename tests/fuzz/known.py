@@ -65,6 +65,19 @@ def _chunk_bombs() -> list[bytes]:
     ]
 
 
+def _short_messages() -> list[bytes]:
+    """A chunk with messages that are shorter than their head."""
+    schema = struct.pack('<H', 1) + _text(b'std_msgs/msg/String') + _text(b'ros2msg')
+    channel = struct.pack('<HH', 1, 1) + _text(b'/t') + _text(b'cdr') + _text(b'')
+    described = _record(3, schema + _text(b'string data')) + _record(4, channel)
+    whole = _record(5, struct.pack('<HIQQ', 1, 0, 7, 7) + b'\0\1\0\0\1\0\0\0\0')
+    return [
+        _mcap_chunk(b'', data, len(data))
+        for size in (0, 2, 21)
+        for data in (described + whole + _record(5, bytes(size)) + whole,)
+    ]
+
+
 def _message_bomb() -> list[bytes]:
     """A message that is compressed on its own."""
     target = BytesIO()
@@ -160,9 +173,41 @@ def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
 
 
+def _idl(fields: str, constants: str = '') -> bytes:
+    text = f'a/msg/B\nmodule a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
+    return text.encode()
+
+
+def _definitions() -> list[bytes]:
+    """Nesting on which the parser takes exponential time, and names and numbers no class has."""
+    return [
+        _idl('long d;', f'const long C = {"(" * 3}3{")" * 3};'),
+        _idl('sequence<' * 24 + 'long' + '>' * 24 + ' d;'),
+        _idl('long d;' * 3000),
+        _idl('long d[3];' * 2500),
+        _idl('long d; @x("' + '\\"' * 20_000),
+        _idl('long d;', 'const long C = 1 << 99999;'),
+        b'a/msg/B\nfloat64 x\nfloat64 x\n',
+        b'a/msg/B\nfloat64 class\nfloat64 class_\n',
+        b'a/msg/B\nfloat64 X=1e999\nfloat64 x\n',
+        b'a/msg/B\n' + b'\n' * 60_000 + b'float64 x\n',
+    ]
+
+
+def _beyond_float32() -> list[bytes]:
+    color = '{"r": 1, "g": 1, "b": 1, "a": 1e100}'
+    return [
+        f'SceneUpdate\n{{"entities": [{{"cubes": [{{"color": {color}}}]}}]}}'.encode(),
+        b'LaserScan\n{"start_angle": 1e200, "ranges": [1, 2]}',
+    ]
+
+
 _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
-    'mcap': (_chunk_bombs, _message_bomb),
-    'mcap_without_index': (_chunk_bombs,),
+    'definition': (_definitions,),
+    'typestore': (_definitions,),
+    'foxglove': (_beyond_float32,),
+    'mcap': (_chunk_bombs, _message_bomb, _short_messages),
+    'mcap_without_index': (_chunk_bombs, _short_messages),
     'ros1': (_ros1_bomb, _ros1_lengths),
     'sqlite3': (_databases,),
     'png': (_pngs,),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import foreign
-import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.decoding import Decoder
@@ -32,7 +31,7 @@ from kitti_ros2.messages.scan_sources import SCAN_SOURCES, ScanNeeds
 from kitti_ros2.messages.solid_boxes import classes_in, cuboids_in, frames_in
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers
+from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
 from kitti_ros2.messages.velodyne_packets import find_model
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.geometry import Transform
@@ -40,9 +39,8 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.own_bags.description import parse_description
 
 from .inputs import own_bag
+from .message_inputs import Messages
 from .target import Target, place
-
-from bags.bag_samples import random_message  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,7 +62,7 @@ def _scan(message: Any, msgtype: str) -> None:
         if msgtype in source.msgtypes and source.suits(message):
             with _attempted():
                 source.scale([message])
-            for model in ('VLP-16', 'HDL-64E') if source.has_model else ('',):
+            for model in MODELS if source.has_model else ('',):
                 needs = ScanNeeds(255.0, _camera(), model=MODELS.get(model), lasers=_lasers(model))
                 with _attempted():
                     source.decode(message, needs)
@@ -72,7 +70,9 @@ def _scan(message: Any, msgtype: str) -> None:
 
 @cache
 def _lasers(model: str):
-    return nominal_lasers(model) or nominal_lasers('VLP-16')
+    each = '- {laser_id: %d, vert_correction: 0.1, two_pt_correction_available: true}\n'
+    text = 'lasers:\n' + ''.join(each % number for number in range(64))
+    return nominal_lasers(model) or parse_lasers(text, PATH)
 
 
 @cache
@@ -232,10 +232,7 @@ def _messages() -> dict[str, list[bytes]]:
 
 
 def _seeds(msgtype: str) -> list[bytes]:
-    rng, store = np.random.default_rng(1), _store()
-    made = [random_message(store, msgtype, rng) for _ in range(3)]
-    random = [bytes(store.serialize_cdr(each, msgtype)) for each in made]
-    return [*random, *_messages().get(msgtype, [])]
+    return [*Messages(_store()).of(msgtype), *_messages().get(msgtype, [])]
 
 
 _MODULES = {
