@@ -78,6 +78,15 @@ def _short_messages() -> list[bytes]:
     ]
 
 
+def _endless_chunks() -> list[bytes]:
+    """A file that ends in a chunk of terabytes, or of more bytes than a number of C counts."""
+    start = _MAGIC + _record(1, _text(b'ros2') + _text(b''))
+    return [
+        start + struct.pack('<BQ', 6, length) + b'\x90' * 2
+        for length in (2**40, 2**47, 2**63 - 1, 2**63, 2**64 - 1)
+    ]
+
+
 def _message_bomb() -> list[bytes]:
     """A message that is compressed on its own."""
     target = BytesIO()
@@ -206,8 +215,8 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'definition': (_definitions,),
     'typestore': (_definitions,),
     'foxglove': (_beyond_float32,),
-    'mcap': (_chunk_bombs, _message_bomb, _short_messages),
-    'mcap_without_index': (_chunk_bombs, _short_messages),
+    'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
+    'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
     'ros1': (_ros1_bomb, _ros1_lengths),
     'sqlite3': (_databases,),
     'png': (_pngs,),
