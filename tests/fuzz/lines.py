@@ -14,6 +14,7 @@ import re
 import sys
 from collections import defaultdict
 from contextlib import contextmanager
+from dis import get_instructions
 from functools import cache
 from pathlib import Path
 from types import CodeType
@@ -46,6 +47,8 @@ NOT_COUNTED = {
 }  # fmt: skip
 """Functions beside the parsers of a module that read nothing of an input: they make messages, find
 files by name, declare options, or end a run."""
+_NOTHING = {'RESUME', 'LOAD_CONST', 'RETURN_VALUE', 'RETURN_CONST'}
+"""All that a function without a body does."""
 _OPTIMIZED = 1
 """The flag of functions; modules and classes have none."""
 
@@ -64,8 +67,7 @@ def _functions(code: CodeType, without: Collection[str] = ()) -> Iterator[CodeTy
 
 def _is_abstract(code: CodeType) -> bool:
     """Whether a function has a description in place of a body, as in a Protocol."""
-    is_empty = not code.co_names and set(code.co_consts) <= {code.co_consts[0], None}
-    return is_empty and isinstance(code.co_consts[0], str)
+    return {each.opname for each in get_instructions(code)} <= _NOTHING
 
 
 @cache
