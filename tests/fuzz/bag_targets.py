@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from collections import Counter
-from contextlib import suppress
+from contextlib import closing, suppress
 from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -192,7 +193,24 @@ def _ros1_bags() -> list[bytes]:
 
 def _databases() -> list[bytes]:
     small = [each for each in found('sql/*.db3') if len(each) < 20_000]
-    return [*bag_bytes('a'), *small]
+    return [*bag_bytes('a'), *small, *_large_rows()]
+
+
+def _large_rows() -> list[bytes]:
+    """Rows over many pages, which are read from the pages themselves."""
+    topic = ('/t', 'std_msgs/msg/String', 'cdr', '')
+    path = place('large.db3')
+    path.unlink(missing_ok=True)
+    with closing(sqlite3.connect(path)) as database, database:
+        columns = 'name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT'
+        database.execute(f'CREATE TABLE topics(id INTEGER PRIMARY KEY, {columns})')
+        columns = 'topic_id INTEGER, timestamp INTEGER, data BLOB'
+        database.execute(f'CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})')
+        database.execute('INSERT INTO topics VALUES (1, ?, ?, ?, ?)', topic)
+        rows = [(number, 1, number, bytes(70_000)) for number in (1, 2)]
+        rows += [(number, 1, number, bytes(9)) for number in range(3, 400)]
+        database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+    return [path.read_bytes()]
 
 
 def _metadata_texts() -> list[bytes]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _KINDS = ('i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8')
-_SIZE = (4, 6)
+SIZE = (4, 6)
 """Rows and columns, which every encoding allows."""
 _ENCODINGS = {
     **dict.fromkeys(('mono8', '8UC1', 'bayer_rggb8', 'bayer_gbrg8'), 1),
@@ -64,7 +64,7 @@ class Messages:
 
 
 def _images(messages: Messages) -> Iterator[Any]:
-    height, width = _SIZE
+    height, width = SIZE
     for encoding, size in _ENCODINGS.items():
         for big in (0, 1):
             data = messages.bytes(height * (width * size + big))
@@ -81,8 +81,8 @@ def _encoded(suffix: str, pixels: np.ndarray) -> bytes:
 
 
 def _compressed(messages: Messages) -> Iterator[Any]:
-    height, width = _SIZE
-    grey = messages.bytes(height * width).reshape(_SIZE)
+    height, width = SIZE
+    grey = messages.bytes(height * width).reshape(SIZE)
     deep = (grey.astype(np.uint16) << 4) + 1
     colour = np.dstack([grey, grey // 2, grey // 3])
     png = _encoded('.png', deep)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,7 +40,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.own_bags.description import parse_description
 
 from .inputs import own_bag
-from .message_inputs import Messages
+from .message_inputs import SIZE, Messages
 from .target import Target, place
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def _lasers(model: str):
 
 @cache
 def _camera():
-    return camera_model(foreign.camera_info(1, 'a', right=False))
+    model = camera_model(foreign.camera_info(1, 'a', right=False))
+    return replace(model, size=(SIZE[1], SIZE[0]))
 
 
 def _cloud(message: Any) -> None:
@@ -235,22 +237,29 @@ def _seeds(msgtype: str) -> list[bytes]:
     return [*Messages(_store()).of(msgtype), *_messages().get(msgtype, [])]
 
 
-_MODULES = {
-    types.CLOUD: ('messages/clouds.py', 'messages/scan.py', 'messages/point_spans.py'),
-    types.IMAGE: ('messages/pixels.py', 'messages/image.py', 'messages/depth_images.py'),
-    types.COMPRESSED: ('messages/pixels.py', 'messages/jpeg.py'),
-    types.CAMERA_INFO: ('messages/camera_info.py',),
-    types.ODOMETRY: ('messages/pose.py',),
-    types.TF: ('messages/transform_numbers.py', 'messages/transforms.py'),
-    types.MARKERS: ('messages/marker_boxes.py',),
-    types.DETECTIONS_3D: ('messages/detections.py', 'messages/solid_boxes.py'),
-    types.DETECTIONS_2D: ('messages/detections.py',),
-    types.DETECTED_OBJECTS: ('messages/autoware_objects.py',),
-    types.LASER_SCAN: ('messages/laser_scan.py',),
-    'livox_ros_driver2/msg/CustomMsg': ('messages/livox_points.py',),
-    types.VELODYNE: ('messages/velodyne_packets.py',),
-    types.STRING: ('messages/source.py', 'own_bags/description.py'),
-}
+_MODULES = (
+    'messages/autoware_objects.py',
+    'messages/camera_info.py',
+    'messages/clouds.py',
+    'messages/depth_images.py',
+    'messages/detections.py',
+    'messages/image.py',
+    'messages/jpeg.py',
+    'messages/laser_scan.py',
+    'messages/livox_points.py',
+    'messages/marker_boxes.py',
+    'messages/pixels.py',
+    'messages/point_spans.py',
+    'messages/pose.py',
+    'messages/scan.py',
+    'messages/solid_boxes.py',
+    'messages/source.py',
+    'messages/transform_numbers.py',
+    'messages/transforms.py',
+    'messages/velodyne_models.py',
+    'messages/velodyne_packets.py',
+    'own_bags/description.py',
+)
 _WORDS = (
     *(b'rgb8', b'bgra8', b'mono16', b'16UC1', b'32FC1', b'bayer_rggb8', b'yuv422', b'png', b'jpeg'),
     *(b'x', b'intensity', b'time', b'plumb_bob', b'equidistant', b'16UC1; compressedDepth png'),
@@ -269,7 +278,7 @@ _WORDS = (
 TARGETS = (
     *(
         Target(f'cdr_{msgtype.rpartition("/")[2]}', partial(_run, msgtype),
-               partial(_seeds, msgtype), _MODULES.get(msgtype, ()), _WORDS, short=60)
+               partial(_seeds, msgtype), _MODULES, _WORDS, short=60)
         for msgtype in _READERS
     ),
 )  # fmt: skip
