@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from keyword import iskeyword
 from typing import TYPE_CHECKING
 
 from rosbags.typesys import (
@@ -19,6 +20,7 @@ from rosbags.typesys.store import Typestore
 from ..messages.cdr import nested_type
 from ..messages.ros_types import TYPESTORE
 from ..model.msgtypes import HEADER
+from .definition_texts import check_idl, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -148,15 +150,16 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         encoding: ros2msg, ros1msg, ros2idl or omgidl.
 
     Raises:
-        ValueError: The encoding is unknown.
+        ValueError: The encoding is unknown, or the text too long or nested too deeply.
         TypesysError: The text cannot be read.
     """
     if encoding == 'ros2msg':
-        return get_types_from_msg(text, msgtype)
+        return get_types_from_msg(shortened(text), msgtype)
     if encoding == 'ros1msg':
-        return _ros2_like(get_types_from_msg(text, msgtype))
+        return _ros2_like(get_types_from_msg(shortened(text), msgtype))
     if encoding not in {'ros2idl', 'omgidl'}:
         raise ValueError(f'unknown encoding {encoding!r}')
+    check_idl(text)
     types: Typesdict = {}
     for part in text.split(_IDL_DIVIDER):
         head, newline, rest = part.partition('\n')
@@ -170,10 +173,16 @@ def _check_names(types: Typesdict) -> None:
     """Check that names can become Python classes and their fields.
 
     Raises:
-        ValueError: A name is not an identifier.
+        ValueError: A name is not an identifier, or is there twice, also as Python spells it; or a
+            constant is beyond its type, so that Python cannot spell it.
     """
     for name, (constants, fields) in types.items():
         inner = [str(each[0]) for each in (*constants, *fields)]
+        if len({f'{each}_' if iskeyword(each) else each for each in inner}) < len(inner):
+            raise ValueError(f'{name} has a name twice')
+        for constant, _, value in constants:
+            if isinstance(value, (int, float)) and not -(2**63) <= value < 2**64:
+                raise ValueError(f'{constant} is beyond what its type holds')
         for word in (*name.split('/'), *inner):
             if not word.isidentifier():
                 raise ValueError(f'{word!r} is no name')
@@ -228,6 +237,7 @@ def _common() -> Typesdict:
     return TYPESTORE.fielddefs
 
 
+@lru_cache(maxsize=1)
 def _jazzy() -> Typesdict:
     # Loading all types of ROS 2 is slow, and most bags do not need it.
     return {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **TYPESTORE.fielddefs}

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 RECORD_HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')
 MESSAGE_BODY = struct.Struct('<HIQQ')
+_SHORTEST = MESSAGE_BODY.size
 _CHUNK = struct.Struct('<QQQII')
 INDEX_BODY = struct.Struct('<HI')
 _LENGTH = struct.Struct('<Q')
@@ -98,7 +99,7 @@ def split_records(records: Buffer) -> Iterator[tuple[int, int, int]]:
     while end - position >= RECORD_HEAD.size:
         opcode, length = RECORD_HEAD.unpack_from(view, position)
         following = position + RECORD_HEAD.size + length
-        if following > end or opcode == 0:
+        if following > end or opcode == 0 or (opcode == _MESSAGE_OPCODE and length < _SHORTEST):
             return
         yield opcode, position + RECORD_HEAD.size, following
         position = following
@@ -116,7 +117,7 @@ def messages_in(
     while end - position >= message_size:
         opcode, length, channel_id, _, stamp_ns, _ = unpack(view, position)
         following = position + head_size + length
-        if following > end or opcode == 0:
+        if following > end or opcode == 0 or (opcode == _MESSAGE_OPCODE and length < _SHORTEST):
             return found, position
         if opcode == _MESSAGE_OPCODE and channel_id in wanted and stamp_ns >= since_ns:
             found.append((stamp_ns, channel_id, view[position + message_size : following]))

@@ -31,6 +31,7 @@ _POLICIES = {
     ),
 }
 """The words of each policy, at the places of their numbers. Source: rmw/types.h."""
+_LONGEST_KEPT = 10_000
 _MATCHED = ('reliability', 'durability')
 """Policies by which subscribers are matched with publishers."""
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
@@ -47,9 +48,15 @@ def latched_qos(depth: int = UNKNOWN_DEPTH) -> dict[str, Any]:
     return {'latched': True, 'depth': depth}
 
 
-@lru_cache(1000)  # a bag repeats a few texts, and is opened several times
 def _kept_depth(profiles: str) -> int:
     """Return the number of messages that publishers keep for late subscribers, 0 for none."""
+    # A bag repeats a few texts, and is opened several times; long ones would fill the memory.
+    find = _find_kept_depth if len(profiles) <= _LONGEST_KEPT else _find_kept_depth.__wrapped__
+    return find(profiles)
+
+
+@lru_cache(1000)
+def _find_kept_depth(profiles: str) -> int:
     if not _HINT.search(profiles):
         return 0  # parsing YAML is slow
     try:

@@ -153,6 +153,7 @@ class FileBytes:
         """
         if length <= 0 or not 0 <= position < self.size:
             return b''
+        length = min(length, self.size - position)  # a damaged length asks for more than memory
         try:
             data = os.pread(self._file.fileno(), length, position)
             while 0 < len(data) < length:

@@ -93,7 +93,7 @@ class Pages:
             block = self._file.read(start, pages * self.page_size)
             first = np.frombuffer(block, np.uint8)[:: self.page_size]
             numbers = np.flatnonzero(first == LEAF).tolist()
-            if start == 0 and block[_HEAD_SIZE] == LEAF:
+            if start == 0 and block[_HEAD_SIZE : _HEAD_SIZE + 1] == bytes((LEAF,)):
                 numbers.insert(0, 0)
             for number in numbers:
                 at = number * self.page_size

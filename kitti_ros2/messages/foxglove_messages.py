@@ -8,6 +8,7 @@ Coordinates, angles and units are those of ROS. A message without a time has its
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -71,8 +72,11 @@ def translate(translation: Translation, fields: Fields, log_ns: int) -> bytes:
     Raises:
         ValueError: A value is of a wrong type or invalid.
     """
-    made = translation.encode(fields, log_ns)
-    return made if isinstance(made, bytes) else join(serialize(made))
+    try:
+        made = translation.encode(fields, log_ns)
+        return made if isinstance(made, bytes) else join(serialize(made))
+    except (OverflowError, struct.error) as error:
+        raise ValueError(f'a number is beyond its type in ROS ({error})') from error
 
 
 def _header(fields: Fields, log_ns: int) -> Header:

@@ -5,6 +5,7 @@
 import pytest
 from mcap.writer import Writer
 
+from kitti_ros2.bags.definitions import parse_definition
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 
@@ -70,3 +71,60 @@ def test_a_log_time_beyond_int64_is_the_last_one(tmp_path):
     with open_messages(path) as messages:
         assert [each.stamp_ns for each in messages] == [5, *[2**63 - 1] * 3]
         assert not messages.losses
+
+
+IDL = 'module a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        IDL.format(constants='const long C = (((3)));', fields='long d;'),
+        IDL.format(constants='', fields='sequence<' * 24 + 'long' + '>' * 24 + ' d;'),
+        IDL.format(constants='', fields='long d[3];' * 1000),
+        IDL.format(constants='', fields='long d;' * 10_000),
+        '@x("' + '\\"' * 50_000,
+    ],
+    ids=['parentheses', 'sequences', 'numbers', 'long', 'open_text'],
+)
+def test_idl_that_takes_its_parser_long_is_refused(text):
+    with pytest.raises(ValueError, match=r'at most|not read|nested too deeply'):
+        parse_definition('a/msg/B', text, 'ros2idl')
+
+
+def test_ordinary_idl_is_read():
+    text = IDL.format(
+        constants='const long C = 1 << 3; // (bits)\n',
+        fields='@verbatim(language="comment", text="a (b)") double d[3]; sequence<string<9>, 2> s;',
+    )
+    (found,) = parse_definition('a/msg/B', text, 'ros2idl').values()
+    assert [name for name, _ in found[1]] == ['d', 's']
+
+
+def test_comments_do_not_count_in_the_length_of_a_definition():
+    text = '# comment\n\n' * 20_000 + 'float64 x\nstring S=a#b\n'
+    constants, fields = parse_definition('a/msg/B', text, 'ros2msg')['a/msg/B']
+    assert [name for name, _ in fields] == ['x']
+    assert constants[0][2] == 'a#b'
+    with pytest.raises(ValueError, match='at most'):
+        parse_definition('a/msg/B', 'float64 x\n' * 20_000, 'ros2msg')
+
+
+@pytest.mark.parametrize(
+    'text', ['float64 x\nfloat64 x', 'float64 class\nfloat64 class_', 'float64 x\nfloat64 A=1e999']
+)
+def test_a_type_that_python_cannot_spell_costs_its_topic(text, tmp_path):
+    path = tmp_path / 'a.mcap'
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2')
+        for number, definition in enumerate((text, 'string data')):
+            kind = 'std_msgs/msg/String' if number else 'a/msg/B'
+            schema = writer.register_schema(kind, 'ros2msg', definition.encode())
+            channel = writer.register_channel(f'/t{number}', 'cdr', schema)
+            writer.add_message(channel, number, b'\0\1\0\0\1\0\0\0\0', number)
+        writer.finish()
+    with open_messages(path) as messages:
+        assert messages.typestore.fielddefs
+        assert [each.topic for each in messages] == ['/t1']
+        assert any('the definition of a/msg/B cannot be read' in each for each in messages.findings)

@@ -4,24 +4,24 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from collections import Counter
-from contextlib import suppress
+from contextlib import closing, suppress
 from functools import cache
 from io import BytesIO
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
+import zstandard
 from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.api.conversions import to_kitti
-from kitti_ros2.bags.definitions import parse_definition
-from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
+from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.survey import glance, look
-from kitti_ros2.kitti.store import decode_text
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
@@ -34,6 +34,9 @@ from kitti_ros2.validation.rule_table import rules_by_id
 from .inputs import bag_bytes, found, own_bag, samples
 from .target import YAML_WORDS, Target, place, stored
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 _MCAP = ('bags/mcap_file.py', 'bags/mcap_scan.py', 'bags/mcap_records.py',
          'bags/chunked_file.py', 'bags/chunk_scan.py',
          'bags/record_walk.py')  # fmt: skip
@@ -42,21 +45,23 @@ _SQLITE = ('bags/sqlite_file.py', 'bags/sqlite_scan.py', 'bags/sqlite_tree.py',
 _ROS1 = ('bags/ros1_file.py', 'bags/ros1_scan.py', 'bags/ros1_records.py',
          'bags/ros1_messages.py', 'bags/chunked_file.py', 'bags/chunk_scan.py',
          'bags/record_walk.py')  # fmt: skip
-_COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
+COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
            'bags/to_cdr.py', 'bags/offered_qos.py', 'bags/foxglove_channels.py',
            'bags/decompressors.py')  # fmt: skip
 
 
 def _read(path: Path) -> None:
-    """Read a bag as info, report and conversions do."""
-    summarize_bag(path)
-    with open_messages(path) as messages:
-        for message in messages:
-            bytes(message.data[:4])
-        _ = messages.losses, messages.findings, messages.expected
+    """Read a bag as info, report and conversions do; what all share is opened once."""
+    with OpenBag(path) as bag:
+        _ = summarize_bag(bag).message_count
+        bag.index.by_topic()
+        with open_messages(bag) as messages:
+            for message in messages:
+                bytes(message.data[:4])
+            _ = messages.losses, messages.findings, messages.expected, messages.complete
 
 
-def _reader(name: str):
+def reader(name: str):
     def run(data: bytes) -> None:
         _read(stored(name, data))
 
@@ -71,24 +76,50 @@ def _metadata(data: bytes) -> None:
     _read(folder)
 
 
-def _qos(data: bytes) -> None:
-    text = data.decode('utf-8', 'replace')
-    offered_qos(text)
-    qos_faults(text)
+def _packed(data: bytes) -> None:
+    """Read a file that rosbag2 compressed: alone, and in a folder with and without metadata."""
+    plain = place('packed/metadata.yaml')
+    (plain.parent / 'a_0.mcap.zstd').write_bytes(data)
+    _read(plain.parent / 'a_0.mcap.zstd')
+    plain.unlink(missing_ok=True)
+    _read(plain.parent)
+    plain.write_bytes(_packed_metadata('file'))
+    _read(plain.parent)
 
 
-def _qos_texts() -> list[bytes]:
-    latched = b'- history: 1\n  depth: 9\n  durability: transient_local\n  reliability: reliable\n'
-    other = b'- history: keep_last\n  depth: 3\n  durability: 2\n  reliability: 1\n'
-    return [latched, other, latched + other, b'']
+def _packed_messages(data: bytes) -> None:
+    """Read a file whose messages rosbag2 compressed."""
+    folder = place('packed_messages/metadata.yaml').parent
+    (folder / 'a_0.mcap').write_bytes(data)
+    (folder / 'metadata.yaml').write_bytes(_packed_metadata('message'))
+    _read(folder)
 
 
-def _definition(data: bytes) -> None:
-    name, _, text = decode_text(data, Path('definition')).partition('\n')
-    for encoding in ('ros2msg', 'ros1msg', 'ros2idl'):
-        # What bags/definitions.py makes a loss of.
-        with suppress(Exception):
-            parse_definition(name, text, encoding)
+@cache
+def _packed_metadata(mode: str) -> bytes:
+    values = yaml.safe_load(_metadata_texts()[0])
+    information = values['rosbag2_bagfile_information']
+    information['compression_format'], information['compression_mode'] = 'zstd', mode
+    name = 'a_0.mcap.zstd' if mode == 'file' else 'a_0.mcap'
+    information['relative_file_paths'] = [name]
+    information['files'][0]['path'] = name
+    return yaml.safe_dump(values).encode()
+
+
+def _packed_files() -> list[bytes]:
+    packer = zstandard.ZstdCompressor()
+    streamed = zstandard.ZstdCompressor(write_content_size=False)
+    return [each.compress(data) for data in _small() for each in (packer, streamed)]
+
+
+def _with_packed_messages() -> list[bytes]:
+    made = []
+    for options in ({}, {'write_content_size': False}):
+        packer = zstandard.ZstdCompressor(**options)
+        packed = [(topic, kind, ns, packer.compress(data)) for topic, kind, ns, data in
+                  (_HELLO, _IMAGE, _HELLO)]  # fmt: skip
+        made.append(_mcap(packed))
+    return made
 
 
 def _survey(data: bytes) -> None:
@@ -162,7 +193,24 @@ def _ros1_bags() -> list[bytes]:
 
 def _databases() -> list[bytes]:
     small = [each for each in found('sql/*.db3') if len(each) < 20_000]
-    return [*bag_bytes('a'), *small]
+    return [*bag_bytes('a'), *small, *_large_rows()]
+
+
+def _large_rows() -> list[bytes]:
+    """Rows over many pages, which are read from the pages themselves."""
+    topic = ('/t', 'std_msgs/msg/String', 'cdr', '')
+    path = place('large.db3')
+    path.unlink(missing_ok=True)
+    with closing(sqlite3.connect(path)) as database, database:
+        columns = 'name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT'
+        database.execute(f'CREATE TABLE topics(id INTEGER PRIMARY KEY, {columns})')
+        columns = 'topic_id INTEGER, timestamp INTEGER, data BLOB'
+        database.execute(f'CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})')
+        database.execute('INSERT INTO topics VALUES (1, ?, ?, ?, ?)', topic)
+        rows = [(number, 1, number, bytes(70_000)) for number in (1, 2)]
+        rows += [(number, 1, number, bytes(9)) for number in range(3, 400)]
+        database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
+    return [path.read_bytes()]
 
 
 def _metadata_texts() -> list[bytes]:
@@ -170,20 +218,14 @@ def _metadata_texts() -> list[bytes]:
     plain = (folder / 'metadata.yaml').read_bytes()
     values = yaml.safe_load(plain)
     information = values['rosbag2_bagfile_information']
+    del information['topics_with_message_count'][2:]  # short texts are read fast
     information['relative_file_paths'] = ['a_0.mcap']
     information['storage_identifier'] = 'mcap'
     information['files'][0]['path'] = 'a_0.mcap'
-    return [plain, yaml.safe_dump(values).encode()]
-
-
-def _definition_texts() -> list[bytes]:
-    kinds = ('sensor_msgs/msg/Imu', 'tf2_msgs/msg/TFMessage', 'sensor_msgs/msg/PointCloud2')
-    made = [TYPESTORE.generate_msgdef(kind, ros_version=2)[0].encode() for kind in kinds]
-    texts = [kind.encode() + b'\n' + text for kind, text in zip(kinds, made, strict=True)]
-    idl = (b'a/msg/B\nmodule a { module msg { const long C = 3; typedef double d[3];'
-           b' struct B { @verbatim(language="x", text="y") d place; sequence<string> names;'
-           b' a::msg::E e; }; }; };')  # fmt: skip
-    return [*texts, idl]
+    own = yaml.safe_dump(values).encode()
+    for each in information['topics_with_message_count']:
+        each['topic_metadata']['offered_qos_profiles'] = '- history: 1\n  depth: 9\n'
+    return [yaml.safe_dump(values).encode(), own, plain]
 
 
 def _own() -> list[bytes]:
@@ -212,7 +254,7 @@ def _checked(data: bytes) -> None:
     )
 
 
-_RECORD_WORDS = (
+RECORD_WORDS = (
     *(b'\x89MCAP0\r\n', b'zstd', b'lz4', b'cdr', b'ros2msg', b'ros2idl', b'protobuf', b'json'),
     *(struct.pack('<BQ', kind, size) for kind in range(1, 16) for size in (0, 8, 2**40)),
 )
@@ -224,18 +266,17 @@ _SQL_WORDS = (b'topics', b'messages', b'schema', b'metadata', b'CREATE VIEW', b'
               b'\x05', b'\x02', b'\x0a', b'INTEGER', b'BLOB')  # fmt: skip
 
 TARGETS = (
-    Target('mcap', _reader('a.mcap'), _indexed, (*_MCAP, *_COMMON), _RECORD_WORDS, short=150),
-    Target('mcap_without_index', _reader('a.mcap'), _unindexed, (*_MCAP, *_COMMON), _RECORD_WORDS,
+    Target('mcap', reader('a.mcap'), _indexed, (*_MCAP, *COMMON), RECORD_WORDS, short=150),
+    Target('mcap_without_index', reader('a.mcap'), _unindexed, (*_MCAP, *COMMON), RECORD_WORDS,
            short=150),
-    Target('sqlite3', _reader('a.db3'), _databases, (*_SQLITE, *_COMMON), _SQL_WORDS, short=100),
-    Target('ros1', _reader('a.bag'), _ros1_bags, (*_ROS1, *_COMMON), _ROS1_WORDS, short=100),
+    Target('sqlite3', reader('a.db3'), _databases, (*_SQLITE, *COMMON), _SQL_WORDS, short=100),
+    Target('ros1', reader('a.bag'), _ros1_bags, (*_ROS1, *COMMON), _ROS1_WORDS, short=100),
+    Target('packed', _packed, _packed_files, (*_MCAP, *COMMON, 'bags/locate.py'), (b'zstd',),
+           short=40),
+    Target('packed_messages', _packed_messages, _with_packed_messages,
+           (*_MCAP, *COMMON, 'bags/locate.py'), RECORD_WORDS, short=40),
     Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
-           short=100),
-    Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
-           long=100_000),
-    Target('definition', _definition, _definition_texts, ('bags/definitions.py',),
-           (b'string<=3', b'[<=4]', b'[2]', b'uint8', b'===', b'MSG: a/B', b'=1', b'module '),
-           is_text=True),
+           short=100, long=100_000),
     Target('survey', _survey, _own,
            ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py'), short=20,
            long=2000),

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,11 +29,12 @@ def main(words: Sequence[str] | None = None) -> int:
     print(f'{"target":28} {"executions":>10} {"per s":>8} {"refused":>8} {"corpus":>7}'
           f' {"slowest":>8} {"memory":>8} {"findings":>8}', flush=True)  # fmt: skip
     outcomes = []
-    for name in names:
+    end = time.monotonic() + 60 * (options.minutes or float('inf'))
+    for number, name in enumerate(names):
         target = TARGETS[name]
-        executions = options.executions or (10**12 if options.minutes else target.long)
-        seconds = options.minutes * 60 / len(names) if options.minutes else float('inf')
-        outcome = fuzz(target, options.seed, executions, seconds)
+        # What a target leaves of its share is for those behind it.
+        seconds = (end - time.monotonic()) / (len(names) - number)
+        outcome = fuzz(target, options.seed, options.executions or target.long, seconds)
         outcomes.append(outcome)
         print(_row(outcome), flush=True)
         for place in _written(outcome, options.seed, options.out):
@@ -47,9 +49,10 @@ def _parse(words: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument('targets', nargs='*', metavar='TARGET', help='default: all')
     parser.add_argument('--list', action='store_true', help='print the targets')
-    many = parser.add_mutually_exclusive_group()
-    many.add_argument('--executions', type=int, help='inputs of each target')
-    many.add_argument('--minutes', type=float, help='time for all targets')
+    parser.add_argument('--executions', type=int, help='inputs of each target')
+    parser.add_argument(
+        '--minutes', type=float, help='time for all targets, which ends them sooner'
+    )
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--out', type=Path, default=Path('fuzz_findings'), help='for findings')
     parser.add_argument('--missing', action='store_true', help='print lines that were not reached')

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Targets: messages in schemas of Foxglove."""
+"""Targets: messages in schemas of Foxglove, in JSON, and bags of them in each encoding."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ import json
 import sys
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from kitti_ros2.bags.foxglove_channels import FoxgloveChannel, translator
+from kitti_ros2.bags.foxglove_channels import FoxgloveChannel, appearing, stored, translator
 from kitti_ros2.bags.pieces import StoredChannel
 from kitti_ros2.messages.foxglove_messages import TRANSLATIONS
 from kitti_ros2.messages.ros_types import TYPESTORE
 
-from .target import Target
+from .bag_targets import COMMON, RECORD_WORDS, reader
+from .target import Target, place
+
+_MODULES = ('messages/foxglove_fields.py', 'messages/foxglove_messages.py',
+            'messages/foxglove_clouds.py', 'messages/foxglove_scene.py',
+            'bags/foxglove_channels.py')  # fmt: skip
 
 
 def _foxglove(data: bytes) -> None:
@@ -23,30 +29,84 @@ def _foxglove(data: bytes) -> None:
     if schema not in TRANSLATIONS:
         return
     channel = StoredChannel('/t', f'foxglove.{schema}', 'json')
-    made = FoxgloveChannel('/t', TRANSLATIONS[schema].msgtype, 'cdr', original=channel)
+    made = appearing(channel)
+    assert isinstance(made, FoxgloveChannel)
+    assert stored(made) is channel
     with suppress(ValueError):
         translator(made, lambda: TYPESTORE)(text, 1)
 
 
-def _foxglove_inputs() -> list[bytes]:
+_TIME = {'sec': 1, 'nsec': 2}
+_HEAD = {'timestamp': _TIME, 'frame_id': 'a'}
+_XYZ = {'x': 1.0, 'y': 2.0, 'z': 3.0}
+_POSE = {'position': _XYZ, 'orientation': {'x': 0, 'y': 0, 'z': 0, 'w': 1}}
+_COLOR = {'r': 1.0, 'g': 0.5, 'b': 0.0, 'a': 0.5}
+_LINE = {'type': 0, 'pose': _POSE, 'thickness': 1.0, 'points': [_XYZ, _XYZ], 'color': _COLOR,
+         'colors': [_COLOR], 'indices': [0, 1]}  # fmt: skip
+_FIELDS = [{'name': name, 'offset': 4 * at, 'type': 7} for at, name in enumerate('xyzi')]
+_OTHERS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ('RawImage', {**_HEAD, 'width': 2, 'height': 2, 'encoding': 'mono8', 'step': 2,
+                  'data': b'1234'}),
+    ('PointCloud', {**_HEAD, 'pose': _POSE, 'point_stride': 16, 'fields': _FIELDS,
+                    'data': bytes(32)}),
+    ('PosesInFrame', {**_HEAD, 'poses': [_POSE, _POSE]}),
+    ('PoseInFrame', {**_HEAD, 'pose': _POSE}),
+    ('Odometry', {**_HEAD, 'body_frame_id': 'b', 'pose': _POSE, 'linear_velocity': _XYZ,
+                  'angular_velocity': _XYZ, 'pose_covariance': [0.0] * 36}),
+    ('LaserScan', {**_HEAD, 'start_angle': -1.0, 'end_angle': 1, 'ranges': [1.0, 2.5],
+                   'intensities': [1, 2]}),
+    ('SceneUpdate', {'deletions': [{'timestamp': _TIME, 'type': 0, 'id': 'a'},
+                                   {'timestamp': _TIME, 'type': 1}],
+                     'entities': [{**_HEAD, 'id': 'a', 'lines': [_LINE, {**_LINE, 'type': 2}],
+                                   'lifetime': _TIME},
+                                  {**_HEAD, 'id': 'b',
+                                   'cubes': [{'pose': _POSE, 'size': _XYZ, 'color': _COLOR}]}]}),
+)  # fmt: skip
+"""What the robot of the tests does not write."""
+
+
+def _robot() -> Any:
     # Where pytest finds it only if tests of that folder run, too.
     sys.path.append(str(Path(__file__).resolve().parents[1] / 'robots'))
     import foxglove_robot as robot  # noqa: PLC0415 - as above
 
-    records = robot.records(robot.make_world()[:1])
-    found = {schema: values for _, _, schema, values in records}
+    return robot
+
+
+def _records() -> list[tuple[str, int, str, dict[str, Any]]]:
+    """(topic, log time, schema, fields), without the large messages of the robot."""
+    robot = _robot()
+    made = robot.records(robot.make_world()[:1])
+    found = [each for each in made if len(str(each[3])) < 10_000]
+    others = [(f'/{number}', 1, *each) for number, each in enumerate(_OTHERS)]
+    return [*found, *others]
+
+
+def _texts() -> list[bytes]:
+    plain = _robot()._plain
+    found = {schema: values for _, _, schema, values in _records()}
+    found |= dict(_OTHERS)
+    return [f'{schema}\n{json.dumps(plain(values))}'.encode() for schema, values in found.items()]
+
+
+def _bags() -> list[bytes]:
+    robot, records = _robot(), _records()
+    plain = [each for each in records if each[2] != 'Odometry']
     made = []
-    for schema, values in found.items():
-        text = json.dumps(robot._plain(values))
-        if len(text) < 20_000:
-            made.append(f'{schema}\n{text}'.encode())
-    return made
+    for name, write in (('json', robot.write_json), ('protobuf', robot.write_protobuf)):
+        path = place(f'foxglove/{name}.mcap')
+        write(path, records if name == 'json' else plain)
+        made.append(path.read_bytes())
+    folder = place('foxglove/ros')
+    if not folder.exists():
+        robot.write_foxglove_msgs(folder, [each for each in plain if each[0][1].isalpha()])
+    return [*made, *(path.read_bytes() for path in folder.glob('*.mcap'))]
 
 
 TARGETS = (
-    Target('foxglove', _foxglove, _foxglove_inputs,
-           ('messages/foxglove_fields.py', 'messages/foxglove_messages.py',
-            'messages/foxglove_clouds.py', 'messages/foxglove_scene.py'),
-           (b'null', b'[]', b'{}', b'"', b'"AAAA"'), is_text=True),
+    Target('foxglove', _foxglove, _texts, _MODULES, (b'null', b'[]', b'{}', b'"', b'"AAAA"'),
+           is_text=True, long=100_000),
+    Target('mcap_foxglove', reader('foxglove.mcap'), _bags, (*_MODULES, *COMMON), RECORD_WORDS,
+           short=40),
 )  # fmt: skip
 """All of them."""

@@ -65,6 +65,28 @@ def _chunk_bombs() -> list[bytes]:
     ]
 
 
+def _short_messages() -> list[bytes]:
+    """A chunk with messages that are shorter than their head."""
+    schema = struct.pack('<H', 1) + _text(b'std_msgs/msg/String') + _text(b'ros2msg')
+    channel = struct.pack('<HH', 1, 1) + _text(b'/t') + _text(b'cdr') + _text(b'')
+    described = _record(3, schema + _text(b'string data')) + _record(4, channel)
+    whole = _record(5, struct.pack('<HIQQ', 1, 0, 7, 7) + b'\0\1\0\0\1\0\0\0\0')
+    return [
+        _mcap_chunk(b'', data, len(data))
+        for size in (0, 2, 21)
+        for data in (described + whole + _record(5, bytes(size)) + whole,)
+    ]
+
+
+def _endless_chunks() -> list[bytes]:
+    """A file that ends in a chunk of terabytes, or of more bytes than a number of C counts."""
+    start = _MAGIC + _record(1, _text(b'ros2') + _text(b''))
+    return [
+        start + struct.pack('<BQ', 6, length) + b'\x90' * 2
+        for length in (2**40, 2**47, 2**63 - 1, 2**63, 2**64 - 1)
+    ]
+
+
 def _message_bomb() -> list[bytes]:
     """A message that is compressed on its own."""
     target = BytesIO()
@@ -153,16 +175,48 @@ def _databases() -> list[bytes]:
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.executescript(script)
         made.append(path.read_bytes())
-    return made
+    return [*made, made[0][:100]]  # a head alone, too
 
 
 def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
 
 
+def _idl(fields: str, constants: str = '') -> bytes:
+    text = f'a/msg/B\nmodule a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
+    return text.encode()
+
+
+def _definitions() -> list[bytes]:
+    """Nesting on which the parser takes exponential time, and names and numbers no class has."""
+    return [
+        _idl('long d;', f'const long C = {"(" * 3}3{")" * 3};'),
+        _idl('sequence<' * 24 + 'long' + '>' * 24 + ' d;'),
+        _idl('long d;' * 3000),
+        _idl('long d[3];' * 2500),
+        _idl('long d; @x("' + '\\"' * 20_000),
+        _idl('long d;', 'const long C = 1 << 99999;'),
+        b'a/msg/B\nfloat64 x\nfloat64 x\n',
+        b'a/msg/B\nfloat64 class\nfloat64 class_\n',
+        b'a/msg/B\nfloat64 X=1e999\nfloat64 x\n',
+        b'a/msg/B\n' + b'\n' * 60_000 + b'float64 x\n',
+    ]
+
+
+def _beyond_float32() -> list[bytes]:
+    color = '{"r": 1, "g": 1, "b": 1, "a": 1e100}'
+    return [
+        f'SceneUpdate\n{{"entities": [{{"cubes": [{{"color": {color}}}]}}]}}'.encode(),
+        b'LaserScan\n{"start_angle": 1e200, "ranges": [1, 2]}',
+    ]
+
+
 _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
-    'mcap': (_chunk_bombs, _message_bomb),
-    'mcap_without_index': (_chunk_bombs,),
+    'definition': (_definitions,),
+    'typestore': (_definitions,),
+    'foxglove': (_beyond_float32,),
+    'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
+    'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
     'ros1': (_ros1_bomb, _ros1_lengths),
     'sqlite3': (_databases,),
     'png': (_pngs,),

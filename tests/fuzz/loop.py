@@ -37,7 +37,7 @@ _FORGOTTEN = 100
 _ALL_TRACED = 3000
 _TRACED = 8
 """Of later inputs one in so many is traced, which costs as much as reading."""
-_LONGEST_TEXT = 8_000
+_LONGEST_TEXT = 4_000
 _LONGEST = 100_000
 _MOST_FINDINGS = 20
 
@@ -138,7 +138,9 @@ class _Run:
         self.corpus = [each for each in seeds if len(each) <= longest] or seeds
         mend = self.target.mend
         while True:
-            data, other = self.random.choice(self.corpus), self.random.choice(self.corpus)
+            other = self.random.choice(self.corpus)
+            # Of two inputs the shorter one: it costs less, and its mutations matter more.
+            data = min(self.random.choice(self.corpus), self.random.choice(self.corpus), key=len)
             made = self.mutator.mutate(data, other)
             if mend is not None and self.random.random() < 0.7:
                 with suppress(Exception):  # what cannot be mended is an input, too
@@ -147,7 +149,7 @@ class _Run:
 
     def _warm_up(self, data: bytes) -> None:
         """Import what is imported at first use, which is no cost of an input."""
-        with suppress(Exception):
+        with suppress(Exception), self.outcome.lines.recorded():
             self.target.run(data)
         self.outcome.bounds.reset()
 

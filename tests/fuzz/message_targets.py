@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import foreign
-import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.decoding import Decoder
@@ -32,7 +32,7 @@ from kitti_ros2.messages.scan_sources import SCAN_SOURCES, ScanNeeds
 from kitti_ros2.messages.solid_boxes import classes_in, cuboids_in, frames_in
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers
+from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
 from kitti_ros2.messages.velodyne_packets import find_model
 from kitti_ros2.model import msgtypes as types
 from kitti_ros2.model.geometry import Transform
@@ -40,9 +40,8 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.own_bags.description import parse_description
 
 from .inputs import own_bag
+from .message_inputs import SIZE, Messages
 from .target import Target, place
-
-from bags.bag_samples import random_message  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -64,7 +63,7 @@ def _scan(message: Any, msgtype: str) -> None:
         if msgtype in source.msgtypes and source.suits(message):
             with _attempted():
                 source.scale([message])
-            for model in ('VLP-16', 'HDL-64E') if source.has_model else ('',):
+            for model in MODELS if source.has_model else ('',):
                 needs = ScanNeeds(255.0, _camera(), model=MODELS.get(model), lasers=_lasers(model))
                 with _attempted():
                     source.decode(message, needs)
@@ -72,12 +71,15 @@ def _scan(message: Any, msgtype: str) -> None:
 
 @cache
 def _lasers(model: str):
-    return nominal_lasers(model) or nominal_lasers('VLP-16')
+    each = '- {laser_id: %d, vert_correction: 0.1, two_pt_correction_available: true}\n'
+    text = 'lasers:\n' + ''.join(each % number for number in range(64))
+    return nominal_lasers(model) or parse_lasers(text, PATH)
 
 
 @cache
 def _camera():
-    return camera_model(foreign.camera_info(1, 'a', right=False))
+    model = camera_model(foreign.camera_info(1, 'a', right=False))
+    return replace(model, size=(SIZE[1], SIZE[0]))
 
 
 def _cloud(message: Any) -> None:
@@ -232,28 +234,32 @@ def _messages() -> dict[str, list[bytes]]:
 
 
 def _seeds(msgtype: str) -> list[bytes]:
-    rng, store = np.random.default_rng(1), _store()
-    made = [random_message(store, msgtype, rng) for _ in range(3)]
-    random = [bytes(store.serialize_cdr(each, msgtype)) for each in made]
-    return [*random, *_messages().get(msgtype, [])]
+    return [*Messages(_store()).of(msgtype), *_messages().get(msgtype, [])]
 
 
-_MODULES = {
-    types.CLOUD: ('messages/clouds.py', 'messages/scan.py', 'messages/point_spans.py'),
-    types.IMAGE: ('messages/pixels.py', 'messages/image.py', 'messages/depth_images.py'),
-    types.COMPRESSED: ('messages/pixels.py', 'messages/jpeg.py'),
-    types.CAMERA_INFO: ('messages/camera_info.py',),
-    types.ODOMETRY: ('messages/pose.py',),
-    types.TF: ('messages/transform_numbers.py', 'messages/transforms.py'),
-    types.MARKERS: ('messages/marker_boxes.py',),
-    types.DETECTIONS_3D: ('messages/detections.py', 'messages/solid_boxes.py'),
-    types.DETECTIONS_2D: ('messages/detections.py',),
-    types.DETECTED_OBJECTS: ('messages/autoware_objects.py',),
-    types.LASER_SCAN: ('messages/laser_scan.py',),
-    'livox_ros_driver2/msg/CustomMsg': ('messages/livox_points.py',),
-    types.VELODYNE: ('messages/velodyne_packets.py',),
-    types.STRING: ('messages/source.py', 'own_bags/description.py'),
-}
+_MODULES = (
+    'messages/autoware_objects.py',
+    'messages/camera_info.py',
+    'messages/clouds.py',
+    'messages/depth_images.py',
+    'messages/detections.py',
+    'messages/image.py',
+    'messages/jpeg.py',
+    'messages/laser_scan.py',
+    'messages/livox_points.py',
+    'messages/marker_boxes.py',
+    'messages/pixels.py',
+    'messages/point_spans.py',
+    'messages/pose.py',
+    'messages/scan.py',
+    'messages/solid_boxes.py',
+    'messages/source.py',
+    'messages/transform_numbers.py',
+    'messages/transforms.py',
+    'messages/velodyne_models.py',
+    'messages/velodyne_packets.py',
+    'own_bags/description.py',
+)
 _WORDS = (
     *(b'rgb8', b'bgra8', b'mono16', b'16UC1', b'32FC1', b'bayer_rggb8', b'yuv422', b'png', b'jpeg'),
     *(b'x', b'intensity', b'time', b'plumb_bob', b'equidistant', b'16UC1; compressedDepth png'),
@@ -272,7 +278,7 @@ _WORDS = (
 TARGETS = (
     *(
         Target(f'cdr_{msgtype.rpartition("/")[2]}', partial(_run, msgtype),
-               partial(_seeds, msgtype), _MODULES.get(msgtype, ()), _WORDS, short=60)
+               partial(_seeds, msgtype), _MODULES, _WORDS, short=60)
         for msgtype in _READERS
     ),
 )  # fmt: skip

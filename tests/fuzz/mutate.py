@@ -100,7 +100,7 @@ class Mutator:
 
     def _repeat(self, data: bytes) -> bytes:
         start, end = self._span(data)
-        times = self._random.choice((1, 1, 1, 2, 10, 100))
+        times = self._random.choice((*[1] * 12, 2, 2, 2, 10, 10, 100))
         return data[:end] + data[start:end] * min(times, _LONGEST // (end - start + 1)) + data[end:]
 
     def _insert(self, data: bytes) -> bytes:
@@ -158,7 +158,7 @@ class Mutator:
         elif kind == 2:
             lines.insert(first, lines[second])
         else:
-            lines[first] *= self._random.choice((2, 10, 300))
+            lines[first] *= self._random.choice((*[2] * 10, *[10] * 5, 300))
         return b''.join(lines)
 
     def _splice(self, data: bytes, other: bytes) -> bytes:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from . import (
     bag_targets,
+    definition_targets,
     foxglove_targets,
     kitti_targets,
     message_targets,
@@ -17,6 +18,7 @@ _ALL = (
     *kitti_targets.TARGETS,
     *yaml_targets.TARGETS,
     *bag_targets.TARGETS,
+    *definition_targets.TARGETS,
     *message_targets.TARGETS,
     *foxglove_targets.TARGETS,
     *result_targets.TARGETS,

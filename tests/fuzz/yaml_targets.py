@@ -64,8 +64,29 @@ def _configs() -> list[bytes]:
     lines = [f'{each.name}: {each.plain(each.default)!r}\n' for each in (*TO_BAG, *TO_KITTI)]
     texts = [line.replace('None', 'null').replace('(', '[').replace(')', ']') for line in lines]
     by_name = {line.partition(':')[0]: line for line in texts}
-    every = ''.join(by_name.values()).encode()
-    return [every, b'images: raw\nstart: 10\nend: 3.5s\n', *_BOMBS, *found('bombs/*.yaml')]
+    lines = list(by_name.values())
+    # Short texts are read fast; the whole is read once.
+    parts = [''.join(lines[at : at + 4]).encode() for at in range(0, len(lines), 4)]
+    every = ''.join(lines).encode()
+    return [*parts, b'images: raw\nstart: 10\nend: 3.5s\n', every, *_BOMBS, *found('bombs/*.yaml')]
+
+
+def _option_text(data: bytes) -> None:
+    """Read a value as the command line does; the line before names the option."""
+    name, _, text = decode_text(data, PATH).partition('\n')
+    for each in (*TO_BAG, *TO_KITTI):
+        if each.name == name:
+            with suppress(ValueError):  # what the command line reports
+                make_settings({name: each.parse(name, text)})
+
+
+def _option_texts() -> list[bytes]:
+    made = []
+    for each in {one.name: one for one in (*TO_BAG, *TO_KITTI)}.values():
+        plain = each.plain(each.default)
+        values = (plain, *each.choices, '1', '0.5', 'yes', '1,2', '10:20', '1,2,3,4', '8x4')
+        made += [f'{each.name}\n{value}'.encode() for value in values]
+    return made
 
 
 @cache
@@ -129,6 +150,9 @@ TARGETS = (
            (_TEXT, 'cli/config_file.py', 'options/parsers.py', 'options/declare.py',
             'options/quantity_parsers.py'),
            YAML_WORDS, is_text=True, long=100_000),
+    Target('option_text', _option_text, _option_texts,
+           ('options/parsers.py', 'options/declare.py', 'options/quantity_parsers.py'),
+           (b'GB', b'min', b':', b',', b'x', b'off', b'/kitti/*'), is_text=True, long=100_000),
     Target('plan', _plan, _plan_inputs,
            ('importer/plan_text.py', 'importer/plan_classes.py', 'importer/plan_numbers.py'),
            YAML_WORDS, is_text=True, long=100_000),
