@@ -132,9 +132,7 @@ class S3Server:
         self._moto = DomainDispatcherApplication(create_backend_app)
         self._buckets = 0
         logging.getLogger('werkzeug').setLevel(logging.ERROR)
-        self._server = make_server(
-            '127.0.0.1', 0, self, threaded=True, request_handler=MotoRequestHandler
-        )
+        self._server = make_server('127.0.0.1', 0, self, threaded=True, request_handler=_Handler)
         self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self.url = f'http://127.0.0.1:{self._server.server_port}'
@@ -319,6 +317,17 @@ class S3Server:
     @staticmethod
     def _backend() -> Any:
         return get_backend('s3')[DEFAULT_ACCOUNT_ID]['aws']
+
+
+class _Handler(MotoRequestHandler):
+    """Answers `Expect: 100-continue` once.
+
+    http.server and werkzeug both do; the second answer may reach aiohttp after the body is sent,
+    and ends its time-out of reading: a request that stalls is then waited for without end.
+    """
+
+    def handle_expect_100(self) -> bool:
+        return True  # werkzeug answers
 
 
 def _kind_of(environ: Mapping[str, Any]) -> str:

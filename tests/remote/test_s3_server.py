@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import socket
 from contextlib import suppress
 
 import pytest
@@ -34,6 +35,19 @@ def test_objects_are_written_and_read(s3, client):
     assert client.list_objects_v2(Bucket=s3.name)['KeyCount'] == 1
     assert s3.objects() == {'a/b': b'content'}
     assert s3.server.counts() == {'put': 1, 'get': 1, 'head': 1, 'list': 1}
+
+
+def test_a_body_is_asked_for_once(s3):
+    """Twice, and aiohttp may wait for an answer without a time-out."""
+    host, _, port = s3.server.url.removeprefix('http://').partition(':')
+    head = f'PUT /{s3.name}/a HTTP/1.1\r\nHost: {host}\r\nContent-Length: 1\r\n'
+    with socket.create_connection((host, int(port)), timeout=60) as connection:
+        connection.sendall(f'{head}Expect: 100-continue\r\nConnection: close\r\n\r\n'.encode())
+        asked = connection.recv(1)
+        connection.sendall(b'x')
+        answer = asked + b''.join(iter(lambda: connection.recv(1 << 16), b''))
+    assert answer.count(b'HTTP/1.1 100 ') == 1
+    assert answer.count(b'HTTP/1.1 200 ') == 1
 
 
 def test_a_multipart_upload_shows_when_it_is_completed(s3, client):
