@@ -27,6 +27,10 @@ def keep_freed_memory() -> None:
 
 
 def keep_imports() -> None:
-    """Enable the collector that boundary.main disabled, without the objects of imports."""
-    gc.freeze()
-    gc.enable()
+    """Enable the collector that boundary.main disabled, without the objects of imports.
+
+    Where main is called as a function, it is enabled, and what it has not collected yet stays its.
+    """
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
