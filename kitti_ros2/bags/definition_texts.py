@@ -20,6 +20,7 @@ _DEEPEST = 4
 _TEXT_OR_COMMENT = re.compile(r'("(?:\\.|[^"\\])*(?:"|\\?\Z))|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
 _ANNOTATION = re.compile(r'@\s*[\w:]+\s*\([^()]*\)')
 _EXPRESSION = re.compile(r'@\s*[\w:]+\s*\(|(?<!\w)\d|[-+*/%|&^~]|<<|>>')
+_LARGE_SHIFT = re.compile(r'<<(?!\s*\d{1,2}\s*[];|&^])')
 _BRACKETS = re.compile(r'<<|[<>;]')
 
 
@@ -40,7 +41,8 @@ def check_idl(text: str) -> None:
     """Check that a text of IDL can be parsed in a bounded time.
 
     Raises:
-        ValueError: It is too long, has too many expressions, or nests them.
+        ValueError: It is too long, has too many expressions, nests them, or shifts by a number of
+            more than two digits, whose result may have a billion.
     """
     _check_length(len(text), _MOST_WITH_COMMENTS)
     plain = _TEXT_OR_COMMENT.sub(lambda found: '""' if found[1] else ' ', text)
@@ -50,6 +52,8 @@ def check_idl(text: str) -> None:
         raise ValueError(f'{count} numbers and annotations; at most {_MOST_EXPRESSIONS} are read')
     if '(' in _ANNOTATION.sub('', plain):
         raise ValueError('an expression in parentheses, which is not read')
+    if _LARGE_SHIFT.search(plain):
+        raise ValueError('a shift by more than a number of two digits, which is not read')
     depth = 0
     for found in _BRACKETS.findall(plain):
         depth = {'<': depth + 1, '>': max(depth - 1, 0), ';': 0}.get(found, depth)

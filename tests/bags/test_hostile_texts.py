@@ -80,12 +80,24 @@ IDL = 'module a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
     'text',
     [
         IDL.format(constants='const long C = (((3)));', fields='long d;'),
+        IDL.format(constants='const long C = 1 << 2147483647;', fields='long d;'),
+        IDL.format(constants='const long C = 1 << 9 * 99999999;', fields='long d;'),
+        IDL.format(constants='const long C = 1 << 0x7fffffff;', fields='long d;'),
         IDL.format(constants='', fields='sequence<' * 24 + 'long' + '>' * 24 + ' d;'),
         IDL.format(constants='', fields='long d[3];' * 1000),
         IDL.format(constants='', fields='long d;' * 10_000),
         '@x("' + '\\"' * 50_000,
     ],
-    ids=['parentheses', 'sequences', 'numbers', 'long', 'open_text'],
+    ids=[
+        'parentheses',
+        'shift',
+        'shift_by_product',
+        'shift_by_hex',
+        'sequences',
+        'numbers',
+        'long',
+        'open_text',
+    ],
 )
 def test_idl_that_takes_its_parser_long_is_refused(text):
     with pytest.raises(ValueError, match=r'at most|not read|nested too deeply'):

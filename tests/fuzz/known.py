@@ -196,6 +196,7 @@ def _definitions() -> list[bytes]:
         _idl('long d[3];' * 2500),
         _idl('long d; @x("' + '\\"' * 20_000),
         _idl('long d;', 'const long C = 1 << 99999;'),
+        _idl('long d;', 'const long C = 010 << 999999999;'),
         b'a/msg/B\nfloat64 x\nfloat64 x\n',
         b'a/msg/B\nfloat64 class\nfloat64 class_\n',
         b'a/msg/B\nfloat64 X=1e999\nfloat64 x\n',
