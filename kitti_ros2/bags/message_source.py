@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from .pieces import StoredChannel
 
 _BEGINNING = -(2**63)
-_LAST_NS = 2**63 - 1
-"""Readers count with int64; a record of MCAP may have any log time up to 2**64."""
+_LAST_NS, _LAST_STORED_NS = 2**63 - 1, 2**64 - 1
+"""Readers count with int64; a record of MCAP may have any log time below 2**64."""
 
 
 class BagMessages:
@@ -49,7 +49,8 @@ class BagMessages:
         topics: The topics to read; all of them by default.
         as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
             and the typestore returns the original texts of definitions.
-        as_ros: Whether messages with Foxglove's schemas are converted; by default unless as_stored.
+        as_ros: Whether messages with Foxglove's schemas are converted, and log times beyond int64
+            become the last one; by default unless as_stored.
 
     Attributes:
         channels: Topic and type of each channel that is read, sorted by topic.
@@ -77,6 +78,7 @@ class BagMessages:
         self._topics = topics
         self._as_stored = as_stored
         as_ros = not as_stored if as_ros is None else as_ros
+        self._last_ns = _LAST_NS if as_ros else _LAST_STORED_NS
         self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}
@@ -169,7 +171,7 @@ class BagMessages:
                 self._lose(reading, stamp_ns, error)
                 continue
             channel = reading.channel
-            log_ns = stamp_ns if self._as_stored else min(stamp_ns, _LAST_NS)
+            log_ns = min(stamp_ns, self._last_ns)
             yield BagMessage(channel.topic, channel.msgtype, log_ns, cdr)
 
     def _lose(self, reading: Reading, stamp_ns: int, error: Exception) -> None:

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from ..rig.tf_tree import Link
 
 
-_LAST_NS = 2**63 - 1
 _LOOKS = 8
 _ALL_OF_FIRST = 64
 _EVERY = 16
@@ -157,8 +156,7 @@ class _Pass:
 
     def _take(self, message: BagMessage) -> None:
         topic = self._topics[message.topic]
-        # The times of MCAP are 64 bits without a sign.
-        topic.log_ns.append(min(message.stamp_ns, _LAST_NS))
+        topic.log_ns.append(message.stamp_ns)
         topic.size_bytes += len(message.data)
         if topic.msgtype in TF_TYPES:
             decoded = self._decoded(topic, message)

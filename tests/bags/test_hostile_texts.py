@@ -8,6 +8,7 @@ from mcap.writer import Writer
 from kitti_ros2.bags.definitions import parse_definition
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
 from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.datasets import validate
 
 METADATA = """rosbag2_bagfile_information:
   storage_identifier: mcap
@@ -71,6 +72,7 @@ def test_a_log_time_beyond_int64_is_the_last_one(tmp_path):
     with open_messages(path) as messages:
         assert [each.stamp_ns for each in messages] == [5, *[2**63 - 1] * 3]
         assert not messages.losses
+    assert validate(path).sources[0].count == 4
 
 
 IDL = 'module a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
