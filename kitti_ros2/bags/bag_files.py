@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..model.errors import BadBagError
+from ..model.errors import BadBagError, naming
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
 from .foxglove_channels import appearing
@@ -165,7 +165,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
     """
     if not path.is_file():
         raise BadBagError(path, 'is no regular file')
-    with path.open('rb') as source:
+    with naming(path), path.open('rb') as source:
         if source.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
             return path
         source.seek(0)

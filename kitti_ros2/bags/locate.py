@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..files.remote import is_remote
 from ..files.upload_marker import refuse_incomplete
 from ..model.containers import CONTAINERS
-from ..model.errors import BadBagError, NotABagError
+from ..model.errors import BadBagError, NotABagError, naming
 from .decompressors import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def reindex_advice(path: Path, files: Sequence[Path]) -> str:
 def _storage(path: Path) -> str:
     if not path.is_file():
         raise BadBagError(path, 'is no regular file')
-    with path.open('rb') as file:
+    with naming(path), path.open('rb') as file:
         head = file.read(_LONGEST_MAGIC)
         if head.startswith(ZSTD_MAGIC):
             file.seek(0)
@@ -175,7 +175,8 @@ def _rosbag2(path: Path) -> BagFiles:
 
     source = path / METADATA
     try:
-        information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
+        with naming(source):
+            information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
         storage = str(information['storage_identifier'])
         # Early versions wrote the directory's name before the file's.
         names = [PurePath(name).name for name in information['relative_file_paths']]

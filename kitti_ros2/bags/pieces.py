@@ -18,6 +18,7 @@ from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ..model.channels import Channel
+from ..model.errors import naming
 from .summary import BagIndex
 
 if TYPE_CHECKING:
@@ -143,7 +144,8 @@ class FileBytes:
     def __init__(self, path: Path, name: Path) -> None:
         self.name = name
         self._file = path.open('rb', buffering=0)
-        self.size = os.fstat(self._file.fileno()).st_size
+        with naming(name):
+            self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, position: int, length: int) -> bytes:
         """Read `length` bytes, fewer at the end of the file, none outside of it.

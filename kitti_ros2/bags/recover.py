@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
 from ..model.containers import CONTAINERS
-from ..model.errors import BadBagError, KittiRos2Error, NotABagError, UsageError
+from ..model.errors import BadBagError, KittiRos2Error, NotABagError, UsageError, describe_error
 from ..options.bag import BagOptions
 from .locate import locate_bag
 from .message_source import BagMessages
@@ -159,9 +159,9 @@ class _Copy:
         except (KittiRos2Error, MemoryError):
             raise
         except Exception as error:  # noqa: BLE001 - converters may raise anything
-            key = (topic, str(error))
-            text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({error})'
-            self.losses[self._first_lost.setdefault(key, text)] += 1
+            reason = describe_error(error)
+            text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({reason})'
+            self.losses[self._first_lost.setdefault((topic, reason), text)] += 1
             return
         self.counts[topic] += 1
         self.size_bytes += len(message.data)

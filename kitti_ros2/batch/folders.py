@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..files import remote
 from ..kitti.find import absolute
-from ..model.errors import MissingPathError, UsageError, describe_error
+from ..model.errors import MissingPathError, UsageError, describe_error, naming
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -66,7 +66,8 @@ def find_all_roots(
 
 def _listed(path: Path) -> Iterator[Path]:
     try:
-        lines = path.read_text('utf-8').splitlines()
+        with naming(path):
+            lines = path.read_text('utf-8').splitlines()
     except UnicodeDecodeError:
         raise UsageError(f'{path}: not UTF-8 text; expected one path per line') from None
     for line in lines:

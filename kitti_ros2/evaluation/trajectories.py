@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..kitti.text_file import parse_numbers
-from ..model.errors import BadFileError
+from ..model.errors import BadFileError, naming
 from ..model.geometry import quaternion_to_rotation
 from ..model.losses import Loss, format_numbers
 from ..model.stamps import parse_seconds
@@ -121,7 +121,8 @@ def read_trajectory(path: Path) -> CameraTrajectory:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Return line number and words of each line, without blank ones and comments."""
     try:
-        text = path.read_text(encoding='utf-8-sig')
+        with naming(path):
+            text = path.read_text(encoding='utf-8-sig')
     except UnicodeDecodeError:
         text = '\0'
     if '\0' in text:

@@ -8,7 +8,7 @@ import re
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..model.errors import BadFileError, MissingPathError
+from ..model.errors import BadFileError, MissingPathError, naming
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,7 +26,8 @@ def read_checksums(path: Path) -> dict[str, str]:
     if not path.is_file():
         raise MissingPathError(path)
     found = {}
-    text = path.read_text('utf-8', errors='replace')
+    with naming(path):
+        text = path.read_text('utf-8', errors='replace')
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith('#'):
             continue

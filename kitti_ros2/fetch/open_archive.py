@@ -7,7 +7,7 @@ from __future__ import annotations
 import tarfile
 from typing import TYPE_CHECKING
 
-from ..model.errors import MissingPathError
+from ..model.errors import MissingPathError, naming
 from .errors import BadArchiveError
 from .tar_archive import MAGICS, TarArchive
 from .zip_archive import ZipArchive
@@ -33,7 +33,7 @@ def open_archive(path: Path) -> Packed:
         raise MissingPathError(path)
     if not path.is_file():
         raise BadArchiveError(path, 'is no file', 'give zip or tar archives, then the folder')
-    with path.open('rb') as file:
+    with naming(path), path.open('rb') as file:
         head = file.read(tarfile.BLOCKSIZE)
     if head.startswith(_ZIP):
         return ZipArchive(path)

@@ -8,7 +8,7 @@ import hashlib
 import shutil
 from typing import TYPE_CHECKING
 
-from ..model.errors import OutputError
+from ..model.errors import OutputError, naming
 from ..model.text import format_bytes
 from .errors import BadArchiveError
 from .members import PIECE_BYTES
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     found = hashlib.sha256()
-    with path.open('rb') as file:
+    with naming(path), path.open('rb') as file:
         while piece := file.read(PIECE_BYTES):
             found.update(piece)
     return found.hexdigest()

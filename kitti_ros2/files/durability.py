@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..model.errors import naming
 from .workers import ordered_map
 
 if TYPE_CHECKING:
@@ -146,15 +147,12 @@ def _begin(path: Path) -> None:
 
 
 def _sync(path: Path, flags: int) -> None:
-    try:
+    with naming(path):
         file = os.open(path, flags | os.O_CLOEXEC)
         try:
             os.fsync(file)
         finally:
             os.close(file)
-    except OSError as error:
-        error.filename = str(path)
-        raise
 
 
 def _entries(folder: Path | str) -> Iterator[os.DirEntry[str]]:

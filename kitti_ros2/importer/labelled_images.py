@@ -23,7 +23,7 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..kitti.label_file import labels_of_text
 from ..messages.source import LABEL_LINES, decode_text
-from ..model.errors import KittiRos2Error, UsageError
+from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.layouts import Layout
 from ..model.samples import FrameLabels
 from .apply_calibration import Rigging
@@ -173,7 +173,7 @@ class _Labels:
             message = self._message(place)
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
-            raise ValueError(str(error)) from None
+            raise ValueError(describe_error(error)) from None
         if message is None or message.stamp_ns != self._log_ns[place]:
             self._iterator = None
             raise ValueError(f'a message of {self.topic} is missing')

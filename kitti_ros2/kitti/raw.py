@@ -177,7 +177,7 @@ class RawRecording(KittiRecording):
         try:
             return cuboids_by_frame(parse_tracklets(self.common_files.read(path), path))
         except (BadFileError, OSError) as error:
-            self._lose_lines(Stream.LABELS, str(error))
+            self._lose_lines(Stream.LABELS, describe_error(error))
             return {}
 
     def _add_tracklets(self) -> None:

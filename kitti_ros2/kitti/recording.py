@@ -99,7 +99,7 @@ class KittiRecording(RecordingPoses):
             try:
                 files.append(self._verbatim(path, self.common_files.take_text(path)))
             except (BadFileError, OSError) as error:
-                missing[path.relative_to(self.root).as_posix()] = str(error)
+                missing[path.relative_to(self.root).as_posix()] = describe_error(error)
         return Description(values, files, missing)
 
     def read(self, stream: Stream, number: int) -> Sample:
@@ -180,7 +180,7 @@ class KittiRecording(RecordingPoses):
         try:
             return self.common_files.read_text(path)
         except (BadFileError, OSError) as error:
-            self._lose_lines(stream, str(error))
+            self._lose_lines(stream, describe_error(error))
             return ''
 
     def _load_calibration(self, path: Path) -> Calibration:

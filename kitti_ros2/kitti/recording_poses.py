@@ -129,6 +129,8 @@ class RecordingPoses(RecordingIndex):
             if failure:
                 self._lose_late(Stream.POSE, f'{failure}; map begins at frame {number} instead')
             return sample
+        if failure:
+            self._lose_late(Stream.POSE, failure)
         return None
 
     def _pose(self, number: int) -> Pose:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from .containers import ANY_BAG
 from .text import either, some_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from typing_extensions import Self
@@ -266,8 +267,19 @@ def notes_of(error: BaseException) -> tuple[str, ...]:
     return tuple(error.__dict__.get('__notes__', ()))
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let errors of the operating system name a file; those of reading name none."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
 def describe_error(error: Exception) -> str:
     """Describe an error; the text begins with the file if it is known."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f'{error.filename}: {error.strerror}'
+    if isinstance(error, OSError) and error.strerror is not None:
+        return error.strerror if error.filename is None else f'{error.filename}: {error.strerror}'
     return str(error)

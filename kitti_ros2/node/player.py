@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from ..model.errors import KittiRos2Error, UsageError
+from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..options.selection import Bound
 from ..options.table import make_play_settings
 from ..player.session import Session
@@ -236,7 +236,9 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             if changes.get('position', '') != '':
                 self._seek(str(changes['position']))
         except (KittiRos2Error, OSError) as error:
-            return SetParametersResult(successful=False, reason=' '.join(str(error).split()))
+            return SetParametersResult(
+                successful=False, reason=' '.join(describe_error(error).split())
+            )
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, parameters: list[Parameter]) -> None:

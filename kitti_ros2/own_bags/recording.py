@@ -28,7 +28,7 @@ from ..kitti.tracklet_file import labels_of_tracklets
 from ..messages.moment import Origin
 from ..messages.naming import base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
-from ..model.errors import BadFileError, KittiRos2Error
+from ..model.errors import BadFileError, KittiRos2Error, describe_error
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
 from ..model.samples import Calibration, Scan
@@ -139,7 +139,7 @@ class BagRecording:
         except BadFileError:
             raise
         except Exception as error:
-            what = f'the message of frame {number}: {error}'
+            what = f'the message of frame {number}: {describe_error(error)}'
             raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
 
     def _sample(self, stream: Stream, number: int) -> Sample:

@@ -28,7 +28,7 @@ from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD, UNPLACED
 from ..messages.source import LABEL_LINES, decode_text
-from ..model.errors import KittiRos2Error, MissingDataError, UsageError
+from ..model.errors import KittiRos2Error, MissingDataError, UsageError, describe_error
 from ..model.geometry import Transform
 from ..model.layouts import Layout
 from ..model.losses import describe_frames
@@ -206,7 +206,7 @@ class BagFrames:
         try:
             return convert(self._messages.read(place))
         except Exception as error:  # a recorder may have written any bytes
-            what = f'{place.topic}: the message of frame {number}: {error}'
+            what = f'{place.topic}: the message of frame {number}: {describe_error(error)}'
             raise KittiRos2Error(what) from error
 
     def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types

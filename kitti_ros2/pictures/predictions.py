@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..drawing.objects import compared, objects_of
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, describe_error
 from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from ..model.streams import Stream
 
@@ -42,7 +42,7 @@ class Predictions:
         try:
             found = self.read(frame.number)
         except (KittiRos2Error, OSError) as error:
-            return replace(frame, missing={**frame.missing, _NAME: str(error)})
+            return replace(frame, missing={**frame.missing, _NAME: describe_error(error)})
         missing = {f'{_NAME} {row}': reason for row, reason in found.missing.items()}
         predictions = objects_of(found, frame.calibration)
         objects = frame.objects

@@ -17,7 +17,13 @@ from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..kitti.motion import scan_at
 from ..messages.map_frame import map_from_world, place_pose
 from ..messages.naming import base_t_imu
-from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, UsageError
+from ..model.errors import (
+    BadFileError,
+    KittiRos2Error,
+    MissingDataError,
+    UsageError,
+    describe_error,
+)
 from ..model.labels import has_complete_labels
 from ..model.losses import describe_frames
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
@@ -103,7 +109,7 @@ class RecordingFrames:
             try:
                 sample = self.read(stream, number)
             except (KittiRos2Error, OSError) as error:
-                missing[stream.value] = str(error)
+                missing[stream.value] = describe_error(error)
                 continue
             if sample is not None:
                 samples[stream] = sample
@@ -182,7 +188,7 @@ class RecordingFrames:
             try:
                 pose = self.recording.read(Stream.POSE, number)
             except (KittiRos2Error, OSError) as error:
-                failures[number] = str(error)
+                failures[number] = describe_error(error)
                 continue
             if isinstance(pose, Pose):
                 found[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
@@ -208,7 +214,7 @@ class RecordingFrames:
             try:
                 images[stream.camera] = self._pixels(sample, number, stream.camera)
             except BadFileError as error:
-                missing[stream.value] = str(error)
+                missing[stream.value] = describe_error(error)
         return images
 
     def _pixels(self, image: Image, number: int, camera: int) -> Pixels:

@@ -13,7 +13,7 @@ from ..bags.reader import open_messages, opened
 from ..exporter.schedule import frame_runs, nearest_frames
 from ..exporter.window import describe_extent
 from ..messages.cdr import Message, filling
-from ..model.errors import BadBagError, KittiRos2Error, UsageError
+from ..model.errors import BadBagError, KittiRos2Error, UsageError, describe_error
 from ..model.losses import Loss
 from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE
 from ..own_bags.numbering import BY_POSITION, number_bag
@@ -168,7 +168,7 @@ class BagProgram:
             message = self._read(index)
         except (KittiRos2Error, OSError) as error:
             self._iterator = None
-            return [], [Loss('', 1, str(error))]
+            return [], [Loss('', 1, describe_error(error))]
         if message is None or message.stamp_ns != self.stamps_ns[index]:
             self._iterator = None
             return [], [Loss('', 1, self._reason())]

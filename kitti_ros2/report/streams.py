@@ -12,7 +12,7 @@ import numpy as np
 from ..files.png.header import TRAILING_BYTES, parse_image
 from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import STORE
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import format_numbers
 from ..model.streams import Clock, Stream
 from ..model.text import format_count
@@ -193,7 +193,7 @@ def _image_facts(
             data, length = STORE.read_ends(path, TRAILING_BYTES)
             image = parse_image(data, path, length)
         except (KittiRos2Error, OSError) as error:
-            bad.append(str(error))
+            bad.append(describe_error(error))
             continue
         by_size[image.width, image.height].append(path)
     findings += _lost(stream, bad, 'image')

@@ -13,6 +13,7 @@ import rerun as rr
 
 from ..messages.last_keys import LastKeys
 from ..messages.source import POINTS
+from ..model.errors import describe_error
 from ..model.text import one_line
 from ..player.read_ahead import ReadAhead
 from .archetypes import TABLE
@@ -141,7 +142,7 @@ class _StreamLogger:
             message = self._program.typestore.deserialize_cdr(due.data, outlet.msgtype)
             updates = list(converter.convert(message))
         except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
-            self.losses[f'{outlet.topic}: {error}'] += 1
+            self.losses[f'{outlet.topic}: {describe_error(error)}'] += 1
             return
         self.messages += 1
         self.size_bytes += len(due.data)

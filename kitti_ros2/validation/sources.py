@@ -13,6 +13,7 @@ from ..kitti.layouts import data_sets_at, not_of_layout
 from ..kitti.nearby import data_sets_below, explain
 from ..kitti.store import STORE
 from ..model.containers import CONTAINERS
+from ..model.errors import naming
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -73,7 +74,7 @@ def _explain_file(path: Path) -> KittiRos2Error:
 
 
 def _is_bag_file(path: Path) -> bool:
-    with path.open('rb') as file:
+    with naming(path), path.open('rb') as file:
         head = file.read(16)
     known = any(head.startswith(each.magic) for each in CONTAINERS.values())
     return known or is_bag_name(path)

@@ -23,6 +23,11 @@ FOUND = [
     ('download', 'SIGKILL', 0.065),
     ('download', 'EIO once', 0.285),
     ('download', 'full disk', 0.09),
+    ('to-bag mcap', 'EIO of a read', 0.585),
+    ('to-bag mcap', 'EIO of a read', 0.685),
+    ('to-bag mcap', 'vanishing file', 0.655),
+    ('to-kitti odometry', 'EIO of a read', 0.05),
+    ('to-kitti odometry', 'EIO of a read', 0.07),
 ]
 """Commands, faults and parts of a run at which something was found once."""
 

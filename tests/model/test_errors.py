@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Errors survive pickling, which carries them out of the worker processes of a data loader."""
+"""Errors name their files, and survive the way out of the worker processes of a data loader."""
 
 import pickle
 from pathlib import Path
@@ -27,3 +27,15 @@ def test_a_pickled_error_is_the_same(error):
     assert type(again) is type(error)
     assert str(again) == str(error)
     assert again.__dict__ == error.__dict__
+
+
+def test_an_error_of_the_system_is_described_by_its_file_and_words():
+    reading = OSError(5, 'Input/output error')
+    assert errors.describe_error(reading) == 'Input/output error'
+    with pytest.raises(OSError, match='Input') as raised, errors.naming(Path(PATH)):
+        raise reading
+    assert errors.describe_error(raised.value) == f'{PATH}: Input/output error'
+    with pytest.raises(OSError, match='Input') as raised, errors.naming(Path('another')):
+        raise reading
+    assert raised.value.filename == PATH
+    assert errors.describe_error(OSError('words')) == 'words'
