@@ -182,6 +182,16 @@ def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
 
 
+def _yaml_numbers() -> list[bytes]:
+    """Numbers to other bases, which Python cannot write as text, or makes no float of."""
+    numbers = (b'0x' + b'f' * 4000, b'1' + b':59' * 2600, b'1' + b':59' * 300 + b'.5')
+    return [name + number for name in (b'layout: ', b'start: ') for number in numbers]
+
+
+def _shares() -> list[bytes]:
+    return [b'split ratio\n1e999999999', b'crop range\n1' + b'0' * 400 + b':']
+
+
 def _idl(fields: str, constants: str = '') -> bytes:
     text = f'a/msg/B\nmodule a {{ module msg {{ {constants} struct B {{ {fields} }}; }}; }};'
     return text.encode()
@@ -219,11 +229,12 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
     'ros1': (_ros1_bomb, _ros1_lengths),
     'sqlite3': (_databases,),
+    'option_text': (_shares,),
     'png': (_pngs,),
-    'yaml': (_yaml_tags,),
-    'config': (_yaml_tags,),
-    'plan': (_yaml_tags,),
-    'lasers': (_yaml_tags,),
+    'yaml': (_yaml_tags, _yaml_numbers),
+    'config': (_yaml_tags, _yaml_numbers),
+    'plan': (_yaml_tags, _yaml_numbers),
+    'lasers': (_yaml_tags, _yaml_numbers),
 }
 NAMES = tuple(sorted(_KNOWN))
 

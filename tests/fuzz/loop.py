@@ -94,6 +94,7 @@ class _Run:
         self.outcome = Outcome(target, Lines(target.modules), Bounds())
         self.corpus: list[bytes] = []
         self.refused = False
+        self.own = 0
 
     def execute(self, data: bytes, *, traced: bool = True) -> str:
         """Run an input; returns the key of what is wrong, or an empty text."""
@@ -132,6 +133,7 @@ class _Run:
     def inputs(self) -> Iterator[bytes]:
         """Yield seeds, then mutated inputs without end."""
         seeds = [*self.target.seeds(), *known(self.target.name)]
+        self.own = len(seeds)
         self._warm_up(seeds[0])
         yield from seeds
         longest = _LONGEST_TEXT if self.target.is_text else _LONGEST
@@ -206,7 +208,8 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
         run.take(next(inputs))  # the seeds are made
         start = time.monotonic()
         for data in inputs:
-            if outcome.executions >= executions or time.monotonic() - start > seconds:
+            enough = outcome.executions >= max(executions, run.own)
+            if enough or time.monotonic() - start > seconds:
                 break
             run.take(data)
     outcome.seconds = time.monotonic() - start

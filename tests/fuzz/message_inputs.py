@@ -183,6 +183,7 @@ def _markers(messages: Messages) -> Iterator[Any]:
         ]  # fmt: skip
         for each in made:
             each.header.frame_id = frame
+        made[5].text = 'Car 0.87'
         made[0].header.frame_id = 'other'
         yield messages.new(types.MARKERS, markers=made)
 

@@ -10,6 +10,7 @@ from . import (
     foxglove_targets,
     kitti_targets,
     message_targets,
+    option_targets,
     result_targets,
     yaml_targets,
 )
@@ -20,6 +21,7 @@ _ALL = (
     *bag_targets.TARGETS,
     *definition_targets.TARGETS,
     *message_targets.TARGETS,
+    *option_targets.TARGETS,
     *foxglove_targets.TARGETS,
     *result_targets.TARGETS,
 )
