@@ -34,6 +34,8 @@ from kitti_ros2.validation.rule_table import rules_by_id
 from .inputs import bag_bytes, found, own_bag, samples
 from .target import YAML_WORDS, Target, place, stored
 
+from bags.bag_samples import jazzy  # isort: skip
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -118,7 +120,7 @@ def _with_packed_messages() -> list[bytes]:
         packer = zstandard.ZstdCompressor(**options)
         packed = [(topic, kind, ns, packer.compress(data)) for topic, kind, ns, data in
                   (_HELLO, _IMAGE, _HELLO)]  # fmt: skip
-        made.append(_mcap(packed))
+        made.append(make_mcap(packed))
     return made
 
 
@@ -140,7 +142,7 @@ def _recover(data: bytes) -> None:
     recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
 
 
-def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
+def make_mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
     """An MCAP file of (topic, type, stamp, data); no checksum stops mutations."""
     target = BytesIO()
     options.setdefault('compression', CompressionType.NONE)
@@ -148,7 +150,8 @@ def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
     writer.start(profile='ros2')
     channels: dict[str, int] = {}
     for topic, kind, stamp_ns, data in messages:
-        text = TYPESTORE.generate_msgdef(kind, ros_version=2)[0]
+        store = TYPESTORE if kind in TYPESTORE.fielddefs else jazzy()
+        text = store.generate_msgdef(kind, ros_version=2)[0]
         if topic not in channels:
             schema = writer.register_schema(kind, 'ros2msg', text.encode())
             channels[topic] = writer.register_channel(topic, 'cdr', schema)
@@ -173,7 +176,7 @@ def _small() -> list[bytes]:
         {'compression': CompressionType.NONE, 'use_chunking': False},
         {'compression': CompressionType.NONE, 'chunk_size': 60},
     )
-    return [_mcap([_HELLO, _IMAGE, _HELLO], **kind) for kind in kinds]
+    return [make_mcap([_HELLO, _IMAGE, _HELLO], **kind) for kind in kinds]
 
 
 def _indexed() -> list[bytes]:
@@ -230,10 +233,10 @@ def _metadata_texts() -> list[bytes]:
 
 def _own() -> list[bytes]:
     layouts = (Layout.OBJECT, Layout.TRACKING, Layout.RAW)
-    return [_mcap(_messages_of(own_bag('a.mcap', layout))) for layout in layouts]
+    return [make_mcap(messages_of(own_bag('a.mcap', layout))) for layout in layouts]
 
 
-def _messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
+def messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
     """The first messages of each topic."""
     counts: Counter[str] = Counter()
     found = []

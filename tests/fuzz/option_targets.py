@@ -112,6 +112,7 @@ TARGETS = (
            YAML_WORDS, is_text=True, long=100_000),
     Target('option_text', _option_text, _option_texts,
            ('options/parsers.py', 'options/declare.py', 'options/quantity_parsers.py'),
-           (b'GB', b'min', b':', b',', b'x', b'off', b'/kitti/*', b'2/3'), is_text=True, long=100_000),
+           (b'GB', b'min', b':', b',', b'x', b'off', b'/kitti/*', b'2/3'),
+           is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from . import (
+    archive_targets,
     bag_targets,
     definition_targets,
     foxglove_targets,
@@ -17,6 +18,7 @@ from . import (
 
 _ALL = (
     *kitti_targets.TARGETS,
+    *archive_targets.TARGETS,
     *yaml_targets.TARGETS,
     *bag_targets.TARGETS,
     *definition_targets.TARGETS,
