@@ -152,8 +152,8 @@ def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
     carried = numbers
     if 'carried' in entry:
         carried = tuple(_numbers(entry['carried'], 10**digits))
-    if not set(carried) <= set(numbers):
-        raise ValueError('files that the recording does not have')
+        if not set(numbers).issuperset(carried):
+            raise ValueError('files that the recording does not have')
     return Folder(inside(entry['folder'], path), digits, suffix, numbers, carried)
 
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections import Counter
-from contextlib import closing, suppress
+from contextlib import closing
 from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -16,20 +15,10 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
-from kitti_ros2.importer.apply_plan import guess
-from kitti_ros2.importer.survey import glance, look
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.validating import ValidateOptions
-from kitti_ros2.validation.bag_checks import check_bag
-from kitti_ros2.validation.results import FindingTally
-from kitti_ros2.validation.rule_table import rules_by_id
 
 from .inputs import bag_bytes, found, own_bag, samples
 from .target import YAML_WORDS, Target, place, stored
@@ -124,26 +113,16 @@ def _with_packed_messages() -> list[bytes]:
     return made
 
 
-def _survey(data: bytes) -> None:
-    path = stored('survey.mcap', data)
-    glance(path)
-    survey = look([path])
-    for layout in Layout:
-        with suppress(KittiRos2Error):
-            guess([path], survey, ImportOptions(layout=layout))
-
-
-def _restore(data: bytes) -> None:
-    path = stored('restore.mcap', data)
-    to_kitti(path, place('restored'), overwrite=True)
-
-
 def _recover(data: bytes) -> None:
     recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
 
 
-def make_mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
-    """An MCAP file of (topic, type, stamp, data); no checksum stops mutations."""
+Stored = tuple[str, str, int, bytes]
+"""Topic, type, stamp and data of a message."""
+
+
+def make_mcap(messages: list[Stored], **options) -> bytes:
+    """An MCAP file; no checksum stops mutations."""
     target = BytesIO()
     options.setdefault('compression', CompressionType.NONE)
     writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
@@ -231,32 +210,6 @@ def _metadata_texts() -> list[bytes]:
     return [yaml.safe_dump(values).encode(), own, plain]
 
 
-def _own() -> list[bytes]:
-    layouts = (Layout.OBJECT, Layout.TRACKING, Layout.RAW)
-    return [make_mcap(messages_of(own_bag('a.mcap', layout))) for layout in layouts]
-
-
-def messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
-    """The first messages of each topic."""
-    counts: Counter[str] = Counter()
-    found = []
-    with open_messages(path) as messages:
-        for each in messages:
-            counts[each.topic] += 1
-            if counts[each.topic] <= (20 if 'source' in each.topic else 2):
-                found.append((each.topic, each.msgtype, each.stamp_ns, bytes(each.data)))
-    return found
-
-
-def _checked(data: bytes) -> None:
-    check_bag(
-        stored('checked.mcap', data),
-        ValidateOptions(),
-        FindingTally(rules_by_id(bags=True)),
-        lambda *_: None,
-    )
-
-
 RECORD_WORDS = (
     *(b'\x89MCAP0\r\n', b'zstd', b'lz4', b'cdr', b'ros2msg', b'ros2idl', b'protobuf', b'json'),
     *(struct.pack('<BQ', kind, size) for kind in range(1, 16) for size in (0, 8, 2**40)),
@@ -280,17 +233,8 @@ TARGETS = (
            (*_MCAP, *COMMON, 'bags/locate.py'), RECORD_WORDS, short=40),
     Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
            short=100, long=100_000),
-    Target('survey', _survey, _own,
-           ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py'), short=20,
-           long=2000),
-    Target('restore', _restore, _own,
-           ('own_bags/description.py', 'own_bags/blueprint.py', 'own_bags/recorded_layout.py',
-            'own_bags/restore.py', 'own_bags/source_texts.py', 'own_bags/numbering.py'),
-           (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null'), short=10,
-           long=2000),
     Target('recover', _recover,
            lambda: [*_indexed(), *_unindexed(), *_ros1_bags(), *_databases()],
            ('bags/recover.py',), short=30, long=2000),
-    Target('check_bag', _checked, _own, ('validation/bag_checks.py',), short=10, long=2000),
 )  # fmt: skip
 """All of them."""

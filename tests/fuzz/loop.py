@@ -191,14 +191,22 @@ def _key(error: BaseException) -> str:
     return f'{type(error).__name__} {last.filename[len(str(PACKAGE)) + 1 :]}:{last.lineno}'
 
 
-def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf')) -> Outcome:
+def fuzz(
+    target: Target,
+    seed: int,
+    executions: int,
+    seconds: float = float('inf'),
+    *,
+    all_seeds: bool = False,
+) -> Outcome:
     """Run a target.
 
     Args:
         target: The target.
         seed: The same seed gives the same inputs.
-        executions: How many inputs; at least all of its own.
+        executions: How many inputs.
         seconds: Ends it earlier.
+        all_seeds: Whether all valid inputs are run, even if they are more.
     """
     run = _Run(target, seed)
     outcome = run.outcome
@@ -208,7 +216,7 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
         run.take(next(inputs))  # the seeds are made
         start = time.monotonic()
         for data in inputs:
-            enough = outcome.executions >= max(executions, run.own)
+            enough = outcome.executions >= max(executions, run.own if all_seeds else 0)
             if enough or time.monotonic() - start > seconds:
                 break
             run.take(data)

@@ -21,8 +21,9 @@ from kitti_ros2.model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, MARKERS
 from kitti_ros2.options.bag_results import BagResultsOptions
 from kitti_ros2.options.read import ReadOptions
 
-from .bag_targets import RECORD_WORDS, make_mcap, messages_of
+from .bag_targets import RECORD_WORDS, make_mcap
 from .inputs import SEPARATOR, files, joined, own_bag, parted, recording, samples
+from .own_bag_inputs import messages_of
 from .target import Target, place, stored
 
 

@@ -12,6 +12,7 @@ from . import (
     kitti_targets,
     message_targets,
     option_targets,
+    own_bag_targets,
     result_targets,
     yaml_targets,
 )
@@ -21,6 +22,7 @@ _ALL = (
     *archive_targets.TARGETS,
     *yaml_targets.TARGETS,
     *bag_targets.TARGETS,
+    *own_bag_targets.TARGETS,
     *definition_targets.TARGETS,
     *message_targets.TARGETS,
     *option_targets.TARGETS,
