@@ -5,13 +5,24 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import zlib
 from contextlib import suppress
 from pathlib import Path
 
-from kitti_ros2.files.picture_headers import jpeg_size, png_chunks, png_size, webp_size
-from kitti_ros2.files.png.decode import decode_png
+import cv2
+import numpy as np
+
+from kitti_ros2.files.picture_headers import (
+    is_webp,
+    is_whole_webp,
+    jpeg_size,
+    png_chunks,
+    png_size,
+    webp_size,
+)
+from kitti_ros2.files.png.decode import decode_png, inflated
 from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.append_journal import parse_journal
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
@@ -114,10 +125,12 @@ def _scan_text(data: bytes) -> None:
 
 
 def _png(data: bytes) -> None:
-    for size in (png_size, jpeg_size, webp_size):
-        size(data)
+    for read in (png_size, jpeg_size, webp_size, is_webp, is_whole_webp):
+        read(data)
     with suppress(ValueError):  # what its callers report
         png_chunks(data)
+    with suppress(ValueError):
+        inflated(data)
     image = parse_image(data, PATH)
     with suppress(ValueError):
         decode_png(image)
@@ -151,7 +164,26 @@ def _checksummed(data: bytes) -> bytes:
 
 
 def _pngs() -> list[bytes]:
-    return files('*.png', most=1) + found('png4g/object/training/image_?/*.png')[:2]
+    png = files('*.png', most=1)[0]
+    at = png.index(b'IDAT') - 4
+    damaged = (png[:20], png[:-8], png[: at + 30], png[:-6] + b'xxIEND', png[:-12], png[:at])
+    wide = png[:16] + struct.pack('>II', 2**15, 2**15) + png[24:]
+    return [
+        *files('*.png', most=1),
+        *damaged,
+        wide,
+        *_pictures(),
+        *found('png4g/*/*/image_?/*.png')[:2],
+    ]
+
+
+def _pictures() -> list[bytes]:
+    """JPEG and WebP files, and the headers of each kind of WebP."""
+    grey = np.arange(96, dtype=np.uint8).reshape(8, 12)
+    made = [cv2.imencode(suffix, grey)[1].tobytes() for suffix in ('.jpg', '.webp')]
+    kinds = (b'VP8 ', b'VP8L', b'VP8X', b'VP9 ')
+    webps = [b'RIFF' + struct.pack('<I', 30) + b'WEBP' + kind + bytes(range(24)) for kind in kinds]
+    return [*made, *webps, b'\xff\xd8\xff\xff\xff\xe0\0\2\xff\xd9', webps[0][:22]]
 
 
 def _journals() -> list[bytes]:
@@ -183,12 +215,22 @@ Tr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0
 Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0
 """
 _LABEL = b'Car 0.00 0 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3\n'
+_NO_DATE = b'2011-99-26 13:02:25.000000000\n'
 _MANY = 100_000
 
 
 def _object_calibrations() -> list[bytes]:
     made = files('calib/*.txt') + files('calib.txt', Layout.ODOMETRY)
-    return [*made, _ODOMETRY, _WAYMO, _TRACKING, *samples('kitti/*/training/calib/*.txt')]
+    real = samples('kitti/*/training/calib/*.txt')
+    return [*made, _ODOMETRY, _WAYMO, _TRACKING, b'', *real]
+
+
+def _other_tracklets() -> list[bytes]:
+    """XML of other kinds, and boxes of sizes that no object has."""
+    made = files('tracklet_labels.xml', Layout.RAW)[0]
+    none = re.sub(rb'<h>[^<]*</h>', b'<h>0</h>', made)
+    entity = b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'
+    return [none, entity, b'<?xml version="1.0" encoding="x"?><a/>', b'<a/>', b' ' * 300]
 
 
 def _raw_calibrations() -> list[bytes]:
@@ -213,6 +255,7 @@ TARGETS = (
            is_text=True, long=_MANY),
     Target('tracks', _tracks,
            lambda: [*files('label_02/*.txt'), b'0 1 ' + _LABEL, b'1.0 2 ' + _LABEL,
+                    b'0 99999999999999999999 ' + _LABEL,
                     *samples('kitti/tracking/*/label_02/*.txt')],
            ('kitti/track_file.py', 'kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1'),
            is_text=True, long=_MANY),
@@ -220,7 +263,7 @@ TARGETS = (
            ('kitti/semantic_file.py',), long=_MANY),
     Target('tracklets', _tracklets,
            lambda: [*files('tracklet_labels.xml', Layout.RAW),
-                    *samples('kitti/devkit/*tracklet*.xml', lines=90)],
+                    *_other_tracklets(), *samples('kitti/devkit/*tracklet*.xml', lines=90)],
            ('kitti/tracklet_file.py',),
            (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
            is_text=True, long=_MANY),
@@ -229,7 +272,7 @@ TARGETS = (
                     *samples('kitti/tracking/*/oxts/*.txt', lines=3)],
            ('kitti/oxts_file.py', _TEXT_FILE), is_text=True, long=_MANY),
     Target('stamps', _timestamps,
-           lambda: [*files('timestamps.txt', Layout.RAW, most=1),
+           lambda: [*files('timestamps.txt', Layout.RAW, most=1), _NO_DATE,
                     *samples('kitti/raw/*/*/image_02/timestamps.txt', lines=9)],
            ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE),
            (b'2011-09-26 13:02:25.951199337', b'1969-12-31', b'9999-99-99', b'2262-04-11'),
@@ -240,7 +283,7 @@ TARGETS = (
            lambda: [*files('poses/*.txt', Layout.ODOMETRY), b'1 0 0 0 0 1 0 0 0 0 1 0\n' * 2,
                     *samples('kitti/odometry/dataset/poses/*.txt', lines=3)],
            ('kitti/poses_file.py', _TEXT_FILE), is_text=True, long=_MANY),
-    Target('scan', _scan, lambda: files('velodyne/*.bin', Layout.OBJECT, most=1),
+    Target('scan', _scan, lambda: [*files('velodyne/*.bin', Layout.OBJECT, most=1), b''],
            ('kitti/scan_file.py',), long=_MANY),
     Target('scan_text', _scan_text,
            lambda: [b'1.000 2.000 3.000 0.50\n4.0 5.0 6.0 0.1\n', b'nan inf -1e30 0\n'],
@@ -250,7 +293,8 @@ TARGETS = (
            (b'IHDR', b'IDAT', b'IEND', b'PLTE', b'tRNS', b'\xff\xd8\xff\xc0', b'RIFF', b'WEBP'),
            mend=_checksummed, long=_MANY),
     Target('image_set', _image_set,
-           lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n'],
+           lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n',
+                    b'\xef\xbb\xbf000000\n', b'1\n1\n', b''],
            ('kitti/image_set.py',), is_text=True, long=_MANY),
     Target('mapping', _mapping, _mappings, ('kitti/object_mapping.py',), (SEPARATOR,),
            is_text=True, long=_MANY),

@@ -20,7 +20,9 @@ from mcap.writer import CompressionType, Writer
 from kitti_ros2.bags.message_source import BagMessages
 from kitti_ros2.model.layouts import Layout
 
+from .database_inputs import endless
 from .inputs import files, own_bag
+from .ros1_inputs import ros1_record
 from .target import place
 
 if TYPE_CHECKING:
@@ -99,11 +101,6 @@ def _message_bomb() -> list[bytes]:
     return [target.getvalue()]
 
 
-def _ros1_record(fields: dict[bytes, bytes], data: bytes) -> bytes:
-    head = b''.join(_text(name + b'=' + value) for name, value in fields.items())
-    return _text(head) + _text(data)
-
-
 def _ros1_bomb() -> list[bytes]:
     data = bz2.compress(bytes(_BOMB_BYTES))
     made = []
@@ -111,8 +108,8 @@ def _ros1_bomb() -> list[bytes]:
         chunk = {b'op': b'\5', b'compression': b'bz2', b'size': struct.pack('<I', declared)}
         head = {b'op': b'\3', b'index_pos': bytes(8), b'conn_count': bytes(4)}
         head[b'chunk_count'] = struct.pack('<I', 1)
-        start = b'#ROSBAG V2.0\n' + _ros1_record(head, b' ' * 100)
-        made.append(start + _ros1_record(chunk, data))
+        start = b'#ROSBAG V2.0\n' + ros1_record(head, b' ' * 100)
+        made.append(start + ros1_record(chunk, data))
     return made
 
 
@@ -178,6 +175,11 @@ def _databases() -> list[bytes]:
     return [*made, made[0][:100]]  # a head alone, too
 
 
+def _circles() -> list[bytes]:
+    """Rows of any size whose pages follow each other in a circle."""
+    return [endless(size) for size in (70_000, 900_000_000, 2**40)]
+
+
 def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
 
@@ -228,7 +230,7 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
     'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
     'ros1': (_ros1_bomb, _ros1_lengths),
-    'sqlite3': (_databases,),
+    'sqlite3': (_databases, _circles),
     'option_text': (_shares,),
     'png': (_pngs,),
     'yaml': (_yaml_tags, _yaml_numbers),

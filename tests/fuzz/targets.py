@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from . import (
     archive_targets,
+    bag_folder_targets,
     bag_targets,
     definition_targets,
     foxglove_targets,
@@ -13,6 +14,7 @@ from . import (
     message_targets,
     option_targets,
     own_bag_targets,
+    plan_targets,
     result_targets,
     yaml_targets,
 )
@@ -22,7 +24,9 @@ _ALL = (
     *archive_targets.TARGETS,
     *yaml_targets.TARGETS,
     *bag_targets.TARGETS,
+    *bag_folder_targets.TARGETS,
     *own_bag_targets.TARGETS,
+    *plan_targets.TARGETS,
     *definition_targets.TARGETS,
     *message_targets.TARGETS,
     *option_targets.TARGETS,
