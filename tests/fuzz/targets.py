@@ -14,6 +14,7 @@ from . import (
     message_targets,
     option_targets,
     own_bag_targets,
+    picture_targets,
     plan_targets,
     result_targets,
     yaml_targets,
@@ -21,6 +22,7 @@ from . import (
 
 _ALL = (
     *kitti_targets.TARGETS,
+    *picture_targets.TARGETS,
     *archive_targets.TARGETS,
     *yaml_targets.TARGETS,
     *bag_targets.TARGETS,
