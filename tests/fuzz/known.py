@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import bz2
+import json
 import sqlite3
 import struct
 import zlib
@@ -180,6 +181,14 @@ def _circles() -> list[bytes]:
     return [endless(size) for size in (70_000, 900_000_000, 2**40)]
 
 
+def _file_numbers() -> list[bytes]:
+    """A description of a billion files, in a String."""
+    spans = [[first, first + 999_999] for first in range(0, 10**9, 10**6)]
+    folder = {'folder': 'a', 'digits': 12, 'suffix': '.bin', 'numbers': spans}
+    values = {'layout': 'object', 'name': 'a', 'epoch_ns': 0, 'files': {'scan': folder}}
+    return [b'\0\1\0\0' + _text(json.dumps(values).encode() + b'\0')]
+
+
 def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
 
@@ -224,6 +233,7 @@ def _beyond_float32() -> list[bytes]:
 
 
 _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
+    'cdr_String': (_file_numbers,),
     'definition': (_definitions,),
     'typestore': (_definitions,),
     'foxglove': (_beyond_float32,),
