@@ -52,7 +52,7 @@ distance_resolution: 0.002
 TARGETS = (
     Target('yaml', _yaml,
            lambda: [*BOMBS, *found('bombs/*.yaml'), b'', _LASERS],
-           (_TEXT,), YAML_WORDS, is_text=True, long=100_000),
+           (_TEXT,), YAML_WORDS, is_text=True, short=60, long=100_000),
     Target('lasers', _lasers, lambda: [_LASERS], ('messages/velodyne_models.py',), YAML_WORDS,
            is_text=True, long=100_000),
 )  # fmt: skip
