@@ -113,7 +113,8 @@ def _odd_archives() -> list[bytes]:
             _named(file, file),
             _named(file, f'{file}/a'),
         ),
-        _bomb(),
+        *(_bomb(), _tar('w:')[:700], _tar('w:')[:2100], _tar('w:gz')[:-40], _tar('w:bz2')[:60]),
+        _tar('w:').rstrip(b'\0'),
     ]
 
 

@@ -46,6 +46,14 @@ def clouds(messages: Messages) -> Iterator[Any]:
     ranged = _cloud(messages, _CLOUDS[4], (1, 8), big=False)
     ranged.fields[-1].offset = 1000
     yield ranged
+    for name, value in (('datatype', 9), ('count', 3)):
+        odd = _cloud(messages, _CLOUDS[0], (2, 4), big=False)
+        setattr(odd.fields[0], name, value)
+        yield odd
+    for name, value in (('row_step', 3), ('row_step', 10**6), ('data', np.zeros(9, np.uint8))):
+        odd = _cloud(messages, _CLOUDS[0], (2, 4), big=False)
+        setattr(odd, name, value)
+        yield odd
     for cloud_format in FORMATS.values():
         for timed in (True, False):
             yield _formatted(messages, cloud_format, timed=timed)

@@ -169,7 +169,11 @@ def _other_tracklets() -> list[bytes]:
     made = files('tracklet_labels.xml', Layout.RAW)[0]
     none = re.sub(rb'<h>[^<]*</h>', b'<h>0</h>', made)
     entity = b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'
-    return [none, entity, b'<?xml version="1.0" encoding="x"?><a/>', b'<a/>', b' ' * 300]
+    edits = {b'w': b'<w>x</w>', b'l': b'', b'first_frame': b'<first_frame>1.5</first_frame>',
+             b'objectType': b'', b'occlusion': b'<occlusion>9</occlusion>',
+             b'tx': b'<tx>nan</tx>'}  # fmt: skip
+    others = [re.sub(rb'<%s>[^<]*</%s>' % (name, name), edit, made) for name, edit in edits.items()]
+    return [*others, none, entity, b'<?xml version="1.0" encoding="x"?><a/>', b'<a/>', b' ' * 300]
 
 
 def _raw_calibrations() -> list[bytes]:

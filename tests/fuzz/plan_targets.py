@@ -12,6 +12,7 @@ from shutil import rmtree
 from typing import TYPE_CHECKING, Any
 
 import foreign
+import numpy as np
 import yaml
 
 from kitti_ros2.importer.apply_plan import adapt, convert, guess
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 PATH = Path('folder/plan.yaml')
 _IMAGE = '/cam/left/image_raw'
+_PICTURE = '/cam/right/image_rect/compressed'
 _DAMAGED = ('/sensors/ouster/points', _IMAGE, '/perception/objects')
 
 
@@ -92,6 +94,8 @@ def _damaged_bag() -> tuple[Path, Survey]:
     path = place('damaged.mcap')
 
     def change(topic: str, number: int, message: Any) -> Any:
+        if number and topic == _PICTURE:
+            return replace(message, data=np.zeros(9, np.uint8))
         return (b'\0\1\0\0',) if number and topic in _DAMAGED else message
 
     foreign.write_foreign(path, foreign.make_truth()[:2], change=change)

@@ -114,10 +114,20 @@ def _result_bags() -> list[bytes]:
         frames = [each for each in messages if '/tf' in each[0]]
         for kind in (DETECTIONS_2D, DETECTIONS_3D, MARKERS):
             boxes = [('/my/boxes', *each[1:]) for each in messages if each[1] == kind]
-            unstamped = [(*each[:3], each[3][:4] + bytes(8) + each[3][12:]) for each in boxes]
+            unstamped = [(*each[:3], _unstamped(each[3])) for each in boxes]
             made += [make_mcap([*frames, *boxes]), make_mcap([clock, *boxes])] if boxes else []
-            made += [make_mcap([clock, *frames, *unstamped])] if boxes else []
+            made += [make_mcap([clock, *frames, *each]) for each in (unstamped, boxes[:1]) if boxes]
+            late = [(*each[:2], each[2] + 10**15, each[3]) for each in unstamped]
+            made += (
+                [make_mcap(late), make_mcap([*boxes, ('/other', *boxes[0][1:])])] if boxes else []
+            )
     return [*made, make_mcap(messages)]
+
+
+def _unstamped(data: bytes) -> bytes:
+    """A message of boxes whose stamps, also those of its boxes, are all zero."""
+    start = 4 if any(data[4:8]) and data[4:8] > b'\xff\0\0\0' else 8
+    return data.replace(data[start : start + 8], bytes(8))
 
 
 def _trajectories() -> list[bytes]:

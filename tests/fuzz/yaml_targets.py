@@ -49,11 +49,18 @@ num_lasers: 2
 distance_resolution: 0.002
 """
 
+
+def _laser_texts() -> list[bytes]:
+    huge = b'1' + b'0' * 400
+    odd = (b'lasers: [7]', b'lasers: [{laser_id: 9}]', b'lasers: [{rot_correction: %s}]' % huge)
+    return [_LASERS, _LASERS.replace(b'0.002', b'5'), _LASERS.replace(b'0.002', b'x'), *odd]
+
+
 TARGETS = (
     Target('yaml', _yaml,
            lambda: [*BOMBS, *found('bombs/*.yaml'), b'', _LASERS],
            (_TEXT,), YAML_WORDS, is_text=True, short=60, long=100_000),
-    Target('lasers', _lasers, lambda: [_LASERS], ('messages/velodyne_models.py',), YAML_WORDS,
+    Target('lasers', _lasers, _laser_texts, ('messages/velodyne_models.py',), YAML_WORDS,
            is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""
