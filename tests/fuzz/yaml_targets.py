@@ -59,7 +59,7 @@ def _laser_texts() -> list[bytes]:
 TARGETS = (
     Target('yaml', _yaml,
            lambda: [*BOMBS, *found('bombs/*.yaml'), b'', _LASERS],
-           (_TEXT,), YAML_WORDS, is_text=True, short=60, long=100_000),
+           (_TEXT,), YAML_WORDS, is_text=True, short=25, long=100_000),
     Target('lasers', _lasers, _laser_texts, ('messages/velodyne_models.py',), YAML_WORDS,
            is_text=True, long=100_000),
 )  # fmt: skip
