@@ -109,7 +109,7 @@ TARGETS = (
     Target('config', _config, _configs,
            ('model/yaml_text.py', 'cli/config_file.py', 'options/parsers.py', 'options/declare.py',
             'options/quantity_parsers.py'),
-           YAML_WORDS, is_text=True, short=80, long=100_000),
+           YAML_WORDS, is_text=True, short=50, long=100_000),
     Target('option_text', _option_text, _option_texts,
            ('options/parsers.py', 'options/declare.py', 'options/quantity_parsers.py'),
            (b'GB', b'min', b':', b',', b'x', b'off', b'/kitti/*', b'2/3'),

@@ -94,6 +94,6 @@ TARGETS = (
            (*_MODULES, 'bags/forward_stamps.py'), _WORDS, short=10, long=5000),
     Target('own_recording', _recording, lambda: [*own_bags(), *odd_bags()],
            (*_MODULES, 'own_bags/recording.py'), _WORDS, short=10, long=2000),
-    Target('check_bag', _checked, _to_check, ('validation/bag_checks.py',), short=10, long=2000),
+    Target('check_bag', _checked, _to_check, ('validation/bag_checks.py',), short=5, long=2000),
 )  # fmt: skip
 """All of them."""

@@ -179,7 +179,7 @@ TARGETS = (
            ('evaluation/detection_inputs.py', 'evaluation/bag_results.py',
             'evaluation/result_boxes.py', 'evaluation/result_messages.py',
             'evaluation/class_map.py'),
-           RECORD_WORDS, short=10, long=2000),
+           RECORD_WORDS, short=5, long=2000),
     Target('checksums', _checksums, lambda: [b'a' * 64 + b'  a.zip\n# b\n' + b'0' * 64 + b' *b\n'],
            ('fetch/checksums.py',), is_text=True, long=100_000),
 )  # fmt: skip
