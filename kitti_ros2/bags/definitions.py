@@ -20,7 +20,7 @@ from rosbags.typesys.store import Typestore
 from ..messages.cdr import nested_type
 from ..messages.ros_types import TYPESTORE
 from ..model.msgtypes import HEADER
-from .definition_texts import check_idl, shortened
+from .definition_texts import shortened, shortened_idl
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -159,9 +159,8 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         return _ros2_like(get_types_from_msg(shortened(text), msgtype))
     if encoding not in {'ros2idl', 'omgidl'}:
         raise ValueError(f'unknown encoding {encoding!r}')
-    check_idl(text)
     types: Typesdict = {}
-    for part in text.split(_IDL_DIVIDER):
+    for part in shortened_idl(text).split(_IDL_DIVIDER):
         head, newline, rest = part.partition('\n')
         body = rest if newline and head.startswith('IDL: ') else part
         if body.strip():

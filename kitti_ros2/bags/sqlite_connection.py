@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import sqlite3
+import sys
 from typing import Any
 
 _TABLES = ('topics', 'messages', 'message_definitions')
 _PERIOD = 100_000  # SQLite's instructions between two looks at the budget
 _ALWAYS = 20_000_000  # about a second
+_QUERY_BYTES = 1_000_000  # of what is no value of the file, such as a query
+_LONGEST = 2**31 - 1
 _PER_BYTE = 20  # a row has at least 20 bytes, and takes about 10
 
 
@@ -33,6 +36,9 @@ class GuardedConnection(sqlite3.Connection):
             sqlite3.Error: The database cannot be read.
         """
         self._budget = _ALWAYS + _PER_BYTE * size
+        if sys.version_info >= (3, 11):
+            # A chain of pages may lead back to itself: no value is longer than the file.
+            self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size + _QUERY_BYTES, _LONGEST))
         self.set_progress_handler(self._is_spent, _PERIOD)
         self.execute('PRAGMA trusted_schema = OFF')
         kinds = {

@@ -83,6 +83,7 @@ class SqliteFile(BagFile):
         self._by_id: dict[int, MessageRow] | None = None
         self._shared: Path | None = None
         self._is_whole = True
+        self._size = self._file.size  # with the log beside it
         try:
             self._pages = Pages(self._file)
             rows = self._open(path)
@@ -164,11 +165,12 @@ class SqliteFile(BagFile):
             sqlite3.Error: The database cannot be opened.
             ValueError: It has views in place of tables.
         """
-        mode = 'immutable=1'
+        mode, size = 'immutable=1', self._file.size
         wal = path.with_name(f'{path.name}-wal')
         if wal.is_file() and wal.stat().st_size:
             self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
             mode = 'mode=ro'
+            size += wal.stat().st_size
             self._is_whole = False
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
@@ -178,8 +180,9 @@ class SqliteFile(BagFile):
         connection = sqlite3.connect(
             uri, uri=True, check_same_thread=False, factory=GuardedConnection
         )
+        self._size = size
         try:
-            connection.guard(self._file.size)
+            connection.guard(size)
         except BaseException:
             connection.close()
             raise
@@ -220,7 +223,7 @@ class SqliteFile(BagFile):
                 if row is None or row[0] != row_id:
                     return
                 data = row[1]
-                if data is None and isinstance(row[2], int):
+                if data is None and isinstance(row[2], int) and row[2] <= self._size:
                     data = _large(self._connection, tree, row_id, row[2])
                 # SQLite reads zeros from a file that was truncated meanwhile.
                 if not isinstance(data, (bytes, memoryview)) or self._file.is_cut():

@@ -87,7 +87,17 @@ class Pages:
         self._block_at, self._block = 0, b''
 
     def rows(self) -> Iterator[Row]:
-        """Yield the rows of all tables, by page."""
+        """Yield the rows of all tables, by page; those that the file has no bytes for are not.
+
+        Pages may lead to each other in a circle, which has data of any size.
+        """
+        left = self._file.size
+        for row in self._all_rows():
+            if row.size <= left:
+                left -= row.size
+                yield row
+
+    def _all_rows(self) -> Iterator[Row]:
         pages = max(1, _BLOCK // self.page_size)
         for start in range(0, self._file.size, pages * self.page_size):
             block = self._file.read(start, pages * self.page_size)

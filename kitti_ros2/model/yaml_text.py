@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 _DEEPEST = 100
 _MOST_REPEATED = 100_000
+_LONGEST_NUMBER = 5000
+_MOST_BITS = 14_000
+"""Of a whole number, about 4200 digits: Python writes no more than 4300."""
+_NUMBERS = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 _MERGE = 'tag:yaml.org,2002:merge'
 # ASCII but tabs and question marks, some of which libyaml takes and PyYAML refuses.
 _COMMON = re.compile(rb'[\n -> @-~]*')
@@ -127,20 +131,33 @@ def _parts(node: yaml.Node) -> list[yaml.Node]:
     return node.value if isinstance(node, yaml.SequenceNode) else []
 
 
+def _too_long(node: yaml.Node) -> yaml.constructor.ConstructorError:
+    problem = 'a number of too many digits'
+    return yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+
+
 class _Bounded:
     """Stops at a depth: the recursion of both parsers would end in an error, or in a crash.
 
-    And PyYAML raises errors of Python at values that do not fit their tags, such as !!float ''.
+    And PyYAML raises errors of Python at values that do not fit their tags, such as !!float '', and
+    takes numbers to other bases than 10 of a length that Python cannot write again.
     """
 
     depth = 0
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:  # noqa: ANN401, FBT001, FBT002
+        if node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
+            raise _too_long(node)
         try:
-            return super().construct_object(node, deep=deep)  # type: ignore[misc]
+            found = super().construct_object(node, deep=deep)  # type: ignore[misc]
+        except OverflowError:
+            raise _too_long(node) from None
         except (AttributeError, LookupError, TypeError):
             problem = f'a value that is no {node.tag.rpartition(":")[2]}'
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
+        if type(found) is int and found.bit_length() > _MOST_BITS:
+            raise _too_long(node)
+        return found
 
     def descend_resolver(self, *node: Any) -> None:  # noqa: ANN401 - as the base class has it
         self.depth += 1

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _SIZE = re.compile(r'(\d{1,100}(?:\.\d{1,100})?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
+# An exponent of many digits would take all memory as a fraction.
+_SHARE = re.compile(r'\d{0,50}\.?\d{0,50}(?:[eE][-+]?\d{1,2})?|\d{1,50}/\d{1,50}', re.ASCII)
 _IMAGE_SIZE = re.compile(r'(\d{1,5})[xX,](\d{1,5})', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
 
@@ -123,7 +125,7 @@ def parse_span(name: str, value: object) -> tuple[float, float]:
     try:
         words = value if isinstance(value, (list, tuple)) else str(value).split(':')
         low, high = (None if word in (None, '') else float(word) for word in words)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         low, high = None, None
     if low is None and high is None:
         raise UsageError(
@@ -152,10 +154,10 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     items = value if isinstance(value, (list, tuple)) else [value]
     words = [word for item in items for word in str(item).replace(',', ' ').split()]
     try:
-        shares = tuple(Fraction(word) for word in words)
+        shares = tuple(Fraction(word) for word in words if _SHARE.fullmatch(word))
     except (ValueError, ZeroDivisionError):
         shares = ()
-    if not shares or not all(0 < share <= 1 for share in shares):
+    if not shares or len(shares) < len(words) or not all(0 < share <= 1 for share in shares):
         given = ' '.join(words)
         raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {shown(given)}')
     return shares

@@ -112,9 +112,10 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
         entries = values['files']
         if any('numbers' not in entry for entry in entries.values()):
             raise EarlierVersionError(path)
+        for key in ('numbers', 'carried'):
+            if sum(_count(entry.get(key, ())) for entry in entries.values()) > _MOST_FILES:
+                raise ValueError(f'more than {_MOST_FILES} files')
         folders = {Stream(name): _folder(entry, path) for name, entry in entries.items()}
-        if sum(len(folder.numbers) for folder in folders.values()) > _MOST_FILES:
-            raise ValueError(f'more than {_MOST_FILES} files')
         places = {(folder.path, folder.suffix) for folder in folders.values()}
         if len(places) < len(folders):
             raise ValueError('two streams in one folder')
@@ -152,15 +153,20 @@ def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
     carried = numbers
     if 'carried' in entry:
         carried = tuple(_numbers(entry['carried'], 10**digits))
-    if not set(carried) <= set(numbers):
-        raise ValueError('files that the recording does not have')
+        if not set(numbers).issuperset(carried):
+            raise ValueError('files that the recording does not have')
     return Folder(inside(entry['folder'], path), digits, suffix, numbers, carried)
+
+
+def _count(spans: Iterable[tuple[int, int]]) -> int:
+    """Return how many numbers there are in spans, before any of them is made."""
+    return sum(max(int(last) - int(first) + 1, 0) for first, last in spans)
 
 
 def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
     least = 0
     for first, last in spans:
-        if not least <= int(first) <= int(last) < limit or int(last) - int(first) >= _MOST_FILES:
+        if not least <= int(first) <= int(last) < limit:
             raise ValueError(f'file numbers {first} to {last}')
         yield from range(int(first), int(last) + 1)
         least = int(last) + 1

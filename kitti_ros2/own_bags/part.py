@@ -39,6 +39,8 @@ def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOpt
         stamps_ns, numbers = mapped.pairs(stream)
         if len(numbers):
             streams[stream] = StreamIndex(numbers, stamps_ns)
+    if not streams:
+        raise nothing_selected(source, np.empty(0, np.int64))
     window = select_window(streams, selection, common=has_common_numbers(blueprint))
     selected = {
         stream: frozenset(index.numbers[window.takes(index)].tolist())

@@ -4,11 +4,13 @@
 
 import shutil
 import sqlite3
+import tracemalloc
 from contextlib import closing
 
 import pytest
+from fuzz.database_inputs import endless
 
-from kitti_ros2.bags.reader import summarize_bag
+from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.sqlite_connection import GuardedConnection
 from kitti_ros2.model.errors import BadBagError
 
@@ -114,3 +116,16 @@ def test_a_tree_that_leads_to_one_page_again_and_again_ends(tmp_path):
     damaged.write_bytes(data)
     summary = summarize_bag(damaged)
     assert summary.findings
+
+
+@pytest.mark.parametrize('size', [70_000, 900_000_000, 2**40])
+def test_pages_that_follow_each_other_in_a_circle_cost_nothing(tmp_path, size):
+    path = tmp_path / 'a.db3'
+    path.write_bytes(endless(size))
+    tracemalloc.start()
+    with open_messages(path) as messages:
+        assert [*messages] == []
+        assert any('row 1 cannot be read' in loss for loss in messages.losses)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20_000_000

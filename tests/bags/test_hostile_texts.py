@@ -5,6 +5,7 @@
 import pytest
 from mcap.writer import Writer
 
+from kitti_ros2.bags import offered_qos as offered_qos_module
 from kitti_ros2.bags.definitions import parse_definition
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
 from kitti_ros2.bags.reader import open_messages, summarize_bag
@@ -57,6 +58,50 @@ def test_a_depth_that_is_no_number_is_unknown(depth):
 def test_a_policy_that_is_no_whole_number_is_a_fault(value):
     (fault,) = qos_faults(f'- history: {value}\n  reliability: 1\n  durability: 2\n  liveliness: 1')
     assert fault.startswith('history of a publisher is ')
+
+
+def test_long_texts_of_profiles_are_not_kept():
+    """A bag may have thousands, each of megabytes, which no later bag has again."""
+    kept = offered_qos_module._find_kept_depth.cache_info
+    texts = [f'# {number}\n- durability: 1\n  depth: 7\n' for number in range(20)]
+    before = kept().currsize
+    for text in texts:
+        assert offered_qos(text + '# ' * 10_000)['depth'] == 7
+    assert kept().currsize == before
+    misses = kept().misses
+    for text in texts * 2:
+        assert offered_qos(text)['depth'] == 7
+    assert kept().misses == misses + len(texts)
+    assert kept().maxsize * offered_qos_module._LONGEST_KEPT <= 10_000_000
+
+
+def _idl(constants: int, comment: str) -> str:
+    """A message as rosidl writes it as IDL: an annotation for each comment."""
+    made = (f'{comment} const uint16 C_{number} = {number};' for number in range(constants))
+    fields = f'{comment} @unit (value="m (SI)") float a; @default (value=2) long b;'
+    return (
+        f'module px4_msgs {{ module msg {{ module VehicleCommand_Constants {{ {" ".join(made)}'
+        f' const string D = "// @no(1)"; }}; struct VehicleCommand {{ {fields} }}; }}; }};'
+    )
+
+
+def test_comments_of_an_idl_text_do_not_count():
+    """PX4's VehicleCommand has 150 constants, nearly all with a comment."""
+    comment = '@verbatim (language="comment", text=\n "waits (s); 0: \\"no" "\\n")'
+    name = 'px4_msgs/msg/VehicleCommand'
+    found = parse_definition(name, _idl(200, comment), 'ros2idl')
+    assert found == parse_definition(name, _idl(200, ''), 'ros2idl')
+    _, fields = found[name]
+    assert [field for field, _ in fields] == ['a', 'b']
+    with pytest.raises(ValueError, match='401 numbers'):
+        parse_definition(name, _idl(401, comment), 'ros2idl')
+
+
+def test_enumerators_of_an_idl_text_keep_their_values():
+    text = 'module a { module msg { enum E { @value(3) A, B }; struct S { long x; }; }; };'
+    assert parse_definition('a/msg/S', text, 'ros2idl') == parse_definition(
+        'a/msg/S', text.replace('A,', '@verbatim(text="B (C)") A,'), 'ros2idl'
+    )
 
 
 def test_a_log_time_beyond_int64_is_the_last_one(tmp_path):

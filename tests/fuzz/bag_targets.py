@@ -4,10 +4,7 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
-from collections import Counter
-from contextlib import closing, suppress
 from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -16,23 +13,17 @@ import yaml
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
-from kitti_ros2.importer.apply_plan import guess
-from kitti_ros2.importer.survey import glance, look
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.validating import ValidateOptions
-from kitti_ros2.validation.bag_checks import check_bag
-from kitti_ros2.validation.results import FindingTally
-from kitti_ros2.validation.rule_table import rules_by_id
 
+from .database_inputs import damaged, large_rows, logged, without_log
 from .inputs import bag_bytes, found, own_bag, samples
+from .ros1_inputs import ros1_bags
 from .target import YAML_WORDS, Target, place, stored
+
+from bags.bag_samples import jazzy  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +41,7 @@ COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/b
            'bags/decompressors.py')  # fmt: skip
 
 
-def _read(path: Path) -> None:
+def read_bag(path: Path) -> None:
     """Read a bag as info, report and conversions do; what all share is opened once."""
     with OpenBag(path) as bag:
         _ = summarize_bag(bag).message_count
@@ -63,28 +54,38 @@ def _read(path: Path) -> None:
 
 def reader(name: str):
     def run(data: bytes) -> None:
-        _read(stored(name, data))
+        read_bag(stored(name, data))
 
     return run
+
+
+def _logged(data: bytes) -> None:
+    """Read a database that its recorder did not close."""
+    database, log = without_log(data)
+    path = stored('logged/a.db3', database)
+    for ending in ('-shm', '-wal'):
+        path.with_name(f'a.db3{ending}').unlink(missing_ok=True)
+    stored('logged/a.db3-wal', log)
+    read_bag(path)
 
 
 def _metadata(data: bytes) -> None:
     folder = place('with_metadata/metadata.yaml').parent
     if not (folder / 'a_0.mcap').exists():
-        (folder / 'a_0.mcap').write_bytes(_small()[0])
+        (folder / 'a_0.mcap').write_bytes(small()[0])
     (folder / 'metadata.yaml').write_bytes(data)
-    _read(folder)
+    read_bag(folder)
 
 
 def _packed(data: bytes) -> None:
     """Read a file that rosbag2 compressed: alone, and in a folder with and without metadata."""
     plain = place('packed/metadata.yaml')
     (plain.parent / 'a_0.mcap.zstd').write_bytes(data)
-    _read(plain.parent / 'a_0.mcap.zstd')
+    read_bag(plain.parent / 'a_0.mcap.zstd')
     plain.unlink(missing_ok=True)
-    _read(plain.parent)
+    read_bag(plain.parent)
     plain.write_bytes(_packed_metadata('file'))
-    _read(plain.parent)
+    read_bag(plain.parent)
 
 
 def _packed_messages(data: bytes) -> None:
@@ -92,12 +93,12 @@ def _packed_messages(data: bytes) -> None:
     folder = place('packed_messages/metadata.yaml').parent
     (folder / 'a_0.mcap').write_bytes(data)
     (folder / 'metadata.yaml').write_bytes(_packed_metadata('message'))
-    _read(folder)
+    read_bag(folder)
 
 
 @cache
 def _packed_metadata(mode: str) -> bytes:
-    values = yaml.safe_load(_metadata_texts()[0])
+    values = yaml.safe_load(metadata_texts()[0])
     information = values['rosbag2_bagfile_information']
     information['compression_format'], information['compression_mode'] = 'zstd', mode
     name = 'a_0.mcap.zstd' if mode == 'file' else 'a_0.mcap'
@@ -109,7 +110,7 @@ def _packed_metadata(mode: str) -> bytes:
 def _packed_files() -> list[bytes]:
     packer = zstandard.ZstdCompressor()
     streamed = zstandard.ZstdCompressor(write_content_size=False)
-    return [each.compress(data) for data in _small() for each in (packer, streamed)]
+    return [each.compress(data) for data in small() for each in (packer, streamed)]
 
 
 def _with_packed_messages() -> list[bytes]:
@@ -117,38 +118,29 @@ def _with_packed_messages() -> list[bytes]:
     for options in ({}, {'write_content_size': False}):
         packer = zstandard.ZstdCompressor(**options)
         packed = [(topic, kind, ns, packer.compress(data)) for topic, kind, ns, data in
-                  (_HELLO, _IMAGE, _HELLO)]  # fmt: skip
-        made.append(_mcap(packed))
+                  (HELLO, IMAGE, HELLO)]  # fmt: skip
+        made.append(make_mcap(packed))
     return made
-
-
-def _survey(data: bytes) -> None:
-    path = stored('survey.mcap', data)
-    glance(path)
-    survey = look([path])
-    for layout in Layout:
-        with suppress(KittiRos2Error):
-            guess([path], survey, ImportOptions(layout=layout))
-
-
-def _restore(data: bytes) -> None:
-    path = stored('restore.mcap', data)
-    to_kitti(path, place('restored'), overwrite=True)
 
 
 def _recover(data: bytes) -> None:
     recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
 
 
-def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
-    """An MCAP file of (topic, type, stamp, data); no checksum stops mutations."""
+Stored = tuple[str, str, int, bytes]
+"""Topic, type, stamp and data of a message."""
+
+
+def make_mcap(messages: list[Stored], **options) -> bytes:
+    """An MCAP file; no checksum stops mutations."""
     target = BytesIO()
     options.setdefault('compression', CompressionType.NONE)
     writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
     writer.start(profile='ros2')
     channels: dict[str, int] = {}
     for topic, kind, stamp_ns, data in messages:
-        text = TYPESTORE.generate_msgdef(kind, ros_version=2)[0]
+        store = TYPESTORE if kind in TYPESTORE.fielddefs else jazzy()
+        text = store.generate_msgdef(kind, ros_version=2)[0]
         if topic not in channels:
             schema = writer.register_schema(kind, 'ros2msg', text.encode())
             channels[topic] = writer.register_channel(topic, 'cdr', schema)
@@ -160,12 +152,12 @@ def _mcap(messages: list[tuple[str, str, int, bytes]], **options) -> bytes:
     return target.getvalue()
 
 
-_HELLO = ('/t', 'std_msgs/msg/String', 10**18, b'\0\1\0\0\6\0\0\0hello\0')
-_IMAGE = ('/i', 'sensor_msgs/msg/CompressedImage', 2 * 10**18, b'\0\1\0\0' + bytes(40))
+HELLO = ('/t', 'std_msgs/msg/String', 10**18, b'\0\1\0\0\6\0\0\0hello\0')
+IMAGE = ('/i', 'sensor_msgs/msg/CompressedImage', 2 * 10**18, b'\0\1\0\0' + bytes(40))
 
 
 @cache
-def _small() -> list[bytes]:
+def small() -> list[bytes]:
     kinds = (
         {'compression': CompressionType.NONE},
         {'compression': CompressionType.ZSTD},
@@ -173,47 +165,35 @@ def _small() -> list[bytes]:
         {'compression': CompressionType.NONE, 'use_chunking': False},
         {'compression': CompressionType.NONE, 'chunk_size': 60},
     )
-    return [_mcap([_HELLO, _IMAGE, _HELLO], **kind) for kind in kinds]
+    return [make_mcap([HELLO, IMAGE, HELLO], **kind) for kind in kinds]
 
 
 def _indexed() -> list[bytes]:
-    return [*_small(), *bag_bytes('a.mcap')]
+    return [*small(), *bag_bytes('a.mcap')]
 
 
 def _unindexed() -> list[bytes]:
     """The same without an index, as a recorder leaves them that was killed."""
-    return [data[:-30] for data in _indexed()] + [data[: len(data) * 2 // 3] for data in _small()]
+    return [data[:-30] for data in _indexed()] + [data[: len(data) * 2 // 3] for data in small()]
 
 
 def _ros1_bags() -> list[bytes]:
     real = samples('kitti/bags/*.bag', lines=10**6)
     packed = [bag_bytes('a.bag', compression=each)[0] for each in ('bz2', 'lz4')]
-    return [*bag_bytes('a.bag'), *packed, *(each for each in real if len(each) < 39_000)]
+    return [
+        *bag_bytes('a.bag'),
+        *packed,
+        *ros1_bags(),
+        *(each for each in real if len(each) < 39_000),
+    ]
 
 
 def _databases() -> list[bytes]:
     small = [each for each in found('sql/*.db3') if len(each) < 20_000]
-    return [*bag_bytes('a'), *small, *_large_rows()]
+    return [*bag_bytes('a'), *small, large_rows(), *damaged()]
 
 
-def _large_rows() -> list[bytes]:
-    """Rows over many pages, which are read from the pages themselves."""
-    topic = ('/t', 'std_msgs/msg/String', 'cdr', '')
-    path = place('large.db3')
-    path.unlink(missing_ok=True)
-    with closing(sqlite3.connect(path)) as database, database:
-        columns = 'name TEXT, type TEXT, serialization_format TEXT, offered_qos_profiles TEXT'
-        database.execute(f'CREATE TABLE topics(id INTEGER PRIMARY KEY, {columns})')
-        columns = 'topic_id INTEGER, timestamp INTEGER, data BLOB'
-        database.execute(f'CREATE TABLE messages(id INTEGER PRIMARY KEY, {columns})')
-        database.execute('INSERT INTO topics VALUES (1, ?, ?, ?, ?)', topic)
-        rows = [(number, 1, number, bytes(70_000)) for number in (1, 2)]
-        rows += [(number, 1, number, bytes(9)) for number in range(3, 400)]
-        database.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
-    return [path.read_bytes()]
-
-
-def _metadata_texts() -> list[bytes]:
+def metadata_texts() -> list[bytes]:
     folder = own_bag('a')
     plain = (folder / 'metadata.yaml').read_bytes()
     values = yaml.safe_load(plain)
@@ -225,33 +205,15 @@ def _metadata_texts() -> list[bytes]:
     own = yaml.safe_dump(values).encode()
     for each in information['topics_with_message_count']:
         each['topic_metadata']['offered_qos_profiles'] = '- history: 1\n  depth: 9\n'
-    return [yaml.safe_dump(values).encode(), own, plain]
-
-
-def _own() -> list[bytes]:
-    layouts = (Layout.OBJECT, Layout.TRACKING, Layout.RAW)
-    return [_mcap(_messages_of(own_bag('a.mcap', layout))) for layout in layouts]
-
-
-def _messages_of(path: Path) -> list[tuple[str, str, int, bytes]]:
-    """The first messages of each topic."""
-    counts: Counter[str] = Counter()
-    found = []
-    with open_messages(path) as messages:
-        for each in messages:
-            counts[each.topic] += 1
-            if counts[each.topic] <= (20 if 'source' in each.topic else 2):
-                found.append((each.topic, each.msgtype, each.stamp_ns, bytes(each.data)))
-    return found
-
-
-def _checked(data: bytes) -> None:
-    check_bag(
-        stored('checked.mcap', data),
-        ValidateOptions(),
-        FindingTally(rules_by_id(bags=True)),
-        lambda *_: None,
-    )
+    plain_qos = yaml.safe_dump(values).encode()
+    edits = ({'compression_mode': 'file', 'compression_format': 'lz4'},
+             {'storage_identifier': 'x'}, {'relative_file_paths': ['b.mcap']},
+             {'relative_file_paths': ['a_0.mcap', 'a' * 300, 'b']})  # fmt: skip
+    edited = [
+        yaml.safe_dump({'rosbag2_bagfile_information': information | each}).encode()
+        for each in edits
+    ]
+    return [plain_qos, own, plain, *edited]
 
 
 RECORD_WORDS = (
@@ -270,24 +232,16 @@ TARGETS = (
     Target('mcap_without_index', reader('a.mcap'), _unindexed, (*_MCAP, *COMMON), RECORD_WORDS,
            short=150),
     Target('sqlite3', reader('a.db3'), _databases, (*_SQLITE, *COMMON), _SQL_WORDS, short=100),
+    Target('sqlite3_log', _logged, logged, (*_SQLITE, *COMMON), _SQL_WORDS, short=20),
     Target('ros1', reader('a.bag'), _ros1_bags, (*_ROS1, *COMMON), _ROS1_WORDS, short=100),
     Target('packed', _packed, _packed_files, (*_MCAP, *COMMON, 'bags/locate.py'), (b'zstd',),
            short=40),
     Target('packed_messages', _packed_messages, _with_packed_messages,
            (*_MCAP, *COMMON, 'bags/locate.py'), RECORD_WORDS, short=40),
-    Target('metadata', _metadata, _metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
+    Target('metadata', _metadata, metadata_texts, ('bags/locate.py',), YAML_WORDS, is_text=True,
            short=100, long=100_000),
-    Target('survey', _survey, _own,
-           ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py'), short=20,
-           long=2000),
-    Target('restore', _restore, _own,
-           ('own_bags/description.py', 'own_bags/blueprint.py', 'own_bags/recorded_layout.py',
-            'own_bags/restore.py', 'own_bags/source_texts.py', 'own_bags/numbering.py'),
-           (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null'), short=10,
-           long=2000),
     Target('recover', _recover,
            lambda: [*_indexed(), *_unindexed(), *_ros1_bags(), *_databases()],
            ('bags/recover.py',), short=30, long=2000),
-    Target('check_bag', _checked, _own, ('validation/bag_checks.py',), short=10, long=2000),
 )  # fmt: skip
 """All of them."""

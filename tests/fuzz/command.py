@@ -34,7 +34,8 @@ def main(words: Sequence[str] | None = None) -> int:
         target = TARGETS[name]
         # What a target leaves of its share is for those behind it.
         seconds = (end - time.monotonic()) / (len(names) - number)
-        outcome = fuzz(target, options.seed, options.executions or target.long, seconds)
+        executions = options.executions or target.long
+        outcome = fuzz(target, options.seed, executions, seconds, all_seeds=True)
         outcomes.append(outcome)
         print(_row(outcome), flush=True)
         for place in _written(outcome, options.seed, options.out):

@@ -65,6 +65,28 @@ _OTHERS: tuple[tuple[str, dict[str, Any]], ...] = (
 """What the robot of the tests does not write."""
 
 
+_TURNED = {**_POSE, 'orientation': {'x': 0, 'y': 0, 'z': 1, 'w': 0}}
+_NO_POSE = {'position': _XYZ, 'orientation': {'x': 0, 'y': 0, 'z': 0, 'w': 0}}
+_WHOLE = [{'name': name, 'offset': 4 * at, 'type': 5} for at, name in enumerate('xyzi')]
+_MISTAKES: tuple[tuple[str, dict[str, Any]], ...] = (
+    ('RawImage', {**_HEAD, 'width': 2, 'height': 2, 'encoding': 'mono8', 'step': 200, 'data': b''}),
+    *(('RawImage', {**_HEAD, **values}) for values in (
+        {'width': -1}, {'height': 1.5}, {'encoding': 7}, {'step': 'a'}, {'data': '%%%'}, {})),
+    ('CompressedImage', {**_HEAD, 'data': b'abc', 'format': 'png'}),
+    *(('CameraCalibration', {**_HEAD, 'width': 4, 'height': 3, **values}) for values in (
+        {}, {'K': [1.0] * 9, 'P': [1.0] * 12, 'R': [1.0] * 9, 'D': [0.1] * 5},
+        {'K': [1.0] * 8}, {'K': [[1.0]]}, {'K': ['a']}, {'K': 5})),
+    *(('PointCloud', {**_HEAD, 'pose': _TURNED, 'point_stride': 16, 'data': bytes(32), **values})
+      for values in ({'fields': _FIELDS}, {'fields': _WHOLE}, {'fields': _WHOLE[:2]},
+                     {'fields': 7}, {'fields': [7]})),
+    ('PoseInFrame', {**_HEAD, 'pose': _NO_POSE}),
+    ('PosesInFrame', {**_HEAD, 'poses': {}}),
+    ('LaserScan', {**_HEAD, 'pose': _TURNED, 'ranges': [1.0]}),
+    ('SceneUpdate', {'entities': [{**_HEAD, 'lines': [{**_LINE, 'indices': [0, 9]}]}]}),
+)  # fmt: skip
+"""Values that a message of ROS has no place for, or that are of another type."""
+
+
 def _robot() -> Any:
     # Where pytest finds it only if tests of that folder run, too.
     sys.path.append(str(Path(__file__).resolve().parents[1] / 'robots'))
@@ -86,7 +108,9 @@ def _texts() -> list[bytes]:
     plain = _robot()._plain
     found = {schema: values for _, _, schema, values in _records()}
     found |= dict(_OTHERS)
-    return [f'{schema}\n{json.dumps(plain(values))}'.encode() for schema, values in found.items()]
+    every = [*found.items(), *_MISTAKES]
+    texts = [f'{schema}\n{json.dumps(plain(values))}'.encode() for schema, values in every]
+    return [*texts, b'PoseInFrame\n' + b'[' * 100_000, b'PoseInFrame\n7', b'PoseInFrame\n']
 
 
 def _bags() -> list[bytes]:
@@ -100,7 +124,8 @@ def _bags() -> list[bytes]:
     folder = place('foxglove/ros')
     if not folder.exists():
         robot.write_foxglove_msgs(folder, [each for each in plain if each[0][1].isalpha()])
-    return [*made, *(path.read_bytes() for path in folder.glob('*.mcap'))]
+    broken = made[1].replace(b'protobuf', b'flatbuff')
+    return [*made, broken, *(path.read_bytes() for path in folder.glob('*.mcap'))]
 
 
 TARGETS = (

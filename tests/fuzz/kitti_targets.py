@@ -5,14 +5,10 @@
 from __future__ import annotations
 
 import json
-import struct
-import zlib
+import re
 from contextlib import suppress
 from pathlib import Path
 
-from kitti_ros2.files.picture_headers import jpeg_size, png_chunks, png_size, webp_size
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_image
 from kitti_ros2.kitti.append_journal import parse_journal
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.image_set import parse_image_set
@@ -36,7 +32,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
 from kitti_ros2.model.samples import Calibration, TextFile
 
-from .inputs import SEPARATOR, files, found, joined, parted, samples
+from .inputs import SEPARATOR, files, joined, parted, samples
 from .target import Target
 
 PATH = Path('folder/file.txt')
@@ -113,16 +109,6 @@ def _scan_text(data: bytes) -> None:
     parse_scan_text(data, PATH).sum()
 
 
-def _png(data: bytes) -> None:
-    for size in (png_size, jpeg_size, webp_size):
-        size(data)
-    with suppress(ValueError):  # what its callers report
-        png_chunks(data)
-    image = parse_image(data, PATH)
-    with suppress(ValueError):
-        decode_png(image)
-
-
 def _image_set(data: bytes) -> None:
     text = decode_text(data, PATH)
     for frames in (True, False):
@@ -137,21 +123,6 @@ def _mapping(data: bytes) -> None:
 
 def _journal(data: bytes) -> None:
     _ = parse_journal(decode_text(data, PATH), PATH).numbers
-
-
-def _checksummed(data: bytes) -> bytes:
-    """Correct the checksums of the chunks of a PNG."""
-    parts, at = [data[:8]], 8
-    while at + 12 <= len(data):
-        (length,) = struct.unpack_from('>I', data, at)
-        body = data[at + 4 : at + 8 + length]
-        parts += [data[at : at + 4], body, struct.pack('>I', zlib.crc32(body))]
-        at += 12 + length
-    return b''.join(parts) + data[at:]
-
-
-def _pngs() -> list[bytes]:
-    return files('*.png', most=1) + found('png4g/object/training/image_?/*.png')[:2]
 
 
 def _journals() -> list[bytes]:
@@ -183,12 +154,26 @@ Tr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0
 Tr_imu_velo 1 0 0 0 0 1 0 0 0 0 1 0
 """
 _LABEL = b'Car 0.00 0 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3\n'
+_NO_DATE = b'2011-99-26 13:02:25.000000000\n'
 _MANY = 100_000
 
 
 def _object_calibrations() -> list[bytes]:
     made = files('calib/*.txt') + files('calib.txt', Layout.ODOMETRY)
-    return [*made, _ODOMETRY, _WAYMO, _TRACKING, *samples('kitti/*/training/calib/*.txt')]
+    real = samples('kitti/*/training/calib/*.txt')
+    return [*made, _ODOMETRY, _WAYMO, _TRACKING, b'', *real]
+
+
+def _other_tracklets() -> list[bytes]:
+    """XML of other kinds, and boxes of sizes that no object has."""
+    made = files('tracklet_labels.xml', Layout.RAW)[0]
+    none = re.sub(rb'<h>[^<]*</h>', b'<h>0</h>', made)
+    entity = b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'
+    edits = {b'w': b'<w>x</w>', b'l': b'', b'first_frame': b'<first_frame>1.5</first_frame>',
+             b'objectType': b'', b'occlusion': b'<occlusion>9</occlusion>',
+             b'tx': b'<tx>nan</tx>'}  # fmt: skip
+    others = [re.sub(rb'<%s>[^<]*</%s>' % (name, name), edit, made) for name, edit in edits.items()]
+    return [*others, none, entity, b'<?xml version="1.0" encoding="x"?><a/>', b'<a/>', b' ' * 300]
 
 
 def _raw_calibrations() -> list[bytes]:
@@ -213,6 +198,7 @@ TARGETS = (
            is_text=True, long=_MANY),
     Target('tracks', _tracks,
            lambda: [*files('label_02/*.txt'), b'0 1 ' + _LABEL, b'1.0 2 ' + _LABEL,
+                    b'0 99999999999999999999 ' + _LABEL,
                     *samples('kitti/tracking/*/label_02/*.txt')],
            ('kitti/track_file.py', 'kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1'),
            is_text=True, long=_MANY),
@@ -220,7 +206,7 @@ TARGETS = (
            ('kitti/semantic_file.py',), long=_MANY),
     Target('tracklets', _tracklets,
            lambda: [*files('tracklet_labels.xml', Layout.RAW),
-                    *samples('kitti/devkit/*tracklet*.xml', lines=90)],
+                    *_other_tracklets(), *samples('kitti/devkit/*tracklet*.xml', lines=90)],
            ('kitti/tracklet_file.py',),
            (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
            is_text=True, long=_MANY),
@@ -229,7 +215,7 @@ TARGETS = (
                     *samples('kitti/tracking/*/oxts/*.txt', lines=3)],
            ('kitti/oxts_file.py', _TEXT_FILE), is_text=True, long=_MANY),
     Target('stamps', _timestamps,
-           lambda: [*files('timestamps.txt', Layout.RAW, most=1),
+           lambda: [*files('timestamps.txt', Layout.RAW, most=1), _NO_DATE,
                     *samples('kitti/raw/*/*/image_02/timestamps.txt', lines=9)],
            ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE),
            (b'2011-09-26 13:02:25.951199337', b'1969-12-31', b'9999-99-99', b'2262-04-11'),
@@ -240,17 +226,14 @@ TARGETS = (
            lambda: [*files('poses/*.txt', Layout.ODOMETRY), b'1 0 0 0 0 1 0 0 0 0 1 0\n' * 2,
                     *samples('kitti/odometry/dataset/poses/*.txt', lines=3)],
            ('kitti/poses_file.py', _TEXT_FILE), is_text=True, long=_MANY),
-    Target('scan', _scan, lambda: files('velodyne/*.bin', Layout.OBJECT, most=1),
+    Target('scan', _scan, lambda: [*files('velodyne/*.bin', Layout.OBJECT, most=1), b''],
            ('kitti/scan_file.py',), long=_MANY),
     Target('scan_text', _scan_text,
            lambda: [b'1.000 2.000 3.000 0.50\n4.0 5.0 6.0 0.1\n', b'nan inf -1e30 0\n'],
            ('kitti/scan_file.py',), is_text=True, long=_MANY),
-    Target('png', _png, _pngs,
-           ('files/png/header.py', 'files/png/decode.py', 'files/picture_headers.py'),
-           (b'IHDR', b'IDAT', b'IEND', b'PLTE', b'tRNS', b'\xff\xd8\xff\xc0', b'RIFF', b'WEBP'),
-           mend=_checksummed, long=_MANY),
     Target('image_set', _image_set,
-           lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n'],
+           lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n',
+                    b'\xef\xbb\xbf000000\n', b'1\n1\n', b''],
            ('kitti/image_set.py',), is_text=True, long=_MANY),
     Target('mapping', _mapping, _mappings, ('kitti/object_mapping.py',), (SEPARATOR,),
            is_text=True, long=_MANY),

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import bz2
+import json
 import sqlite3
 import struct
 import zlib
@@ -20,7 +21,9 @@ from mcap.writer import CompressionType, Writer
 from kitti_ros2.bags.message_source import BagMessages
 from kitti_ros2.model.layouts import Layout
 
+from .database_inputs import endless
 from .inputs import files, own_bag
+from .ros1_inputs import ros1_record
 from .target import place
 
 if TYPE_CHECKING:
@@ -99,11 +102,6 @@ def _message_bomb() -> list[bytes]:
     return [target.getvalue()]
 
 
-def _ros1_record(fields: dict[bytes, bytes], data: bytes) -> bytes:
-    head = b''.join(_text(name + b'=' + value) for name, value in fields.items())
-    return _text(head) + _text(data)
-
-
 def _ros1_bomb() -> list[bytes]:
     data = bz2.compress(bytes(_BOMB_BYTES))
     made = []
@@ -111,8 +109,8 @@ def _ros1_bomb() -> list[bytes]:
         chunk = {b'op': b'\5', b'compression': b'bz2', b'size': struct.pack('<I', declared)}
         head = {b'op': b'\3', b'index_pos': bytes(8), b'conn_count': bytes(4)}
         head[b'chunk_count'] = struct.pack('<I', 1)
-        start = b'#ROSBAG V2.0\n' + _ros1_record(head, b' ' * 100)
-        made.append(start + _ros1_record(chunk, data))
+        start = b'#ROSBAG V2.0\n' + ros1_record(head, b' ' * 100)
+        made.append(start + ros1_record(chunk, data))
     return made
 
 
@@ -178,8 +176,31 @@ def _databases() -> list[bytes]:
     return [*made, made[0][:100]]  # a head alone, too
 
 
+def _circles() -> list[bytes]:
+    """Rows of any size whose pages follow each other in a circle."""
+    return [endless(size) for size in (70_000, 900_000_000, 2**40)]
+
+
+def _file_numbers() -> list[bytes]:
+    """A description of a billion files, in a String."""
+    spans = [[first, first + 999_999] for first in range(0, 10**9, 10**6)]
+    folder = {'folder': 'a', 'digits': 12, 'suffix': '.bin', 'numbers': spans}
+    values = {'layout': 'object', 'name': 'a', 'epoch_ns': 0, 'files': {'scan': folder}}
+    return [b'\0\1\0\0' + _text(json.dumps(values).encode() + b'\0')]
+
+
 def _yaml_tags() -> list[bytes]:
     return [b"a: !!float ''\n", b'!!bool x\n', b'- !!timestamp x\n', b"!!int ''\n"]
+
+
+def _yaml_numbers() -> list[bytes]:
+    """Numbers to other bases, which Python cannot write as text, or makes no float of."""
+    numbers = (b'0x' + b'f' * 4000, b'1' + b':59' * 2600, b'1' + b':59' * 300 + b'.5')
+    return [name + number for name in (b'layout: ', b'start: ') for number in numbers]
+
+
+def _shares() -> list[bytes]:
+    return [b'split ratio\n1e999999999', b'crop range\n1' + b'0' * 400 + b':']
 
 
 def _idl(fields: str, constants: str = '') -> bytes:
@@ -213,18 +234,20 @@ def _beyond_float32() -> list[bytes]:
 
 
 _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
+    'cdr_String': (_file_numbers,),
     'definition': (_definitions,),
     'typestore': (_definitions,),
     'foxglove': (_beyond_float32,),
     'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
     'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
     'ros1': (_ros1_bomb, _ros1_lengths),
-    'sqlite3': (_databases,),
+    'sqlite3': (_databases, _circles),
+    'option_text': (_shares,),
     'png': (_pngs,),
-    'yaml': (_yaml_tags,),
-    'config': (_yaml_tags,),
-    'plan': (_yaml_tags,),
-    'lasers': (_yaml_tags,),
+    'yaml': (_yaml_tags, _yaml_numbers),
+    'config': (_yaml_tags, _yaml_numbers),
+    'plan': (_yaml_tags, _yaml_numbers),
+    'lasers': (_yaml_tags, _yaml_numbers),
 }
 NAMES = tuple(sorted(_KNOWN))
 

@@ -94,6 +94,7 @@ class _Run:
         self.outcome = Outcome(target, Lines(target.modules), Bounds())
         self.corpus: list[bytes] = []
         self.refused = False
+        self.own = 0
 
     def execute(self, data: bytes, *, traced: bool = True) -> str:
         """Run an input; returns the key of what is wrong, or an empty text."""
@@ -132,6 +133,7 @@ class _Run:
     def inputs(self) -> Iterator[bytes]:
         """Yield seeds, then mutated inputs without end."""
         seeds = [*self.target.seeds(), *known(self.target.name)]
+        self.own = len(seeds)
         self._warm_up(seeds[0])
         yield from seeds
         longest = _LONGEST_TEXT if self.target.is_text else _LONGEST
@@ -189,14 +191,22 @@ def _key(error: BaseException) -> str:
     return f'{type(error).__name__} {last.filename[len(str(PACKAGE)) + 1 :]}:{last.lineno}'
 
 
-def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf')) -> Outcome:
+def fuzz(
+    target: Target,
+    seed: int,
+    executions: int,
+    seconds: float = float('inf'),
+    *,
+    all_seeds: bool = False,
+) -> Outcome:
     """Run a target.
 
     Args:
         target: The target.
         seed: The same seed gives the same inputs.
-        executions: How many inputs; at least all of its own.
+        executions: How many inputs.
         seconds: Ends it earlier.
+        all_seeds: Whether all valid inputs are run, even if they are more.
     """
     run = _Run(target, seed)
     outcome = run.outcome
@@ -206,7 +216,8 @@ def fuzz(target: Target, seed: int, executions: int, seconds: float = float('inf
         run.take(next(inputs))  # the seeds are made
         start = time.monotonic()
         for data in inputs:
-            if outcome.executions >= executions or time.monotonic() - start > seconds:
+            enough = outcome.executions >= max(executions, run.own if all_seeds else 0)
+            if enough or time.monotonic() - start > seconds:
                 break
             run.take(data)
     outcome.seconds = time.monotonic() - start

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Valid messages of each form that is decoded: encodings, fields of clouds, models of scanners."""
+"""Valid messages of each form that is decoded, such as encodings; clouds are in cloud_inputs."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ import numpy as np
 
 from kitti_ros2.model import msgtypes as types
 
+from .cloud_inputs import clouds, packets
+
 from bags.bag_samples import random_message  # isort: skip
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from rosbags.typesys.store import Typestore
 
-_KINDS = ('i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8')
 SIZE = (4, 6)
 """Rows and columns, which every encoding allows."""
 _ENCODINGS = {
@@ -74,6 +75,11 @@ def _images(messages: Messages) -> Iterator[Any]:
                 types.IMAGE, height=height, width=width, encoding=encoding, is_bigendian=big,
                 step=len(data) // height, data=data,
             )  # fmt: skip
+    for encoding in ('bayer_grbg8', 'yuyv', 'rgb8'):  # too small, or of an odd width
+        yield messages.new(
+            types.IMAGE, height=1, width=3, encoding=encoding, is_bigendian=0, step=9,
+            data=messages.bytes(9),
+        )  # fmt: skip
 
 
 def _encoded(suffix: str, pixels: np.ndarray) -> bytes:
@@ -102,77 +108,7 @@ def _compressed(messages: Messages) -> Iterator[Any]:
         yield messages.new(types.COMPRESSED, format=format_, data=np.frombuffer(data, np.uint8))
 
 
-_CLOUDS: tuple[Sequence[tuple[str, str]], ...] = (
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'f4')],
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'f4'), ('file_index', 'u4')],
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'f4'), ('label', 'u2'),
-     ('instance', 'u2')],
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('intensity', 'u1'), ('ring', 'u2'), ('time', 'f4')],
-    [('x', 'f8'), ('y', 'f8'), ('z', 'f8'), ('reflectivity', 'u2'), ('t', 'u4'), ('range', 'u4')],
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('timestamp', 'f8')],
-    [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('i', 'f8')],
-)  # fmt: skip
-
-
-def _clouds(messages: Messages) -> Iterator[Any]:
-    for columns in _CLOUDS:
-        for height, width, big in ((1, 8, False), (2, 4, True)):
-            yield _cloud(messages, columns, (height, width), big=big)
-
-
-def _cloud(
-    messages: Messages, columns: Sequence[tuple[str, str]], size: tuple[int, int], *, big: bool
-) -> Any:
-    height, width = size
-    order = '>' if big else '<'
-    points = np.zeros(height * width, [(name, order + kind) for name, kind in columns])
-    for name, kind in columns:
-        if name in {'t', 'range'}:
-            points[name] = np.arange(len(points)) * 12_000_000
-        elif name in {'time', 'timestamp'}:
-            points[name] = np.linspace(0, 0.1, len(points))
-        else:
-            points[name] = np.arange(len(points)) if kind[0] == 'u' else np.arange(len(points)) / 8
-    fields = [
-        messages.new(
-            'sensor_msgs/msg/PointField', name=name, offset=points.dtype.fields[name][1],
-            datatype=_KINDS.index(kind) + 1, count=1,
-        )
-        for name, kind in columns
-    ]  # fmt: skip
-    return messages.new(
-        types.CLOUD, height=height, width=width, fields=fields, is_bigendian=big,
-        point_step=points.itemsize, row_step=points.itemsize * width,
-        data=np.frombuffer(points.tobytes(), np.uint8),
-    )  # fmt: skip
-
-
-_BLOCK = np.dtype([('flag', '<u2'), ('azimuth', '<u2'), ('values', 'u1', (32, 3))])
-_PACKET = np.dtype([('blocks', _BLOCK, (12,)), ('time', '<u4'), ('mode', 'u1'), ('id', 'u1')])
-
-
-def _packets(messages: Messages) -> Iterator[Any]:
-    for product in (0x21, 0x22, 0x24, 0x28, 0x00):
-        for mode in (0x37, 0x39):
-            yield messages.new(
-                types.VELODYNE,
-                packets=[_packet(messages, number, mode, product) for number in range(2)],
-            )
-
-
-def _packet(messages: Messages, number: int, mode: int, product: int) -> Any:
-    packet = np.zeros((), _PACKET)
-    packet['blocks']['flag'] = 0xEEFF
-    if not product:  # a HDL-64E, whose blocks alternate
-        packet['blocks']['flag'][1::2] = 0xDDFF
-    step = 2 if mode == 0x39 else 1
-    packet['blocks']['azimuth'] = (np.arange(12) // step * 40 + number * 480) % 36000
-    packet['blocks']['values'] = messages.bytes(12 * 96).reshape(12, 32, 3)
-    packet['mode'], packet['id'] = mode, product
-    data = np.frombuffer(packet.tobytes(), np.uint8)
-    return messages.new('velodyne_msgs/msg/VelodynePacket', data=data)
-
-
+_OWN_TRACK = bytes.fromhex('6b6974746900 8000 80000000 00000007')
 _SHAPES = 3
 """Kinds of shapes of Autoware: a box, a cylinder, a polygon."""
 
@@ -184,7 +120,8 @@ def _objects(msgtype: str) -> Callable[[Messages], Iterator[Any]]:
             for each in message.objects:
                 each.shape.type = kind
                 if hasattr(each, 'object_id'):
-                    each.object_id.uuid[:] = 0 if kind else 9
+                    identity = (_OWN_TRACK, bytes(16), bytes([9] * 16))[kind]
+                    each.object_id.uuid[:] = np.frombuffer(identity, np.uint8)
             yield message
 
     return made
@@ -206,6 +143,12 @@ def _infos(messages: Messages) -> Iterator[Any]:
                 d=np.linspace(0, 0.1, count), k=left, r=np.eye(3).reshape(-1), p=right,
                 binning_x=binning, binning_y=binning, roi=roi,
             )  # fmt: skip
+    for width, r in ((0, np.eye(3)), (1242, np.zeros((3, 3)))):
+        yield messages.new(
+            types.CAMERA_INFO, height=375, width=width, distortion_model='', d=np.zeros(0),
+            k=k, r=r.reshape(-1), p=p, binning_x=0, binning_y=0,
+            roi=messages.new('sensor_msgs/msg/RegionOfInterest', **whole),
+        )  # fmt: skip
 
 
 def _scans(messages: Messages) -> Iterator[Any]:
@@ -215,21 +158,52 @@ def _scans(messages: Messages) -> Iterator[Any]:
             range_max=30.0, ranges=np.array([1, 2, 3, np.inf, 0, -1, np.nan, 8, 99], np.float32),
             intensities=intensities,
         )  # fmt: skip
+    for start, step, count in ((np.nan, 0.1, 3), (0.0, 0.0, 3)):
+        yield messages.new(
+            types.LASER_SCAN, angle_min=start, angle_increment=step, range_min=0.0,
+            range_max=9.0, ranges=np.ones(count, np.float32), intensities=np.zeros(0, np.float32),
+        )  # fmt: skip
+
+
+def _markers(messages: Messages) -> Iterator[Any]:
+    """Cubes with captions beside them, some deleted again, and boxes drawn as lines."""
+    cube, lines, text, frame = 1, 5, 9, 'lidar'
+    shown = [
+        (cube, 0, 'car', 1, ''), (text, 0, 'car', 1, 'Car 0.87'), (cube, 0, 'van', 2, ''),
+        (text, 0, 'van', 2, 'van: 87%'), (lines, 0, 'box', 3, ''), (cube, 0, 'a/car', 4, '12 m'),
+        (cube, 0, 'ego', 1, ''), (cube, 2, 'van', 2, ''),
+    ]  # fmt: skip
+    for ending in ([], [(cube, 3, '', 0, '')]):
+        made = [
+            messages.new(
+                'visualization_msgs/msg/Marker', type=kind, action=action, ns=ns, id=number,
+                text=caption,
+            )
+            for kind, action, ns, number, caption in [*shown, *ending]
+        ]  # fmt: skip
+        for each in made:
+            each.header.frame_id = frame
+        made[5].text = 'Car 0.87'
+        made[0].header.frame_id = 'other'
+        yield messages.new(types.MARKERS, markers=made)
 
 
 def _texts(messages: Messages) -> Iterator[Any]:
-    for text in (json.dumps({'start_ns': 1, 'end_ns': None}), 'calib/000000.txt\nP2: 1 2 3\n'):
+    sweeps = [json.dumps({'start_ns': start, 'end_ns': 10**8}) for start in (1, None)]
+    starts = json.dumps({'scan_stamp': 'start', 'period_ns': 10**8})
+    for text in (*sweeps, starts, 'calib/000000.txt\nP2: 1 2 3\n'):
         yield messages.new(types.STRING, data=text)
 
 
 _FORMS: dict[str, Callable[[Messages], Iterator[Any]]] = {
     types.IMAGE: _images,
     types.COMPRESSED: _compressed,
-    types.CLOUD: _clouds,
-    types.VELODYNE: _packets,
+    types.CLOUD: clouds,
+    types.VELODYNE: packets,
     types.DETECTED_OBJECTS: _objects(types.DETECTED_OBJECTS),
     types.TRACKED_OBJECTS: _objects(types.TRACKED_OBJECTS),
     types.CAMERA_INFO: _infos,
     types.LASER_SCAN: _scans,
+    types.MARKERS: _markers,
     types.STRING: _texts,
 }

@@ -1,47 +1,49 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Targets: what the commands that score read, and archives."""
+"""Targets: what the commands that score read."""
 
 from __future__ import annotations
 
-import struct
-import tarfile
-import zipfile
-import zlib
 from contextlib import suppress
-from io import BytesIO
+from shutil import rmtree
+
+import numpy as np
 
 from kitti_ros2.evaluation.class_map import ClassMap
 from kitti_ros2.evaluation.detection_inputs import read_frames
-from kitti_ros2.evaluation.track_boxes import read_tracks, read_truth
+from kitti_ros2.evaluation.track_boxes import read_tracks, read_truth, tracks_of_frames
 from kitti_ros2.evaluation.trajectories import read_trajectory
 from kitti_ros2.fetch.checksums import read_checksums
-from kitti_ros2.fetch.errors import BadMemberError
-from kitti_ros2.fetch.extract import extract_all
-from kitti_ros2.fetch.members import Limits, checked
-from kitti_ros2.fetch.open_archive import open_archive
+from kitti_ros2.kitti.result_files import ResultFiles
+from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, MARKERS
 from kitti_ros2.options.bag_results import BagResultsOptions
-from kitti_ros2.options.fetching import ExtractOptions
 from kitti_ros2.options.read import ReadOptions
 
-from .inputs import SEPARATOR, files, joined, parted, samples
+from .bag_targets import RECORD_WORDS, make_mcap
+from .inputs import SEPARATOR, files, joined, own_bag, parted, recording, samples
+from .own_bag_inputs import messages_of
 from .target import Target, place, stored
-
-_FILES = ('oxts/data/0000000000.txt', 'velodyne_points/data/0000000000.bin')
-_DRIVE = '2011_09_26/2011_09_26_drive_0001_sync/'
 
 
 def _trajectory(data: bytes) -> None:
-    read_trajectory(stored('poses.txt', data))
+    found = read_trajectory(stored('poses.txt', data))
+    assert len(found.moved(np.eye(4))) == len(found)
 
 
 def _tracker(data: bytes) -> None:
     path = stored('0000.txt', data)
-    classes = ClassMap({})
-    read_tracks(path, 100, classes)
-    classes.losses('tracks')
-    read_truth(path, 100)
+    for given in ({}, {'Car': 'Van', '*': ''}):
+        classes = ClassMap(given)
+        read_tracks(path, 100, classes).among({0, 1})
+        classes.losses('tracks')
+    read_truth(path, 100).among(None)
+    files = ResultFiles(path)
+    tracks_of_frames({number: files.boxes(number)[0] for number in files.numbers}, path, 100)
+    for number in (*files.numbers[:3], 10**6):
+        files.read(number)
+    files.absent(files.numbers)
 
 
 def _detections(data: bytes) -> None:
@@ -51,62 +53,81 @@ def _detections(data: bytes) -> None:
     read_frames(truth, results, ReadOptions(), BagResultsOptions())
 
 
+def _result_bag(data: bytes) -> None:
+    """Score the labels of a bag as results of the recording that it was made of."""
+    path = stored('results.mcap', data)
+    for topic, truth in (
+        *(('/my/boxes', recording(Layout.OBJECT)), ('/tf_static', recording(Layout.OBJECT))),
+        (None, own_bag('a.mcap', Layout.TRACKING)),
+    ):
+        options = BagResultsOptions(topic=topic, class_map=(('Car', 'Car'), ('*', '')))
+        with suppress(KittiRos2Error):
+            read_frames(truth, path, ReadOptions(), options)
+    read_frames(recording(Layout.OBJECT), path, ReadOptions(), BagResultsOptions())
+
+
+def _result_folder(data: bytes) -> None:
+    """Read a folder of files with some names, each of the same text."""
+    names, text = parted(data, 2)
+    folder = place('result_folder')
+    rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for name in names.decode('utf-8', 'replace').split('\n')[:_MOST_NAMES]:
+        parts = [part for part in name.split('/') if part not in {'', '.', '..'}][-2:]
+        path = folder.joinpath(*parts)
+        with suppress(OSError, ValueError):  # of names that no file can have
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(text)
+    found = ResultFiles(folder)
+    for number in (*found.numbers[:3], 7):
+        found.boxes(number)
+        with suppress(KittiRos2Error):
+            found.read(number)
+    found.absent((0, 7))
+
+
 def _checksums(data: bytes) -> None:
     read_checksums(stored('SHA256SUMS', data))
-
-
-def _archive(data: bytes) -> None:
-    path = stored('archive.zip', data)
-    with open_archive(path) as packed:
-        wanted = [each for each in checked(packed, Limits(200.0, 10**9)) if not each.is_folder]
-        for _, pieces in packed.contents([each for each in wanted if not each.locked]):
-            with suppress(BadMemberError):
-                for _ in pieces:
-                    pass
-
-
-def _extract(data: bytes) -> None:
-    path = stored('archive.zip', data)
-    root = place('extracted/file').parent
-    extract_all([path], root, ExtractOptions(overwrite=True), lambda *_: None)
-
-
-def _zip(method: int) -> bytes:
-    target = BytesIO()
-    with zipfile.ZipFile(target, 'w', method) as archive:
-        for name in _FILES:
-            archive.writestr(zipfile.ZipInfo(_DRIVE + name), b'1 2 3 4\n' * 20, method)
-    return target.getvalue()
-
-
-def _tar(mode: str) -> bytes:
-    target = BytesIO()
-    with tarfile.open(fileobj=target, mode=mode) as archive:
-        for name in _FILES:
-            info = tarfile.TarInfo(_DRIVE + name)
-            info.size = 160
-            archive.addfile(info, BytesIO(b'1 2 3 4\n' * 20))
-    return target.getvalue()
-
-
-def _archives() -> list[bytes]:
-    methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-    modes = ('w:', 'w:gz', 'w:bz2', 'w:xz')
-    return [*map(_zip, methods), *map(_tar, modes)]
-
-
-def _summed(data: bytes) -> bytes:
-    """Correct the checksum of the first header of a tar."""
-    if data[257:262] != b'ustar':
-        return data
-    head = data[:148] + b' ' * 8 + data[156:512]
-    return head[:148] + b'%06o\0 ' % sum(head) + head[156:] + data[512:]
 
 
 def _result_texts() -> list[bytes]:
     labels = files('label_2/*.txt', Layout.OBJECT)
     results = [b''.join(line + b' 0.9\n' for line in each.splitlines()) for each in labels]
     return [joined(pair) for pair in zip(labels, results, strict=True)]
+
+
+def _result_folders() -> list[bytes]:
+    text = b'Car -1 -1 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3 0.9\n'
+    folders = (
+        *(b'000000.txt\n000007.txt\n1.txt\nreadme.txt', b'data/000000.txt', b'a/000000.txt\na/b'),
+        *(b'calib/000000.txt', b'training/a', b'0000.txt\n0001.txt', b'a.bin', b'', b'a/b\nb'),
+    )
+    return [joined((names, text)) for names in folders] + [joined((b'000000.txt', b'Car\xff'))]
+
+
+def _result_bags() -> list[bytes]:
+    """Boxes of each type, with the stamps of the frames, and by the clock of a player."""
+    clock = ('/clock', 'rosgraph_msgs/msg/Clock', 1, b'\0\1\0\0' + bytes(8))
+    made = []
+    for layout in (Layout.OBJECT, Layout.TRACKING):
+        messages = messages_of(own_bag('a.mcap', layout))
+        frames = [each for each in messages if '/tf' in each[0]]
+        for kind in (DETECTIONS_2D, DETECTIONS_3D, MARKERS):
+            boxes = [('/my/boxes', *each[1:]) for each in messages if each[1] == kind]
+            unstamped = [(*each[:3], _unstamped(each[3])) for each in boxes]
+            made += [make_mcap([*frames, *boxes]), make_mcap([clock, *boxes])] if boxes else []
+            made += [make_mcap([clock, *frames, *each]) for each in (unstamped, boxes[:1]) if boxes]
+            late = [(*each[:2], each[2] + 10**15, each[3]) for each in unstamped]
+            made += (
+                [make_mcap(late), make_mcap([*boxes, ('/other', *boxes[0][1:])])] if boxes else []
+            )
+    return [*made, make_mcap(messages)]
+
+
+def _unstamped(data: bytes) -> bytes:
+    """A message of boxes whose stamps, also those of its boxes, are all zero."""
+    start = 4 if any(data[4:8]) and data[4:8] > b'\xff\0\0\0' else 8
+    return data.replace(data[start : start + 8], bytes(8))
 
 
 def _trajectories() -> list[bytes]:
@@ -116,34 +137,50 @@ def _trajectories() -> list[bytes]:
         *poses,
         tum,
         b'# timestamp tx ty tz qx qy qz qw\n' + tum,
-        b'0 1 0 0 0 0 1 0 0 0 0 1 0\n',
+        *(b'0 1 0 0 0 0 1 0 0 0 0 1 0\n', b'0.5 1 0 0 0 0 1 0 0 0 0 1 0\n' * 2),
+        *(b'1 0 0 0 0 1 0 0 0 0 -1 0\n' * 2, b'1.001 0 0 0 0 1 0 0 0 0 1 0\n' * 2),
+        *(b'1,0\n', b'1;0 0\n', b'1 2\n', b'x y\n1 2 3\n', b'\n', b'\0', b'0 1 2 3 0 0 0 2\n'),
     ]
 
 
-_TRACKS = ('evaluation/track_boxes.py', 'evaluation/class_map.py')
-_WORDS = (
-    *(b'../', b'/etc/passwd', b'\\', b'C:', b'ustar', b'PK\1\2', b'PK\5\6', b'PK\6\6', b'PK\3\4'),
-    *(struct.pack('<H', each) for each in (0, 8, 12, 14, 1, 9, 99)),
-    *(b'\x1f\x8b', b'BZh9', b'\xfd7zXZ', zlib.compress(bytes(1000))),
-)
+def _tracker_files() -> list[bytes]:
+    track = b'0 1 Car 0 0 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3 0.9\n'
+    region = b'0 -1 DontCare -1 -1 -10 10 20 30 40 -1 -1 -1 -1000 -1000 -1000 -10\n'
+    texts = (
+        *(track, track * 2, region + track, track.replace(b'0 1', b'0 -1', 1)),
+        *(
+            track.replace(b'0 1', b'200 1', 1),
+            track.replace(b'Car', b'Truck'),
+            b'Car 0 0\n' + track,
+        ),
+        *(track[4:], b'', b'x\n', track.replace(b'0 1', b'0 99999999999', 1)),
+    )
+    real = samples('kitti/tracking/*/label_02/*.txt')
+    return [*files('label_02/*.txt'), *texts, *real]
 
+
+_MOST_NAMES = 8
+_LABELS = 'kitti/label_file.py'
+_TRACKS = ('evaluation/track_boxes.py', 'evaluation/class_map.py', 'kitti/result_files.py', _LABELS)
 TARGETS = (
     Target('trajectory', _trajectory, _trajectories, ('evaluation/trajectories.py',),
            (b'#', b',', b'0 0 0 0'), is_text=True, long=100_000),
     Target('tracker', _tracker,
-           lambda: [*files('label_02/*.txt'), *samples('kitti/tracking/*/label_02/*.txt')],
+           _tracker_files,
            _TRACKS, (b'DontCare', b'Cyclist'), is_text=True, long=100_000),
     Target('detections', _detections, _result_texts,
            ('evaluation/detection_inputs.py', 'evaluation/frame_boxes.py',
             'kitti/result_files.py'),
            (SEPARATOR, b'DontCare'), is_text=True, short=100, long=100_000),
+    Target('result_folder', _result_folder, _result_folders,
+           ('evaluation/frame_boxes.py', 'kitti/result_files.py', _LABELS), (SEPARATOR, b'data/'),
+           is_text=True, short=100, long=20_000),
+    Target('result_bag', _result_bag, _result_bags,
+           ('evaluation/detection_inputs.py', 'evaluation/bag_results.py',
+            'evaluation/result_boxes.py', 'evaluation/result_messages.py',
+            'evaluation/class_map.py'),
+           RECORD_WORDS, short=5, long=2000),
     Target('checksums', _checksums, lambda: [b'a' * 64 + b'  a.zip\n# b\n' + b'0' * 64 + b' *b\n'],
            ('fetch/checksums.py',), is_text=True, long=100_000),
-    Target('archive', _archive, _archives,
-           ('fetch/open_archive.py', 'fetch/members.py', 'fetch/zip_archive.py',
-            'fetch/tar_archive.py'), _WORDS, mend=_summed, short=150),
-    Target('extract', _extract, _archives,
-           ('fetch/extract.py', 'fetch/placement.py', 'fetch/tree.py'), _WORDS, mend=_summed,
-           short=50),
 )  # fmt: skip
 """All of them."""

@@ -6,7 +6,12 @@ import pytest
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.parsers import parse_integer, parse_number, parse_path
-from kitti_ros2.options.quantity_parsers import parse_four_numbers, parse_place
+from kitti_ros2.options.quantity_parsers import (
+    parse_four_numbers,
+    parse_place,
+    parse_shares,
+    parse_span,
+)
 
 HUGE = 10**400
 
@@ -19,11 +24,24 @@ HUGE = 10**400
         (parse_number, -HUGE),
         (parse_place, [0, 0, HUGE]),
         (parse_four_numbers, [0, 0, 0, HUGE]),
+        (parse_span, [None, HUGE]),
     ],
 )
 def test_a_huge_whole_number_is_refused(parse, value):
     with pytest.raises(UsageError, match='option takes '):
         parse('option', value)
+
+
+@pytest.mark.parametrize('word', ['1e999999999', '1e-999999999', '1/' + '9' * 60])
+def test_a_share_of_many_digits_is_refused_at_once(word):
+    with pytest.raises(UsageError, match='option takes shares'):
+        parse_shares('option', ['0.5', word])
+
+
+def test_shares_may_be_written_in_any_way():
+    assert [float(each) for each in parse_shares('option', '0.5 .25 1/8 1e-1 1')] == [
+        *(0.5, 0.25, 0.125, 0.1, 1.0)
+    ]
 
 
 @pytest.mark.parametrize('name', ['a\0b', '\ud800', 'file:///a%00b'])

@@ -393,6 +393,19 @@ def test_a_description_of_two_streams_in_one_folder_is_refused(made, tmp_path, c
     assert 'two streams in one folder' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('words', [['--start', '1'], ['--end', '3s']], ids=' '.join)
+def test_a_part_of_a_bag_whose_description_lists_no_files_is_refused(made, tmp_path, capsys, words):
+    bag, _ = made(Layout.OBJECT)
+
+    def change(entry):
+        if entry.topic != RECORDING:
+            return entry
+        return entry.with_text(json.dumps(json.loads(entry.text) | {'files': {}}).encode())
+
+    assert main(['to-kitti', str(rewrite(bag, change)), str(tmp_path / 'out'), *words]) == 2
+    assert 'the selection takes no frame; it has no numbered frames' in capsys.readouterr().err
+
+
 def without_promises(entry: Entry) -> Entry:
     """The description as it was written before it listed what a bag carries."""
     if entry.topic != RECORDING:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections import Counter
 from itertools import groupby
 
@@ -31,6 +32,7 @@ from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.playback import PlaybackOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.own_bags.description import UndescribedError, parse_description
 from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
 from kitti_ros2.pictures.sources import open_frames
 from kitti_ros2.player.bag_program import BagProgram
@@ -161,6 +163,19 @@ def test_a_hostile_description_leaves_the_bag_numbered_by_position(text, tmp_pat
             writer.write(channel, 5, serialize(message))
     assert number_bag(path, bag_stamps(path)) is None
     assert BagProgram(path, ALL).frames.tolist() == [0, 0]
+
+
+def test_a_description_of_more_files_than_fit_is_refused_before_any_is_counted(tmp_path):
+    """A short text may name the numbers of a billion files."""
+    spans = [[first, first + 999_999] for first in range(0, 10**9, 10**6)]
+    folder = {'folder': 'a', 'digits': 12, 'suffix': '.bin', 'numbers': spans}
+    text = json.dumps({'layout': 'object', 'name': 'a', 'epoch_ns': 0, 'files': {'scan': folder}})
+    tracemalloc.start()
+    with pytest.raises(UndescribedError, match='more than 1000000 files'):
+        parse_description(String(text), tmp_path / 'a.mcap')
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10_000_000
 
 
 @pytest.mark.parametrize('name', ['chunkflip_tl.bag', 'flip_utf8_t.bag'])
