@@ -8,7 +8,7 @@ import errno
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, describe_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,7 +24,19 @@ class BadArchiveError(KittiRos2Error):
 
 
 class BadMemberError(KittiRos2Error):
-    """A file in an archive that cannot be read; the others can."""
+    """A file in an archive that cannot be read; the others can.
+
+    Args:
+        reason: An error of the disk, or of what unpacks the file.
+    """
+
+    def __init__(self, reason: Exception | str) -> None:
+        text = str(reason)
+        if isinstance(reason, OSError) and reason.errno is not None:
+            text = f'cannot be read: {describe_error(reason)}'
+        elif isinstance(reason, Exception):
+            text = f'damaged: {reason}'
+        super().__init__(text)
 
 
 class StoppedError(KittiRos2Error):

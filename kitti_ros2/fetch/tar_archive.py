@@ -10,6 +10,7 @@ import lzma
 import tarfile
 from typing import TYPE_CHECKING, Any, cast
 
+from ..model.errors import describe_error
 from .errors import BadArchiveError, BadMemberError
 from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member
 
@@ -87,7 +88,7 @@ class TarArchive:
                         yield _member(info)
                 self._check_end(forward, file)
         except _ERRORS as error:
-            raise self._damaged(str(error)) from error
+            raise self._damaged(describe_error(error)) from error
 
     def _check_end(self, forward: _Forward, file: IO[bytes]) -> None:
         """Check that the marker of the end was read: tarfile takes damage for the end."""
@@ -115,7 +116,7 @@ class TarArchive:
                         if not left:
                             return
         except _ERRORS as error:
-            raise self._damaged(str(error)) from error
+            raise self._damaged(describe_error(error)) from error
 
 
 def _forget(archive: TarFile) -> None:
@@ -129,7 +130,7 @@ def _pieces(archive: TarFile, info: TarInfo) -> Iterator[bytes]:
         while stream is not None and (piece := stream.read(PIECE_BYTES)):
             yield piece
     except _ERRORS as error:
-        raise BadMemberError(f'damaged: {error}') from error
+        raise BadMemberError(error) from error
 
 
 def _member(info: TarInfo) -> Member:

@@ -86,7 +86,7 @@ class ZipArchive:
                 while piece := stream.read(PIECE_BYTES):
                     yield piece
         except (BadZipFile, EOFError, RuntimeError, ValueError, *DECOMPRESSION_ERRORS) as error:
-            raise BadMemberError(f'damaged: {error}') from error
+            raise BadMemberError(error) from error
 
 
 def _kind(info: ZipInfo) -> str:

@@ -23,6 +23,7 @@ FOUND = [
     ('download', 'SIGKILL', 0.065),
     ('download', 'EIO once', 0.285),
     ('download', 'full disk', 0.09),
+    ('download', 'EIO of a read', 0.595),
     ('to-bag mcap', 'EIO of a read', 0.585),
     ('to-bag mcap', 'EIO of a read', 0.685),
     ('to-bag mcap', 'vanishing file', 0.655),
