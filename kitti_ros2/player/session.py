@@ -183,8 +183,7 @@ class Session:
         elif isinstance(event, Jump):
             self._jump(event)
         elif isinstance(event, Idle):
-            at_once = event.for_ns is None or self.playback.options.lossless
-            ahead.want(self._transport.wanted(time.monotonic_ns()), at_once=at_once)
+            ahead.want(self._transport.wanted(time.monotonic_ns()))
             # Decoding delays the next due message: a long gap is the best time for it.
             if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
                 ahead.refill()
@@ -202,7 +201,7 @@ class Session:
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
         wanted = self._transport.wanted(time.monotonic_ns())
-        ahead.want(wanted, at_once=self.playback.options.lossless)
+        ahead.want(wanted)
         messages, losses = ahead.take(event.position)
         for loss in losses:
             self._complain(loss.message, loss.count)
@@ -220,8 +219,7 @@ class Session:
         for message in messages:
             if self.playback.stopped:
                 break
-            is_unmade = message.channel not in wanted or not message.parts
-            if self.program.channels[message.channel].on_demand and is_unmade:
+            if self.program.channels[message.channel].on_demand and message.channel not in wanted:
                 self.reception.note(message.channel, received=False)
                 continue
             sent += self._publish(message, message.stamp_ns, event.due_ns)
