@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from ..files.staging import Staging
@@ -49,7 +49,7 @@ class KeptBag:
             add_note(error, self.text)
 
 
-def is_interruption(error: BaseException | None) -> bool:
+def is_interruption(error: BaseException) -> bool:
     """Whether an exception is no fault of the data: a signal, the disk, or too little memory."""
     return isinstance(error, (KeyboardInterrupt, SystemExit, OutputError, OSError, MemoryError))
 
@@ -72,9 +72,6 @@ def move_aside(staging: Staging | UploadStaging, *, single_file: bool) -> Path |
 
 def _free_path(path: Path, *, single_file: bool) -> Path:
     stem, suffix = (path.stem, path.suffix) if single_file else (path.name, '')
-    for number in count(1):
-        mark = _PARTIAL if number == 1 else f'{_PARTIAL}-{number}'
-        found = path.with_name(f'{stem}.{mark}{suffix}')
-        if not os.path.lexists(found):
-            return found
-    raise AssertionError
+    marks = chain([_PARTIAL], (f'{_PARTIAL}-{number}' for number in count(2)))
+    paths = (path.with_name(f'{stem}.{mark}{suffix}') for mark in marks)
+    return next(each for each in paths if not os.path.lexists(each))

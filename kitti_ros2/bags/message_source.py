@@ -171,8 +171,7 @@ class BagMessages:
                 self._lose(reading, stamp_ns, error)
                 continue
             channel = reading.channel
-            log_ns = min(stamp_ns, self._last_ns)
-            yield BagMessage(channel.topic, channel.msgtype, log_ns, cdr)
+            yield BagMessage(channel.topic, channel.msgtype, min(stamp_ns, self._last_ns), cdr)
 
     def _lose(self, reading: Reading, stamp_ns: int, error: Exception) -> None:
         """Enter a lost message; those of one topic and reason share one line."""

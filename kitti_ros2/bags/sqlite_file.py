@@ -165,12 +165,12 @@ class SqliteFile(BagFile):
             sqlite3.Error: The database cannot be opened.
             ValueError: It has views in place of tables.
         """
-        mode, size = 'immutable=1', self._file.size
+        mode = 'immutable=1'
         wal = path.with_name(f'{path.name}-wal')
         if wal.is_file() and wal.stat().st_size:
             self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
             mode = 'mode=ro'
-            size += wal.stat().st_size
+            self._size += wal.stat().st_size
             self._is_whole = False
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
@@ -180,9 +180,8 @@ class SqliteFile(BagFile):
         connection = sqlite3.connect(
             uri, uri=True, check_same_thread=False, factory=GuardedConnection
         )
-        self._size = size
         try:
-            connection.guard(size)
+            connection.guard(self._size)
         except BaseException:
             connection.close()
             raise

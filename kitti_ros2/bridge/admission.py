@@ -30,6 +30,7 @@ default at http://localhost:8080; pages of this machine are accepted anyway.
 
 _ORIGIN = re.compile(r'(?P<scheme>[a-z][a-z0-9+.-]*)://(?P<host>\[[0-9a-f:.]+\]|[^/\s:@]*)(:\d+)?')
 _HOST = re.compile(r'(?P<host>\[[0-9a-f:.]+\]|[^/\s:@]+)(:\d*)?')
+_WEB = ('http', 'https')
 _SHOWN = 100
 
 
@@ -108,9 +109,6 @@ class Admission:
     def _allowed_hosts(self) -> set[str]:
         found = (_ORIGIN.fullmatch(each) for each in self.allowed)
         return {each['host'] for each in found if each}
-
-
-_WEB = ('http', 'https')
 
 
 def is_loopback(host: str) -> bool:

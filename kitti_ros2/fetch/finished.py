@@ -8,7 +8,7 @@ import json
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from ..files.durability import sync_file, sync_folders
+from ..files.durability import replace_durably
 from .errors import stopping
 
 if TYPE_CHECKING:
@@ -49,6 +49,4 @@ class FinishedArchives:
         part = self._path.with_name(f'.{_NAME}.part')
         with stopping(self._path):
             part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
-            sync_file(part)
-            part.replace(self._path)
-            sync_folders([self._path.parent])
+            replace_durably(part, self._path)

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from ..files.durability import WritingOut, sync_file, sync_folders
+from ..files.durability import WritingOut, replace_durably
 from ..model.text import format_bytes
 from .sources import (
     BrokenTransferError,
@@ -122,10 +122,9 @@ class Transfer:
                 f' is damaged, or was replaced (--no-verify takes it as it is)'
             )
         if self._fsync:
-            sync_file(self._part)
-        self._part.replace(self.target)
-        if self._fsync:
-            sync_folders([self.target.parent])
+            replace_durably(self._part, self.target)
+        else:
+            self._part.replace(self.target)
         self._log.unlink(missing_ok=True)
 
     def drop(self) -> None:

@@ -43,6 +43,17 @@ def sync_file(path: Path) -> None:
     _sync(path, os.O_RDONLY | os.O_NOFOLLOW)
 
 
+def replace_durably(part: Path, target: Path) -> None:
+    """Give a complete file its name; the file is on the disk before, the name after.
+
+    Raises:
+        OSError: The disk refuses.
+    """
+    sync_file(part)
+    part.replace(target)
+    sync_folders([target.parent])
+
+
 def sync_folders(folders: Iterable[Path]) -> None:
     """Write the names in folders to the disk, and wait until they are there.
 

@@ -72,10 +72,16 @@ def staged(
     """
     keep = refusal or _keep_content
     staging = open_staging(out, lambda path: None if _is_empty(path) else keep(path), fsync=fsync)
+    with _published(staging), reported(out):
+        staging.content.mkdir()
+        yield staging.content
+
+
+@contextmanager
+def _published(staging: Staging | UploadStaging) -> Iterator[None]:
+    """Publish an output at the end; after an error remove it, and name what could not be."""
     try:
-        with reported(out):
-            staging.content.mkdir()
-            yield staging.content
+        yield
         staging.publish()
     except BaseException as error:
         staging.discard()
@@ -120,16 +126,10 @@ def staged_file(out: Path, refusal: Callable[[Path], str | None]) -> Iterator[Pa
         OutputError: The disk refuses.
     """
     staging = open_staging(out, refusal)
-    try:
-        with reported(out):
-            # Programs that write pictures and films use the suffix of the name.
-            folder = staging.content.with_name(NAMED)
-            folder.mkdir()
-            yield folder / out.name
-            (folder / out.name).rename(staging.content)
-            folder.rmdir()
-        staging.publish()
-    except BaseException as error:
-        staging.discard()
-        staging.tell_remains(error)
-        raise
+    with _published(staging), reported(out):
+        # Programs that write pictures and films use the suffix of the name.
+        folder = staging.content.with_name(NAMED)
+        folder.mkdir()
+        yield folder / out.name
+        (folder / out.name).rename(staging.content)
+        folder.rmdir()

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-_NOTHING_LEFT = 'nothing was left behind'
-
-
 @dataclass(frozen=True)
 class Remedy:
     """A command that does what was meant; the command line prints it after the error.
@@ -196,10 +193,10 @@ class OutputExistsError(KittiRos2Error):
 class OutputError(KittiRos2Error):
     """The output cannot be written: permissions, a full disk, a busy writer."""
 
-    def __init__(self, path: Path, reason: str, remedy: str, left: str = _NOTHING_LEFT) -> None:
+    def __init__(self, path: Path, reason: str, remedy: str) -> None:
         self.path = str(path)
         self._parts = path, reason, remedy
-        super().__init__(f'{path}: {reason}; {left} ({remedy})')
+        super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
 
     def leave(self, left: str) -> None:
         """Change the words about what was left behind."""

@@ -9,9 +9,9 @@ from typing import Any
 from .declare import option
 from .parsers import parse_flag
 
-FSYNC = 'Wait until the output is on the disk, safe from a power cut'
-
 
 def fsync_option(**rest: Any) -> bool:  # noqa: ANN401 - attributes of Option
     """Return the field of an options object: whether a finished output outlasts a power cut."""
-    return option(True, FSYNC, parse_flag, **rest)
+    return option(
+        True, 'Wait until the output is on the disk, safe from a power cut', parse_flag, **rest
+    )

@@ -109,8 +109,7 @@ class RecordingProgram:
         self._kept: dict[int, tuple[list[Message], list[Loss]]] = {}
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
-        self.channels: Sequence[Channel] = self._encoder.table
-        self.channels = [
+        self.channels: Sequence[Channel] = [
             replace(row, depth=self._depth(index, row))
             for index, row in enumerate(self._encoder.table)
         ]
@@ -164,7 +163,7 @@ class RecordingProgram:
         encoded, losses = self._encoder.encode(entry, wanted)
         messages = [each._replace(parts=(each.data,)) for each in encoded]
         # Small messages first: each waits for those before it.
-        messages.sort(key=lambda each: self.channels[each.channel].on_demand)
+        messages.sort(key=lambda each: self._encoder.table[each.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
         return messages + [Message(index, entry.stamp_ns, ()) for index in unmade], losses
 
