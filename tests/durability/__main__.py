@@ -28,7 +28,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(_TESTS / 'faults'), str(_TESTS)]
 from fault_cases import CASES, Case  # noqa: E402 - after the path
 from fault_library import compile_faults  # noqa: E402
 from fault_points import RECORD, shown, tree_of  # noqa: E402
-from fault_spread import spread  # noqa: E402
+from fault_spread import beginning_with, spread  # noqa: E402
 
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest  # noqa: E402
 from kitti_ros2.importer.append import mend  # noqa: E402
@@ -186,10 +186,7 @@ def main() -> int:
     if os.geteuid():
         parser.error('mounting needs root')
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # unmounts
-    names = [
-        name for name in CASES
-        if not given.commands or any(name.startswith(each) for each in given.commands)
-    ]  # fmt: skip
+    names = beginning_with(given.commands, CASES)
     findings = 0
     with tempfile.TemporaryDirectory() as folder:
         library = compile_faults(Path(folder))

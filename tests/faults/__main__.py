@@ -15,7 +15,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 from fault_cases import CASES, FAULTS  # noqa: E402 - after the path
 from fault_library import compile_faults  # noqa: E402
 from fault_points import Bench, Finding  # noqa: E402
-from fault_spread import spread  # noqa: E402
+from fault_spread import beginning_with, spread  # noqa: E402
 from fork_server import ForkServer  # noqa: E402
 
 _FEW = 8
@@ -30,10 +30,7 @@ def main() -> int:
     parser.add_argument('--points', type=int, default=_FEW, help='so many calls of each')
     parser.add_argument('--at', type=int, help='this call only')
     given = parser.parse_args()
-    names = [
-        name for name in CASES
-        if not given.commands or any(name.startswith(each) for each in given.commands)
-    ]  # fmt: skip
+    names = beginning_with(given.commands, CASES)
     if not names:
         parser.error(f'no such command; there are {", ".join(CASES)}')
     findings = 0

@@ -1,8 +1,18 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calls spread over a run."""
+"""Which commands meet faults, and calls spread over their runs."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+def beginning_with(beginnings: list[str], names: Iterable[str]) -> list[str]:
+    """Return the names that begin with one of some words; all without words."""
+    return [name for name in names if not beginnings or name.startswith(tuple(beginnings))]
 
 
 def spread(calls: int, most: int | None) -> list[int]:

@@ -256,7 +256,7 @@ def test_errors_after_a_download_say_what_is_kept(mirror, tmp_path, monkeypatch,
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with monkeypatch.context() as patched:
-        patched.setattr(finished, 'sync_file', refuse)
+        patched.setattr(finished, 'replace_durably', refuse)
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'extracted.json: cannot be written (Input/output error); what is complete is' in line
