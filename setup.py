@@ -39,7 +39,6 @@ KEYWORDS = ['KITTI', 'SemanticKITTI', 'ROS 2', 'rosbag2', 'MCAP', 'lidar', 'auto
 # What the converter needs, for pip; a workspace has its own (package.xml). The lower bounds work
 # with Python 3.10; the upper ones stop at the next release that may break its promises.
 REQUIREMENTS = [
-    'defusedxml>=0.7.1,<0.8',
     'httpx>=0.26,<0.29',  # imported by download only
     'isal>=1.7,<2',
     'jinja2>=3.1.2,<4',
@@ -105,7 +104,6 @@ EXTRAS['test'] = [
     'ruff>=0.17,<0.18',
     *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
-    'types-defusedxml>=0.7.0.20240115,<0.8',
     'websockets>=15,<18',
 ]
 

@@ -31,7 +31,6 @@ ROSDEP_KEYS = {
     'launch_ros',
     'nav_msgs',
     'rcl_interfaces',
-    'python3-defusedxml',
     'python3-hypothesis',
     'python3-jinja2',
     'python3-matplotlib',
@@ -57,7 +56,6 @@ ROSDEP_KEYS = {
 
 # The rosdep key that brings a requirement of setup.py to a workspace.
 KEY_OF = {
-    'defusedxml': 'python3-defusedxml',
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',
@@ -284,8 +282,7 @@ def test_imports_are_declared(
 
 @pytest.mark.skipif(not CLI_IS_THERE, reason='there is no to-bag yet')
 def test_requirements_are_needed(requirements: dict[str, Requirement]) -> None:
-    coming = {'defusedxml'}  # for tracklet_labels.xml, whose reader comes with the labels
-    assert set(requirements) - installed_names() - coming == set()
+    assert set(requirements) - installed_names() == set()
 
 
 def test_readme_is_short_and_its_links_lead_somewhere() -> None:

@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from html import escape
-from io import BytesIO
 from typing import TYPE_CHECKING, NoReturn
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 
@@ -25,17 +25,25 @@ from ..model.boxes import Cuboid
 from ..model.errors import BadFileError
 from ..model.geometry import Transform, rotation_from_rpy
 from ..model.samples import FrameLabels
+from ..model.text import shown
 from . import names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
-    from xml.etree.ElementTree import Element  # the type alone; defusedxml does the parsing
 
 MOST_BYTES = 256 << 20
 _EXPECTED = 'a tracklet_labels.xml of the raw data devkit'
-_STATES = range(-1, 100)
-_LIST, _ITEM, _POSES = 'tracklets', 'item', 'poses'
+_MOST_LEVELS = 100
+_LIST, _ITEM, _CLASS_NAME = 'tracklets', 'item', 'objectType'
+_TRACK_ITEM = [_LIST, _ITEM]
+_POSE_ITEM = [_LIST, _ITEM, 'poses', _ITEM]
+_TRACK_NUMBERS = ('h', 'w', 'l', 'first_frame')
+_POSE_NUMBERS = ('tx', 'ty', 'tz', 'rz', 'state', 'occlusion', 'truncation')
+_WHOLE = {
+    'first_frame': range(10**names.FRAME_DIGITS),
+    **dict.fromkeys(('state', 'occlusion', 'truncation'), range(-1, 100)),
+}
 
 LABELLED = 2
 TRUNCATION_IN_IMAGE = 0
@@ -55,7 +63,7 @@ _UNSET_FIELDS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class TrackletPose:
     """The pose of an object in one frame.
 
@@ -97,108 +105,122 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
     Raises:
         BadFileError: The XML is truncated, too large or incomplete, or defines entities.
     """
-    from defusedxml import DefusedXmlException  # noqa: PLC0415 - only where there are tracklets
-    from defusedxml.ElementTree import ParseError, iterparse  # noqa: PLC0415
-
     if len(data) > MOST_BYTES:
         raise BadFileError(path, f'{len(data)} bytes', f'at most {MOST_BYTES} bytes of XML')
     try:
-        return _TrackParser(path).parse(iterparse(BytesIO(data), ('start', 'end')))
-    except ParseError as error:
-        line, _ = error.position
-        raise BadFileError(path, f'no whole XML ({error})', _EXPECTED, line=line) from None
+        return _TrackParser(path).parse(data)
+    except ExpatError as error:
+        found = f'no whole XML ({error})'
+        raise BadFileError(path, found, _EXPECTED, line=error.lineno) from None
     except (LookupError, ValueError) as error:
-        if isinstance(error, DefusedXmlException):
-            found = f'XML with entities ({type(error).__name__})'
-        else:
-            found = f'XML in an encoding that is not known ({error})'
+        found = f'XML in an encoding that is not known ({error})'
         raise BadFileError(path, found, _EXPECTED) from None
 
 
 class _TrackParser:
-    """Parses tracks as their elements end, and drops these: they take 20 times their text."""
+    """Parses tracks from expat's events: elements of a tree take 20 times their text."""
 
     def __init__(self, path: Path | str) -> None:
         self._path = path
-        self._open: list[Element] = []
+        self._open: list[str] = []
+        self._text: list[str] = []
+        self._track: dict[str, float] = {}
+        self._class_name = ''
+        self._pose: dict[str, float] = {}
         self._poses: list[TrackletPose] = []
-        self._tracklets: list[Tracklet] | None = None
+        self._tracklets: list[Tracklet] = []
+        self._is_list = False
+        self._expat = ParserCreate()
+        self._expat.buffer_text = True
+        self._expat.StartElementHandler = self._start
+        self._expat.EndElementHandler = self._end
+        self._expat.CharacterDataHandler = self._text.append
+        self._expat.EntityDeclHandler = self._refuse_entity
 
-    def parse(self, events: Iterable[tuple[str, Element]]) -> list[Tracklet]:
+    def parse(self, data: bytes) -> list[Tracklet]:
         """Return the tracks.
 
         Raises:
             BadFileError: An element is missing or invalid.
         """
-        for event, element in events:
-            if event == 'start':
-                self._open.append(element)
-            else:
-                self._open.pop()
-                self._end(element, tuple(each.tag for each in self._open[1:]))
-        if self._tracklets is None:
+        self._expat.Parse(data, True)  # noqa: FBT003 - it takes no name
+        if not self._is_list:
             raise BadFileError(self._path, 'no element tracklets', _EXPECTED)
         return self._tracklets
 
-    def _end(self, element: Element, parents: tuple[str, ...]) -> None:
-        if element.tag == _LIST and not parents:
-            self._tracklets = self._tracklets or []
-        elif element.tag != _ITEM:
-            return
-        elif parents == (_LIST, _ITEM, _POSES):
-            where = f'{self._where()}, pose {len(self._poses)}'
-            self._poses.append(_parse_pose(element, where))
-            self._open[-1].clear()
-        elif parents == (_LIST,):
-            self._tracklets = self._tracklets or []
-            self._tracklets.append(_parse_tracklet(element, self._poses, self._where()))
-            self._poses = []
-            self._open[-1].clear()
+    def _start(self, name: str, _: dict[str, str]) -> None:
+        if len(self._open) == _MOST_LEVELS:
+            self._refuse(f'more than {_MOST_LEVELS} levels of elements', _EXPECTED)
+        self._open.append(name)
+        self._text.clear()
 
-    def _where(self) -> str:
-        return f'{self._path}: item {len(self._tracklets or ())}'
+    def _end(self, name: str) -> None:
+        parents = self._open[1:-1]
+        if parents == _POSE_ITEM:
+            if name in _POSE_NUMBERS:
+                self._pose.setdefault(name, self._number(name))
+        elif parents == _TRACK_ITEM:
+            if name in _TRACK_NUMBERS:
+                self._track.setdefault(name, self._number(name))
+            elif name == _CLASS_NAME:
+                self._class_name = self._class_name or ''.join(self._text)
+        elif name == _ITEM and parents == _POSE_ITEM[:-1]:
+            self._end_pose()
+        elif name == _ITEM and parents == _TRACK_ITEM[:-1]:
+            self._end_track()
+        elif name == _LIST and len(self._open) == len(_TRACK_ITEM):
+            self._is_list = True
+        self._open.pop()
+        self._text.clear()
 
+    def _end_pose(self) -> None:
+        tx, ty, tz, yaw, state, occlusion, truncation = self._all(self._pose, _POSE_NUMBERS)
+        pose = TrackletPose((tx, ty, tz), yaw, int(occlusion), int(truncation), int(state))
+        self._poses.append(pose)
+        self._pose.clear()
 
-def _parse_tracklet(item: Element, poses: list[TrackletPose], where: str) -> Tracklet:
-    return Tracklet(
-        class_name=item.findtext('objectType') or _missing('objectType', where),
-        size_hwl=(_number(item, 'h', where), _number(item, 'w', where), _number(item, 'l', where)),
-        first_frame=_integer(item, 'first_frame', where, range(10**names.FRAME_DIGITS)),
-        poses=poses,
-    )
+    def _end_track(self) -> None:
+        if not self._class_name:
+            self._refuse(f'no element {_CLASS_NAME}', _EXPECTED)
+        height, width, length, first_frame = self._all(self._track, _TRACK_NUMBERS)
+        size_hwl = (height, width, length)
+        self._tracklets.append(Tracklet(self._class_name, size_hwl, int(first_frame), self._poses))
+        self._track.clear()
+        self._class_name = ''
+        self._poses = []
 
+    def _all(self, fields: dict[str, float], names: Iterable[str]) -> list[float]:
+        for name in names:
+            if name not in fields:
+                self._refuse(f'no element {name}', _EXPECTED)
+        return [fields[name] for name in names]
 
-def _parse_pose(item: Element, where: str) -> TrackletPose:
-    tx, ty, tz, yaw = (_number(item, name, where) for name in ('tx', 'ty', 'tz', 'rz'))
-    state, occlusion, truncation = (
-        _integer(item, name, where, _STATES) for name in ('state', 'occlusion', 'truncation')
-    )
-    return TrackletPose((tx, ty, tz), yaw, occlusion, truncation, state)
+    def _number(self, name: str) -> float:
+        text = ''.join(self._text)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        whole = _WHOLE.get(name)
+        if whole is None:
+            if not math.isfinite(value):
+                self._refuse(f'{name} is {shown(text)}', 'a finite number')
+        elif not (value.is_integer() and int(value) in whole):
+            expected = f'a whole number from {whole[0]} to {whole[-1]}'
+            self._refuse(f'{name} is {shown(text)}', expected)
+        return value
 
+    def _refuse_entity(self, name: str, *_: object) -> None:
+        self._refuse(f'XML with entities ({shown(name)})', _EXPECTED)
 
-def _number(item: Element, name: str, where: str) -> float:
-    text = item.findtext(name)
-    if text is None:
-        _missing(name, where)
-    try:
-        value = float(text or '')
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise BadFileError(where, f'{name} is {text!r}', 'a finite number')
-    return value
-
-
-def _integer(item: Element, name: str, where: str, allowed: range) -> int:
-    value = _number(item, name, where)
-    if not value.is_integer() or int(value) not in allowed:
-        expected = f'a whole number from {allowed[0]} to {allowed[-1]}'
-        raise BadFileError(where, f'{name} is {value:g}', expected)
-    return int(value)
-
-
-def _missing(name: str, where: str) -> NoReturn:
-    raise BadFileError(where, f'no element {name}', _EXPECTED)
+    def _refuse(self, found: str, expected: str) -> NoReturn:
+        place = ''
+        if self._open[1:3] == _TRACK_ITEM:
+            place = f'item {len(self._tracklets)}: '
+        if self._open[1:5] == _POSE_ITEM:
+            place = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
+        line = self._expat.CurrentLineNumber
+        raise BadFileError(self._path, place + found, expected, line=line)
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:

@@ -165,12 +165,39 @@ def test_what_is_no_tracklet_file(data, found):
         ('<rz>0.5</rz>', '<rz>nan</rz>', "item 0, pose 0: rz is 'nan'"),
         ('<tx>10</tx>', '<tx>1e999</tx>', "item 0, pose 0: tx is '1e999'"),
         ('<truncation>-1</truncation>', '', 'item 0, pose 0: no element truncation'),
+        ('<state>2</state>', '<state>1.5</state>', "pose 0: state is '1.5'; expected a whole"),
+        ('<first_frame>3<', '<first_frame>-1<', "item 0: first_frame is '-1'; expected a whole"),
+        ('<h>2</h>', f'<h>{"9" * 5000}x</h>', "item 0: h is '9999"),
+        ('<h>2</h>', f'{"<a>" * 100}{"</a>" * 100}<h>2</h>', 'more than 100 levels'),
     ],
 )
 def test_a_bad_value_is_named_with_its_place(old, new, found):
     text = written(ONE).decode()
     assert old in text
     assert found in complaint(text.replace(old, new, 1).encode())
+
+
+def test_a_bad_value_is_named_with_its_line():
+    lines = written(ONE, ONE).decode().splitlines(keepends=True)
+    (_, number) = (number for number, line in enumerate(lines, 1) if '<h>' in line)
+    lines[number - 1] = '<h>tall</h>'
+    found = complaint(''.join(lines).encode())
+    assert found.startswith(f"{PATH}:{number}: item 1: h is 'tall'")
+
+
+def test_the_first_of_two_values_counts():
+    text = written(ONE).decode()
+    twice = text.replace('<h>2</h>', '<h>2</h><h>3</h>').replace(
+        '<rz>0.5</rz>', '<rz>0.5</rz><rz>1</rz>'
+    )
+    assert parse_tracklets(twice.encode(), PATH) == [ONE]
+
+
+def test_values_elsewhere_are_none_of_a_track():
+    text = written(ONE).decode()
+    other = '<other><item><poses><item><tx>far</tx></item></poses><h>tall</h></item></other>'
+    for tag in ('<tracklets ', '</tracklets>', '<objectType>', '<tx>'):
+        assert parse_tracklets(text.replace(tag, other + tag, 1).encode(), PATH) == [ONE]
 
 
 def test_fields_that_nobody_needs_may_be_absent():
