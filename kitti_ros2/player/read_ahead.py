@@ -46,7 +46,7 @@ class ReadAhead:
             thread_name_prefix='read-ahead',
             initializer=_step_back if polite else None,
         )
-        self._ahead: deque[Future[Fetched]] = deque()
+        self._ahead: deque[_Sample] = deque()
         self._next = 0
         self._wanted: frozenset[int] = frozenset()
 
@@ -57,12 +57,23 @@ class ReadAhead:
         self._drop()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    def want(self, wanted: frozenset[int]) -> None:
-        """Set the outlets with subscribers; samples fetched without a new one are fetched again."""
+    def want(self, wanted: frozenset[int], *, at_once: bool = True) -> None:
+        """Set the outlets with subscribers; samples fetched without a new one are fetched again.
+
+        Args:
+            wanted: The outlets.
+            at_once: Whether the next sample is made for them, though it may be late. If not, those
+                that are there are taken until they are fetched again: a new subscriber, which
+                always comes in between, does not hold up all others.
+        """
         added = wanted - self._wanted
         self._wanted = wanted
-        if added:
+        if not added:
+            return
+        if at_once:
             self._drop()
+        for number, sample in enumerate(self._ahead):
+            sample.fetch_again(self._fetch(number))
 
     def take(self, position: int) -> Fetched:
         """Return the messages at a position; continue prefetching from there."""
@@ -84,13 +95,47 @@ class ReadAhead:
         return len(self._ahead) * 2 < self._size
 
     def _submit(self) -> None:
-        position = (self._next + len(self._ahead)) % self._total
-        self._ahead.append(self._pool.submit(self._program.fetch, position, self._wanted))
+        self._ahead.append(_Sample(self._fetch(len(self._ahead))))
+
+    def _fetch(self, number: int) -> Future[Fetched]:
+        position = (self._next + number) % self._total
+        return self._pool.submit(self._program.fetch, position, self._wanted)
 
     def _drop(self) -> None:
-        for future in self._ahead:
-            future.cancel()
+        for sample in self._ahead:
+            sample.cancel()
         self._ahead.clear()
+
+
+class _Sample:
+    """A sample that is being fetched, perhaps again for more outlets."""
+
+    def __init__(self, fetched: Future[Fetched]) -> None:
+        self._fetched = fetched
+        self._again: Future[Fetched] | None = None
+
+    def fetch_again(self, future: Future[Fetched]) -> None:
+        """Prefer another result, as soon as it is there."""
+        if self._again is not None and not self._again.cancel():
+            self._fetched = self._again
+        if self._fetched.cancel():  # it has not begun
+            self._fetched, self._again = future, None
+        else:
+            self._again = future
+
+    def result(self) -> Fetched:
+        """Return the result that is there, or wait for the first one."""
+        if self._again is not None and self._again.done():
+            return self._again.result()
+        if self._again is not None:
+            self._again.cancel()
+        return self._fetched.result()
+
+    def cancel(self) -> None:
+        """Give up what has not begun."""
+        self._fetched.cancel()
+        if self._again is not None:
+            self._again.cancel()
 
 
 def _step_back() -> None:

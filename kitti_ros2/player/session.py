@@ -123,6 +123,7 @@ class Session:
         ]
         self._stale: set[int] = set()
         self._frame: int | None = None
+        self._at_rest = True
         self._wall_ns = 0
 
     def start(self, done: Callable[[BaseException | None], None]) -> None:
@@ -183,7 +184,7 @@ class Session:
         elif isinstance(event, Jump):
             self._jump(event)
         elif isinstance(event, Idle):
-            ahead.want(self._transport.wanted(time.monotonic_ns()))
+            self._look(ahead, at_rest=event.for_ns is None)
             # Decoding delays the next due message: a long gap is the best time for it.
             if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
                 ahead.refill()
@@ -191,6 +192,19 @@ class Session:
                 self._clear_stale()
                 self._look_for_subscribers()
             self._changed()
+
+    def _look(self, ahead: ReadAhead, *, at_rest: bool) -> frozenset[int]:
+        """Tell read-ahead which outlets have a subscriber; return them.
+
+        A subscriber that comes while messages are due waits until they are made for it; one that
+        came while none were misses nothing.
+        """
+        begins = self._at_rest and not at_rest
+        transport = self._transport
+        wanted = transport.look() if begins else transport.wanted(time.monotonic_ns())
+        ahead.want(wanted, at_once=at_rest or begins or self.playback.options.lossless)
+        self._at_rest = at_rest
+        return wanted
 
     def _look_for_subscribers(self) -> None:
         if not self.playback.state().waiting:
@@ -200,8 +214,7 @@ class Session:
             self.playback.begin()
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
-        wanted = self._transport.wanted(time.monotonic_ns())
-        ahead.want(wanted)
+        wanted = self._look(ahead, at_rest=False)
         messages, losses = ahead.take(event.position)
         for loss in losses:
             self._complain(loss.message, loss.count)
@@ -219,7 +232,8 @@ class Session:
         for message in messages:
             if self.playback.stopped:
                 break
-            if self.program.channels[message.channel].on_demand and message.channel not in wanted:
+            is_unmade = message.channel not in wanted or not message.parts
+            if self.program.channels[message.channel].on_demand and is_unmade:
                 self.reception.note(message.channel, received=False)
                 continue
             sent += self._publish(message, message.stamp_ns, event.due_ns)

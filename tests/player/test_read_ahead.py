@@ -49,7 +49,10 @@ def stamps(fetched):
 
 def settle(ahead, program):
     """Wait for all fetches that were started; return how many there were so far."""
-    wait(ahead._ahead)
+    wait(
+        {each._fetched for each in ahead._ahead}
+        | {each._again or each._fetched for each in ahead._ahead}
+    )
     return len(program.fetched)
 
 
@@ -123,6 +126,36 @@ def test_a_new_outlet_wanted_is_fetched_again(program):
         ahead.want(ALL)
         for position in range(1, 6):
             assert ahead.take(position) == ([Message(0, position, (b'[0, 1]',))], [])
+
+
+def test_a_new_outlet_holds_nothing_up(program):
+    with ReadAhead(program, 4, polite=False) as ahead:
+        ahead.want(frozenset({0}))
+        ahead.refill()
+        settle(ahead, program)
+        program.gate.clear()
+        ahead.want(ALL, at_once=False)
+        assert [ahead.take(position)[0][0].data for position in (0, 1)] == [b'[0]'] * 2
+        ahead.want(frozenset({0, 1, 2}), at_once=False)
+        program.gate.set()
+        settle(ahead, program)
+        found = [ahead.take(position)[0][0].data for position in (2, 3, 4)]
+        assert found == [b'[0, 1, 2]'] * 3
+
+
+@pytest.mark.parametrize('at_once', [True, False])
+def test_what_had_not_begun_is_fetched_once(at_once):
+    program = Counting(workers=1)
+    program.gate.clear()
+    with ReadAhead(program, 4, polite=False) as ahead:
+        ahead.want(frozenset({0}))
+        ahead.refill()
+        ahead.want(ALL, at_once=at_once)
+        ahead.refill()
+        program.gate.set()
+        found = [ahead.take(position)[0][0].data for position in range(5)]
+    assert found[1:] == [b'[0, 1]'] * 4
+    assert len(program.fetched) <= 6
 
 
 def test_an_outlet_less_fetches_nothing_again(program):

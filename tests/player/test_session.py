@@ -102,11 +102,11 @@ class FakeTransport:
 class Run:
     """A session that has begun."""
 
-    def __init__(self, transport, **settings):
+    def __init__(self, transport, program=None, **settings):
         self.said = []
         self.ended = threading.Event()
         self.session = Session(
-            SmallProgram(),
+            program or SmallProgram(),
             make_play_settings({'clock': 0, **settings}),
             lambda _: transport,
             self.said.append,
@@ -188,6 +188,58 @@ def test_messages_before_the_first_subscriber_are_counted():
     text = Run(transport).to_the_end().reception.describe()
     assert text.startswith(f'{2 + POSITIONS} of {2 * POSITIONS} messages had no subscriber')
     assert '; 2 of these on topics that had one at another time' in text
+
+
+class SlowProgram(SmallProgram):
+    """Its scans take until the gate is open."""
+
+    def __init__(self):
+        super().__init__()
+        self.gate = threading.Event()
+
+    def fetch(self, index, wanted):
+        assert SCAN not in wanted or self.gate.wait(20)
+        return super().fetch(index, wanted)
+
+
+def test_a_new_subscriber_holds_up_no_others():
+    transport = FakeTransport((0, 0))
+    program = SlowProgram()
+    publish = transport.publish
+
+    def publish_and_subscribe(outlet, data, stamp_ns):
+        publish(outlet, data, stamp_ns)
+        transport.subscribed = {IMU, SCAN}
+        if transport.happened.count(IMU) == POSITIONS:
+            program.gate.set()
+
+    transport.publish = publish_and_subscribe
+    Run(transport, program, read_ahead=POSITIONS).to_the_end()
+    assert transport.happened.count(IMU) == POSITIONS
+
+
+class CachedTransport(FakeTransport):
+    """Sees a new subscriber only when it looks."""
+
+    cached = frozenset()
+
+    def look(self):
+        self.cached = super().look()
+        return self.cached
+
+    def wanted(self, _now_ns):
+        self.looked.set()
+        return self.cached
+
+
+def test_a_subscriber_that_comes_before_a_resume_misses_nothing():
+    transport = CachedTransport((0, 0))
+    run = Run(transport, start_paused=True)
+    assert transport.looked.wait(20)
+    transport.subscribed = {IMU, SCAN}
+    run.session.playback.resume()
+    run.to_the_end()
+    assert transport.happened.count(SCAN) == POSITIONS
 
 
 def test_nothing_is_said_where_all_is_received():
