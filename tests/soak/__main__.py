@@ -5,8 +5,8 @@
     python -m tests.soak [--minutes 30] [--rate 10] [--subscribers 8] [--drive FOLDER]
 
 Plays a drive of 120 frames endlessly, with subscribers that come and go, one of them slow, while
-services and parameters are called at random. It prints JSON, and a line a minute on stderr; Ctrl-C
-ends it early with the figures so far.
+services and parameters are called at random, beside a timer and a publisher that do nothing else.
+It prints JSON, and a line a minute on stderr; Ctrl-C ends it early with the figures so far.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from .figures import Sample, in_10_000, sample, slope_mb_per_10_min
 HERE = Path(__file__).resolve().parent
 FRAMES = 120
 EVERY_S = 1.0
+BARE = ('timer', 'publisher')
+"""What the machine and the middleware miss by themselves."""
 
 
 class Reporter:
@@ -87,7 +89,7 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
     drive = chosen.drive or make_drive(Path(stack.enter_context(folder())), chosen.frames)
     words = ['play', drive, '--loop', '--rate', chosen.rate, '--quiet', '--no-keyboard']
     player = Reporter(stack, 'watched_player.py', *words, fd=True)
-    timer = Reporter(stack, 'bare_timer.py')
+    bare = [Reporter(stack, f'bare_{each}.py') for each in BARE]
     speeds = ['slow', *['fast'] * (chosen.subscribers - 1)][: chosen.subscribers]
     visitors = [
         Reporter(stack, 'subscriber.py', seed, chosen.longest, speed)
@@ -96,9 +98,9 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
     caller = Reporter(stack, 'caller.py', 1, chosen.rate, chosen.calls_every)
     samples: list[Sample] = []
     with suppress(KeyboardInterrupt):  # the figures so far
-        watch(chosen, player, [caller, *visitors], samples)
+        watch(chosen, player, bare, [caller, *visitors], samples)
     code = player.end(signal.SIGINT)
-    return report(samples, player, timer, caller, visitors) | {'exit_code': code}
+    return report(samples, player, bare, caller, visitors) | {'exit_code': code}
 
 
 def folder() -> tempfile.TemporaryDirectory:
@@ -107,20 +109,26 @@ def folder() -> tempfile.TemporaryDirectory:
 
 
 def watch(
-    chosen: argparse.Namespace, player: Reporter, others: list[Reporter], samples: list[Sample]
+    chosen: argparse.Namespace,
+    player: Reporter,
+    bare: list[Reporter],
+    others: list[Reporter],
+    samples: list[Sample],
 ) -> None:
     """Sample the player until the end, or until a process has ended by itself."""
     start = time.monotonic()
-    while all(each.process.poll() is None for each in (player, *others)):
+    while all(each.process.poll() is None for each in (player, *bare, *others)):
         now = time.monotonic() - start
         samples.append(sample(player.process.pid, now))
         if len(samples) % 60 == 0:
-            print(f'{now / 60:.0f} min: {samples[-1]} {player.last}', file=sys.stderr, flush=True)
+            counts = [player.last, *(each.last for each in bare)]
+            print(f'{now / 60:.0f} min: {samples[-1]} {counts}', file=sys.stderr, flush=True)
         if chosen.loops:
             enough = (
                 player.last.get('frames', 0) >= chosen.loops * chosen.frames
                 and len(others[0].lines) >= chosen.loops
                 and sum(len(each.lines) for each in others[1:]) >= chosen.loops
+                and all(each.lines for each in bare)
             )
             if enough:
                 break
@@ -132,31 +140,39 @@ def watch(
 def report(
     samples: list[Sample],
     player: Reporter,
-    timer: Reporter,
+    bare: list[Reporter],
     caller: Reporter,
     visitors: list[Reporter],
 ) -> dict:
     """The figures as plain values."""
     first, last = samples[len(samples) // 6], samples[-1]
-    played, bare = player.last, timer.last
     return {
         'minutes': round(last.seconds / 60, 2),
-        'published': played.get('published', 0),
-        'frames': played.get('frames', 0),
+        'published': player.last.get('published', 0),
+        'frames': player.last.get('frames', 0),
         'rss_mb': [round(first.rss_bytes / 1e6, 1), round(last.rss_bytes / 1e6, 1)],
         'rss_mb_per_10_min_after_5': slope_mb_per_10_min(samples),
         'files': [first.files, last.files, max(each.files for each in samples)],
         'threads': [first.threads, last.threads, max(each.threads for each in samples)],
-        'late_over_50_ms_in_10_000': in_10_000(played.get('late', 0), played.get('published', 0)),
-        'worst_ms': played.get('worst_ms'),
-        'timer_late_over_50_ms_in_10_000': in_10_000(bare.get('late', 0), bare.get('published', 0)),
-        'timer_worst_ms': bare.get('worst_ms'),
+        **lateness('', player.last),
+        **lateness('timer_', bare[0].last),
+        **lateness('publisher_', bare[1].last),
         'calls': len(caller.lines),
         'unanswered': sum(not each['answered'] for each in caller.lines),
         'subscribers_gone': sum(len(each.lines) for each in visitors),
         'taken': sum(line['taken'] for each in visitors for line in each.lines),
         'stderr': player.said(),
-        'stderr_of_others': [line for each in (caller, *visitors) for line in each.said()],
+        'stderr_of_others': [line for each in (*bare, caller, *visitors) for line in each.said()],
+    }
+
+
+def lateness(prefix: str, counted: dict) -> dict:
+    """How late a process was, by what it has counted."""
+    return {
+        f'{prefix}late_over_50_ms_in_10_000': in_10_000(
+            counted.get('late', 0), counted.get('published', 0)
+        ),
+        f'{prefix}worst_ms': counted.get('worst_ms'),
     }
 
 
@@ -177,6 +193,8 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
 def main() -> int:
     """Run; 1 if the player ended with an error or wrote to stderr, or another process did."""
     chosen = parse()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', '101')
     with ExitStack() as stack:
         figures = soak(chosen, stack)
     print(json.dumps(figures, indent=2))

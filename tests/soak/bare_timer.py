@@ -12,7 +12,8 @@ LATE_NS = 50_000_000
 PERIOD_NS = 10_000_000
 
 
-def main():
+def tick(act=lambda: None):
+    """Act a hundred times a second, for ever, and print how late that was."""
     ticks = late = 0
     worst_ms = 0.0
     due = time.monotonic_ns()
@@ -20,6 +21,7 @@ def main():
         due += PERIOD_NS
         time.sleep(max(0, due - time.monotonic_ns()) / 1e9)
         late_ns = time.monotonic_ns() - due
+        act()
         ticks += 1
         late += late_ns > LATE_NS
         worst_ms = max(worst_ms, round(late_ns / 1e6, 1))
@@ -28,4 +30,4 @@ def main():
 
 
 if __name__ == '__main__':
-    main()
+    tick()

@@ -4,8 +4,8 @@
 
     python subscriber.py SEED LONGEST_S slow|fast
 
-Each is a node of its own that subscribes to a third of the player's topics for a random time. A
-slow one takes two messages a second.
+Each is a node of its own that subscribes to a third of the player's topics, and to that of the bare
+publisher, for a random time. A slow one takes two messages a second.
 """
 
 import json
@@ -16,10 +16,13 @@ import time
 import rclpy
 from rclpy.context import Context
 from rclpy.qos import QoSProfile
+from std_msgs.msg import Header
 
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.node.message_types import message_class
+
+from bare_publisher import TOPIC  # isort: skip
 
 LOOK_EVERY_S = 0.05
 SLOW_S = 0.5
@@ -52,10 +55,11 @@ def live(chance, longest_s, slow):
     subscriptions, taken = [], 0
     try:
         while time.monotonic() < end:
-            if not subscriptions:
-                found = topics_of(node)
+            found = {} if subscriptions else topics_of(node)
+            if found:
                 chosen = chance.sample(sorted(found), k=-(-len(found) // 3))
                 subscriptions = [subscribe(node, topic, found[topic]) for topic in chosen]
+                subscriptions.append(subscribe(node, TOPIC, Header))
             for each in subscriptions:
                 while each.handle.take_message(each.msg_type, True):
                     taken += 1

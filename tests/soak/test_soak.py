@@ -34,6 +34,8 @@ def test_a_player_under_load_stays_well():
     assert figures['calls'] >= LOOPS
     assert figures['subscribers_gone'] >= LOOPS
     assert figures['unanswered'] == 0
+    assert figures['timer_worst_ms'] is not None
+    assert figures['publisher_worst_ms'] is not None
 
 
 def test_the_slope_is_that_of_the_settled_part():
