@@ -172,7 +172,7 @@ class _Download:
         self._options = options
         self._extraction = extraction
         self._downloading, self._extracting = progress
-        self._finished = FinishedArchives(root, self._folder)
+        self._finished = FinishedArchives(root, self._folder, fsync=self._extraction.fsync)
         self._downloaded: list[str] = []
         self._existing: list[str] = []
         self._extracted: list[ExtractedArchive] = []

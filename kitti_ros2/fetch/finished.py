@@ -8,7 +8,7 @@ import json
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from ..files.durability import replace_durably
+from ..files.durability import replace_file
 from .errors import stopping
 
 if TYPE_CHECKING:
@@ -23,10 +23,12 @@ class FinishedArchives:
     Args:
         root: The folder that the files are in.
         folder: Where the record is.
+        fsync: Whether it outlasts a power cut.
     """
 
-    def __init__(self, root: Path, folder: Path) -> None:
+    def __init__(self, root: Path, folder: Path, *, fsync: bool) -> None:
         self._root = root
+        self._fsync = fsync
         self._path = folder / _NAME
         self._files: dict[str, list[str]] = {}
         with suppress(OSError, ValueError):
@@ -49,4 +51,4 @@ class FinishedArchives:
         part = self._path.with_name(f'.{_NAME}.part')
         with stopping(self._path):
             part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
-            replace_durably(part, self._path)
+            replace_file(part, self._path, fsync=self._fsync)

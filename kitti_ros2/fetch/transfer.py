@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from ..files.durability import WritingOut, replace_durably
+from ..files.durability import WritingOut, replace_file
 from ..model.text import format_bytes
 from .sources import (
     BrokenTransferError,
@@ -121,10 +121,7 @@ class Transfer:
                 f'{without_password(url)}: has another SHA-256 than {sha256}, and was removed; it'
                 f' is damaged, or was replaced (--no-verify takes it as it is)'
             )
-        if self._fsync:
-            replace_durably(self._part, self.target)
-        else:
-            self._part.replace(self.target)
+        replace_file(self._part, self.target, fsync=self._fsync)
         self._log.unlink(missing_ok=True)
 
     def drop(self) -> None:

@@ -43,15 +43,17 @@ def sync_file(path: Path) -> None:
     _sync(path, os.O_RDONLY | os.O_NOFOLLOW)
 
 
-def replace_durably(part: Path, target: Path) -> None:
-    """Give a complete file its name; the file is on the disk before, the name after.
+def replace_file(part: Path, target: Path, *, fsync: bool) -> None:
+    """Give a complete file its name; with fsync the file is on the disk before, the name after.
 
     Raises:
         OSError: The disk refuses.
     """
-    sync_file(part)
+    if fsync:
+        sync_file(part)
     part.replace(target)
-    sync_folders([target.parent])
+    if fsync:
+        sync_folders([target.parent])
 
 
 def sync_folders(folders: Iterable[Path]) -> None:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import KittiRos2Error, OutputError, RemoteError, describe_error
+from ..model.errors import OutputError, RemoteError, describe_error
 from .filesystems import filesystem_of, key_of
 from .remote_requests import attempt
 
@@ -46,13 +46,14 @@ class StoreError(OutputError):
     """
 
     def __init__(self, path: RemotePath, error: Exception, *, remains: str = '') -> None:
-        self.path = str(path)
         self.reason = describe_error(error).removeprefix(f'{path}: ')
-        KittiRos2Error.__init__(
-            self,
-            f'{path}: cannot be written ({self.reason}); {remains or "nothing was left behind"}'
-            f' (check the address, the credentials and the network, and run it again)',
+        super().__init__(
+            path,
+            f'cannot be written ({self.reason})',
+            'check the address, the credentials and the network, and run it again',
         )
+        if remains:
+            self.leave(remains)
 
 
 def refuse_read_only(path: RemotePath) -> None:

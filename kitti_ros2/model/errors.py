@@ -196,16 +196,21 @@ class OutputError(KittiRos2Error):
     def __init__(self, path: Path, reason: str, remedy: str) -> None:
         self.path = str(path)
         self._parts = path, reason, remedy
+        self._left = ''
         super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
 
     def leave(self, left: str) -> None:
         """Change the words about what was left behind."""
         path, reason, remedy = self._parts
+        self._left = left
         self.args = (f'{path}: {reason}; {left} ({remedy})',)
 
     def tell_remains(self, remains: Path) -> None:
         """Correct the text: a path could not be removed."""
-        self.leave(f'{remains} was left behind, and the next run that writes there removes it')
+        before = f'{self._left}; ' if self._left else ''
+        self.leave(
+            f'{before}{remains} was left behind, and the next run that writes there removes it'
+        )
 
 
 class NotDurableError(KittiRos2Error):

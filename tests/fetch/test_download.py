@@ -27,6 +27,7 @@ from kitti_ros2.fetch.locking import locked_folder
 from kitti_ros2.fetch.raw_drives import CATEGORIES, raw_drives
 from kitti_ros2.fetch.selection import RawKinds, select
 from kitti_ros2.fetch.sources import make_source
+from kitti_ros2.files import durability
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
 from kitti_ros2.model.layouts import Layout
@@ -248,15 +249,28 @@ def test_what_a_killed_run_left_of_a_complete_archive_is_removed(mirror, tmp_pat
     assert [each.name for each in archives.iterdir()] == ['2011_09_26_calib.zip']
 
 
+@pytest.mark.parametrize('fsync', [True, False])
+def test_no_file_is_synced_where_nobody_minds(mirror, tmp_path, monkeypatch, fsync):
+    synced = []
+    sync = durability._sync
+    monkeypatch.setattr(
+        durability, '_sync', lambda path, flags: synced.append(path.is_file()) or sync(path, flags)
+    )
+    run('raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url, '--accept-license',
+        '-q', '--fsync' if fsync else '--no-fsync')  # fmt: skip
+    assert any(synced) == fsync
+    assert (tmp_path / 'o' / 'archives' / 'extracted.json').exists()
+
+
 def test_errors_after_a_download_say_what_is_kept(mirror, tmp_path, monkeypatch, capsys):
     words = ['raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url,
              '--accept-license', '-q']  # fmt: skip
 
-    def refuse(*_):
+    def refuse(*_, **__):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with monkeypatch.context() as patched:
-        patched.setattr(finished, 'replace_durably', refuse)
+        patched.setattr(finished, 'replace_file', refuse)
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'extracted.json: cannot be written (Input/output error); what is complete is' in line

@@ -121,6 +121,20 @@ def test_a_store_that_fails_is_one_line(name, recordings, s3, capsys, monkeypatc
         assert s3.objects().keys() == {'bucket-is-known'}
 
 
+@pytest.mark.parametrize('name', ['out', 'out.mcap'])
+def test_a_copy_that_stays_here_is_named_too(name, recordings, s3, capsys, monkeypatch):
+    monkeypatch.setattr('kitti_ros2.files.remote_requests.TRIES', 1)
+    monkeypatch.setattr('kitti_ros2.files.local_staging._remove', lambda _: None)
+    s3.put('bucket-is-known', b'')
+    first = 2 if name == 'out' else 1
+    s3.server.fail(Fault.ERROR, first, 10**9, kinds={'put', 'create', 'part'})
+    assert main(['to-bag', str(recordings[Layout.RAW]), f'{s3.url}/{name}', '-q']) not in {0, 1}
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'nothing was left behind' not in line
+    assert f'.{name}.partial was left behind' in line
+    assert ('marks it' in line) == (name == 'out')
+
+
 def test_a_local_path_loads_nothing_of_stores(tmp_path):
     program = 'import sys; import kitti_ros2.bags.writer; print("fsspec" in sys.modules)'
     result = subprocess.run(
