@@ -68,7 +68,7 @@ def test_a_negative_first_frame(drive, tmp_path):
     path.write_text(re.sub('<first_frame>0<', '<first_frame>-2<', path.read_text(), count=1))
     report = run(drive, tmp_path / 'o.mcap')
     assert DETECTIONS not in {topic for topic, count in report.counts.items() if count}
-    assert any('first_frame is -2' in loss.text() for loss in report.losses)
+    assert any("first_frame is '-2'" in loss.text() for loss in report.losses)
     assert report.counts[POINTS] == SMALL.frames
 
 
