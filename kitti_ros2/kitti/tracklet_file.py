@@ -189,11 +189,11 @@ class _TrackParser:
         self._class_name = ''
         self._poses = []
 
-    def _all(self, fields: dict[str, float], names: Iterable[str]) -> list[float]:
-        for name in names:
+    def _all(self, fields: dict[str, float], needed: Iterable[str]) -> list[float]:
+        for name in needed:
             if name not in fields:
                 self._refuse(f'no element {name}', _EXPECTED)
-        return [fields[name] for name in names]
+        return [fields[name] for name in needed]
 
     def _number(self, name: str) -> float:
         text = ''.join(self._text)
