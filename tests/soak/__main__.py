@@ -89,7 +89,7 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
     drive = chosen.drive or make_drive(Path(stack.enter_context(folder())), chosen.frames)
     words = ['play', drive, '--loop', '--rate', chosen.rate, '--quiet', '--no-keyboard']
     player = Reporter(stack, 'watched_player.py', *words, fd=True)
-    bare = [Reporter(stack, f'bare_{each}.py') for each in BARE]
+    bare = {each: Reporter(stack, f'bare_{each}.py') for each in BARE}
     speeds = ['slow', *['fast'] * (chosen.subscribers - 1)][: chosen.subscribers]
     visitors = [
         Reporter(stack, 'subscriber.py', seed, chosen.longest, speed)
@@ -98,7 +98,7 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
     caller = Reporter(stack, 'caller.py', 1, chosen.rate, chosen.calls_every)
     samples: list[Sample] = []
     with suppress(KeyboardInterrupt):  # the figures so far
-        watch(chosen, player, bare, [caller, *visitors], samples)
+        watch(chosen, player, [*bare.values()], [caller, *visitors], samples)
     code = player.end(signal.SIGINT)
     return report(samples, player, bare, caller, visitors) | {'exit_code': code}
 
@@ -140,12 +140,13 @@ def watch(
 def report(
     samples: list[Sample],
     player: Reporter,
-    bare: list[Reporter],
+    bare: dict[str, Reporter],
     caller: Reporter,
     visitors: list[Reporter],
 ) -> dict:
     """The figures as plain values."""
     first, last = samples[len(samples) // 6], samples[-1]
+    others = [*bare.values(), caller, *visitors]
     return {
         'minutes': round(last.seconds / 60, 2),
         'published': player.last.get('published', 0),
@@ -155,14 +156,14 @@ def report(
         'files': [first.files, last.files, max(each.files for each in samples)],
         'threads': [first.threads, last.threads, max(each.threads for each in samples)],
         **lateness('', player.last),
-        **lateness('timer_', bare[0].last),
-        **lateness('publisher_', bare[1].last),
+        **lateness('timer_', bare['timer'].last),
+        **lateness('publisher_', bare['publisher'].last),
         'calls': len(caller.lines),
         'unanswered': sum(not each['answered'] for each in caller.lines),
         'subscribers_gone': sum(len(each.lines) for each in visitors),
         'taken': sum(line['taken'] for each in visitors for line in each.lines),
         'stderr': player.said(),
-        'stderr_of_others': [line for each in (*bare, caller, *visitors) for line in each.said()],
+        'stderr_of_others': [line for each in others for line in each.said()],
     }
 
 
