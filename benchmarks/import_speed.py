@@ -89,10 +89,11 @@ def measure_long(bench: Bench, peak_mb: float) -> None:
     """Report on a long bag, by one run each, beside the peak memory of a short one."""
     cat, surveyed = bench.run(bench.cat), bench.run(bench.survey)
     cats, surveys = [cat, bench.run(bench.cat)], [surveyed, bench.run(bench.survey)]
-    converted = bench.run(bench.convert)
+    converted, copied = bench.run(bench.convert), bench.run(bench.cat_and_copy)
     size_bytes = bench.size_bytes
     ratio('  long bag: survey / cat', surveys, cats, size_bytes, '>= 0.6')
     ratio('  long bag: conversion / cat', [converted], cats, size_bytes)
+    ratio('  long bag: conversion / cat and cp -r', [converted], [copied], size_bytes)
     note = f'{converted.peak_mb:.0f} MB for {size_bytes / GB:.1f} GB'
     report(
         '  long bag: peak memory / that of the short', converted.peak_mb / peak_mb, '<= 1.1', note

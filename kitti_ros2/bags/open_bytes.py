@@ -12,9 +12,6 @@ from .pieces import FileBytes
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
-    import numpy.typing as npt
-
     from ..files.remote import RemotePath
 
 
@@ -37,13 +34,6 @@ class RemoteFileBytes(FileBytes):
     def read(self, position: int, length: int) -> bytes:
         """Read as FileBytes does."""
         return self._bytes.read(position, length)
-
-    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
-        """Read as FileBytes does."""
-        view = target.data.cast('B')
-        data = self._bytes.read(position, len(view))
-        view[: len(data)] = data
-        return len(data)
 
     def expect(self, position: int, length: int) -> None:
         """Request bytes that will be read."""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from typing_extensions import Self
 
+    from ..files.scattered import Bytes, PageScatter
     from .findings import Findings
 
 Buffer: TypeAlias = 'bytes | memoryview'
@@ -168,24 +169,21 @@ class FileBytes:
             raise
         return data
 
-    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
-        """Read into a contiguous array; return the number of bytes, fewer at the end of the file.
+    def scatter(
+        self, scatter: PageScatter, position: int, count: int, target: Bytes
+    ) -> npt.NDArray[np.uint32] | None:
+        """Read pages, as PageScatter.read; None also outside of the file.
 
         Raises:
             OSError: The disk refuses.
         """
-        view = target.data.cast('B')
-        done = 0
+        if position < 0:
+            return None
         try:
-            while done < len(view):
-                count = os.preadv(self._file.fileno(), [view[done:]], position + done)
-                if not count:
-                    break
-                done += count
+            return scatter.read(self._file.fileno(), position, count, target)
         except OSError as error:
             error.filename = str(self.name)
             raise
-        return done
 
     def expect(self, position: int, length: int) -> None:
         """Ask the system to read bytes from the disk meanwhile; it is only advice."""

@@ -224,8 +224,7 @@ class SqliteFile(BagFile):
                 data = row[1]
                 if data is None and isinstance(row[2], int) and row[2] <= self._size:
                     data = _large(self._connection, tree, row_id, row[2])
-                # SQLite reads zeros from a file that was truncated meanwhile.
-                if not isinstance(data, (bytes, memoryview)) or self._file.is_cut():
+                if not isinstance(data, (bytes, memoryview)) or self._is_zeros(data):
                     return
                 yield stamp_ns, topic_id, data
                 # Rows stored in order lie about as far in the file as their data together.
@@ -235,6 +234,10 @@ class SqliteFile(BagFile):
                     expected = done + _AHEAD_BYTES
         except sqlite3.Error:
             return
+
+    def _is_zeros(self, data: bytes | memoryview) -> bool:
+        """Whether data are what SQLite reads from a file that was truncated meanwhile."""
+        return isinstance(data, bytes) and self._file.is_cut()
 
     def _tree(self, connection: sqlite3.Connection) -> TableTree | None:
         """Return the tree of the messages; None if the file does not hold all of it.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.scattered import PageScatter
 from .sqlite_scan import LEAF, LEAF_HEAD, UINT16, UINT32, parse_varint
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ class TableTree:
         self._pages = pages
         self._root = root
         self._inner: dict[int, tuple[list[int], list[int]]] = {}
-        size = pages.page_size
-        self._buffer = np.empty((max(1, _BLOCK // size), size), np.uint8)
+        self._scatter = PageScatter(pages.page_size, pages.usable - 4, _BLOCK)
+        self._ahead = np.arange(1, self._scatter.most + 1)
 
     def blob(self, row_id: int, size: int) -> memoryview:
         """Read the last column of a row, a blob of a size in bytes.
@@ -116,25 +117,22 @@ class TableTree:
         Raises:
             ValueError: The chain is damaged.
         """
-        size, most = self._pages.page_size, len(self._buffer)
+        size, most = self._pages.page_size, self._scatter.most
         each = self._pages.usable - 4
         expected = most
         done = 0
         while done < len(payload):
             # Chains mostly continue in the next page.
-            count = min(expected, most, -(-(len(payload) - done) // each))
-            block = self._buffer[:count]
-            if number <= 1 or self._file.read_into((number - 1) * size, block) < count * size:
+            left = len(payload) - done
+            count = min(expected, most, -(-left // each))
+            target = payload[done : done + count * each]
+            position = (number - 1) * size
+            links = self._file.scatter(self._scatter, position, count, target) if position else None
+            if links is None:
                 raise ValueError(f'its page {number} is missing')
-            links = block[:, :4].view('>u4')[:, 0]
-            ends = np.flatnonzero(links != np.arange(number + 1, number + count + 1))
+            ends = (links != self._ahead[:count] + number).nonzero()[0]
             run = int(ends[0]) + 1 if len(ends) else count
-            left = payload[done : done + run * each]
-            whole = len(left) // each
-            left[: whole * each].reshape(whole, each)[:] = block[:whole, 4 : 4 + each]
-            if whole < run:
-                left[whole * each :] = block[whole, 4 : 4 + len(left) - whole * each]
-            done += len(left)
+            done += min(run * each, left)
             number = int(links[run - 1])
             expected = most if run == count else 2 * run
         if number:
