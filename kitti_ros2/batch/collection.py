@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files.staging import Staging
 from ..files.workers import worker_count
-from ..model.errors import OutputError, UsageError, describe_error
+from ..model.errors import UsageError, describe_error
 from .dask_workers import open_cluster
 from .fingerprint import fingerprint, fingerprint_paths
 from .manifest import DONE, FAILED, MANIFEST, Identity, Manifest, UnitRecord
@@ -224,7 +223,7 @@ class _Queue:
                 reason=f'its worker process {result.how}, {job.attempt} times;'
                 ' is there enough memory?'
             )
-            _remove_partial(job.out)
+            self._place.sweep(job.out)
         self._manifest.end(name, result)
         self._place.changed()
         self._identities.pop(name, None)
@@ -240,9 +239,9 @@ class _Queue:
         identity = Identity(unit.origin, files, self._options, self._collection.version)
         out = self._collection.output_of(unit.name)
         if known.identity == identity:
-            if known.state == DONE and self._place.has(out):
-                return None
-            if known.state == FAILED and not self._collection.batch.retry:
+            is_done = known.state == DONE and self._place.has(out)
+            if is_done or (known.state == FAILED and not self._collection.batch.retry):
+                self._place.sweep(out)
                 return None
         self._identities[unit.name] = identity
         options = self._collection.options
@@ -263,9 +262,3 @@ class _Queue:
         self.ran.add(name)
         self._progress.begin(name)
         return job
-
-
-def _remove_partial(out: Path) -> None:
-    """Remove what a killed worker has left of an output."""
-    with suppress(OutputError, UsageError):
-        Staging(out, lambda _: None).discard()

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from ..files.output_paths import make_folder
 from ..files.remote import is_remote
-from ..files.staging import lock_exclusively, reported
+from ..files.staging import lock_exclusively, reported, sweep
 from ..files.store_lock import locked_in_store
 from ..files.store_objects import (
     objects_at,
@@ -62,6 +62,10 @@ class LocalPlace:
     def has(self, out: Path) -> bool:
         """Whether there is something at an output."""
         return os.path.lexists(out)
+
+    def sweep(self, out: Path) -> None:
+        """Remove what an earlier run has left beside an output that it made, or gave up."""
+        sweep(out)
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StorePlace
         """Return the outputs that a run may claim beforehand; here a start is recorded at once."""
@@ -105,6 +109,9 @@ class StorePlace(LocalPlace):
     def has(self, out: Path) -> bool:
         """Whether there is something at an output, as listed at the start of the run."""
         return out.relative_to(self._out).as_posix() in self._names
+
+    def sweep(self, out: Path) -> None:
+        """Do nothing: what is in a store without its marker is complete."""
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:
         """Return the outputs that are not there.

@@ -23,7 +23,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
-from ..model.errors import NotDurableError, OutputError, OutputExistsError
+from ..model.errors import NotDurableError, OutputError, OutputExistsError, UsageError
 from .durability import sync_folders, sync_tree
 from .exchange import exchange
 from .output_paths import make_parents, named_output
@@ -95,7 +95,7 @@ class Staging:
         self.path = named_output(path)
         self._fsync = fsync
         self._refusal = refusal
-        self._partial = self.path.with_name(f'.{self.path.name}.partial')
+        self._partial = _partial_of(self.path)
         # Unique: a writer that is taken over, or not locked out, never publishes another's content.
         self.content = self._partial / f'{_CONTENT}-{secrets.token_hex(4)}'
         self._created: list[Path] = []
@@ -266,6 +266,20 @@ class Staging:
         replaced = self._partial / _REPLACED
         if os.path.lexists(replaced) and not os.path.lexists(self.path):
             replaced.rename(self.path)
+
+
+def sweep(path: Path) -> None:
+    """Remove the partial directory of a local output, unless a run is writing it.
+
+    What cannot be removed stays; never raises OSError.
+    """
+    if os.path.lexists(_partial_of(path)):
+        with suppress(OSError, OutputError, UsageError):
+            Staging(path, lambda _: None).discard()
+
+
+def _partial_of(path: Path) -> Path:
+    return path.with_name(f'.{path.name}.partial')
 
 
 @contextmanager

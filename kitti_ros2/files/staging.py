@@ -17,6 +17,7 @@ from .local_staging import (
     may_exist,
     output_error,
     reported,
+    sweep,
     taking_over,
 )
 from .remote import is_remote
@@ -37,6 +38,7 @@ __all__ = [
     'reported',
     'staged',
     'staged_file',
+    'sweep',
     'taking_over',
 ]
 

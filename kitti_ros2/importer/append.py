@@ -100,7 +100,8 @@ def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending
             yield Appending(stage, first, notes)
             _commit(out, split, fsync=fsync)
         finally:
-            with suppress(OSError), deferred_signals():
+            # What cannot be removed now is left to the next run.
+            with suppress(OSError, MemoryError), deferred_signals():
                 _recover(out)
             if os.path.lexists(out / FOLDER / JOURNAL):
                 raise KittiRos2Error(

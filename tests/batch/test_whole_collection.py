@@ -237,3 +237,22 @@ def test_a_database_of_others_is_kept(root, out, capsys):
     database.close()
     assert to_bag(root, out) == 2
     assert 'the manifest of a collection' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('state', ['done', 'failed'])
+def test_what_an_earlier_run_could_not_clear_is_cleared_by_the_next(root, out, state):
+    if state == 'failed':
+        (drives(root)[1] / 'velodyne_points' / 'timestamps.txt').write_text('no time\n')
+    words = ('--jobs', '1', '--topics', '/kitti/velo/*')
+    assert to_bag(root, out, *words) == (state == 'failed')
+    before = times(out)
+    drive = drives(root)[1]
+    partial = out / drive.parent.name / f'.{drive.name}.mcap.partial'
+    (partial / 'content-12345678').mkdir(parents=True)
+    foreign = partial.with_name(f'.{drives(root)[2].name}.mcap.partial')
+    foreign.mkdir()
+    (foreign / 'notes.txt').touch()
+    assert to_bag(root, out, *words) == (state == 'failed')
+    assert times(out) == before
+    assert not partial.exists()
+    assert (foreign / 'notes.txt').exists()

@@ -514,3 +514,20 @@ def test_frames_whose_commit_is_not_confirmed_are_in_the_set(made, monkeypatch):
         append(out)
     assert next_number(out, 'training') == first + 2
     assert not (out / FOLDER).exists()
+
+
+@pytest.mark.parametrize('error', [MemoryError(), OSError(errno.EIO, os.strerror(errno.EIO))])
+def test_what_cannot_be_cleared_after_a_commit_is_left_to_the_next_run(made, monkeypatch, error):
+    out = made[0]
+    first = next_number(out, 'training')
+
+    def refuse(*_):
+        raise error
+
+    with monkeypatch.context() as broken:
+        broken.setattr('kitti_ros2.importer.append.parse_journal', refuse)
+        append(out)
+    assert next_number(out, 'training') == first + 2
+    assert (out / FOLDER / COMMITTED).exists()
+    assert 'had been complete' in mend(out)[0]
+    assert visible(out) == tree(out)
