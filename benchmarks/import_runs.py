@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SURVEY = """
 import sys
 from pathlib import Path
-from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.importer.survey import look
 import resource, time
 keep_freed_memory()

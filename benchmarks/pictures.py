@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.options.pictures import PictureOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.modes import MODES

@@ -27,7 +27,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from kitti_ros2.cli.ending import end_by_signal
-from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.node.message_types import message_class

@@ -19,8 +19,8 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from kitti_ros2.cli.memory import keep_freed_memory
 from kitti_ros2.exporter.to_bag import ExportOptions, convert
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import Images, MessageOptions

@@ -19,7 +19,7 @@ from pathlib import Path
 from statistics import median
 
 from kitti_ros2.bags.bag_files import OpenBag
-from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
 from kitti_ros2.own_bags.restore import restore
 
@@ -55,7 +55,7 @@ print((time.perf_counter() - started) / len(images))
 
 ENCODE_AND_WRITE = """
 import os, sys, time, cv2
-from kitti_ros2.cli.memory import keep_freed_memory
+from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.files.png.encode import encode_png
 from kitti_ros2.files.page_cache import write_uncached
 try:

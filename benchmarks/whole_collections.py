@@ -9,6 +9,8 @@
 workers: synthetic drives with --images raw: --jobs 1 on one CPU beside --jobs 2, and beside two
 independent --jobs 1 of half of the drives each, which is what the machine can do; then a local
 Dask cluster of two worker processes, its start included. Bytes are equal.
+FOLDER is best on a disk. In memory (tmpfs) each page that is written is a new one, which a virtual
+machine gets from its host at 2 ms a MB, and two processes that ask wait for each other.
 
 growth: one drive of 10 to 1000 frames, and 10 to 1000 units of one tiny frame. The cost is CPU
 time, which other programs on the machine change less than elapsed time. It is linear if all lie

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from ..model.errors import BadBagError
@@ -22,10 +22,10 @@ from .foxglove_channels import (
 )
 from .pieces import in_time_order
 from .reading import BagMessage, Reading
-from .to_cdr import READ, ToCdr
+from .to_cdr import READ, ToCdr, is_stored_as_cdr
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
@@ -140,6 +140,21 @@ class BagMessages:
     def losses(self) -> dict[str, int | None]:
         """The damage, one line each, with the number of messages lost; None if unknown."""
         return dict(self._findings.losses)
+
+    def skim(self, is_enough: Callable[[str], bool]) -> None:
+        """Let the MessageStart of a large message do, where files save work by it.
+
+        Args:
+            is_enough: Asked with a topic before a message of it is read, which may be before the
+                message before it is yielded if a topic is in several files.
+        """
+        for number, file in enumerate(self._files):
+            topics = {
+                each.channel_id: each.channel.topic
+                for each in self._readings
+                if each.number == number and is_stored_as_cdr(each.channel)
+            }
+            file.is_start_enough = partial(_is_enough, topics, is_enough)
 
     def __enter__(self) -> Self:
         return self
@@ -289,3 +304,9 @@ class BagMessages:
     def _count(self, reading: Reading) -> int:
         pieces = self._files[reading.number].pieces
         return sum(piece.counts.get(reading.channel_id, 0) for piece in pieces)
+
+
+def _is_enough(
+    topics: Mapping[int, str], is_enough: Callable[[str], bool], channel_id: int
+) -> bool:
+    return channel_id in topics and is_enough(topics[channel_id])

@@ -22,7 +22,7 @@ from ..model.errors import naming
 from .summary import BagIndex
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -35,6 +35,21 @@ if TYPE_CHECKING:
 Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""
+
+
+class MessageStart(bytes):
+    """The first kilobyte or more of a large message, of which the rest was read and not kept.
+
+    Attributes:
+        size: Of the whole message, in bytes.
+    """
+
+    size: int
+
+
+def size_of(data: Buffer) -> int:
+    """Return the size in bytes of a message, of which this may be the start."""
+    return data.size if isinstance(data, MessageStart) else len(data)
 
 
 _PIECES_AHEAD = 4
@@ -84,11 +99,14 @@ class BagFile(ABC):
         channels: By id.
         pieces: In any order.
         compressions: Names of the compressions of chunks found so far, including none.
+        is_start_enough: Asked with the id of a channel before a large message is read: whether its
+            MessageStart is enough. A file may give the whole message all the same.
     """
 
     channels: Mapping[int, StoredChannel]
     pieces: Sequence[Piece]
     compressions: Collection[str] = ()
+    is_start_enough: Callable[[int], bool] | None = None
     _findings: Findings
 
     @abstractmethod
@@ -168,6 +186,25 @@ class FileBytes:
             error.filename = str(self.name)
             raise
         return data
+
+    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
+        """Read into a contiguous array; return the number of bytes, fewer at the end of the file.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        view = target.data.cast('B')
+        done = 0
+        try:
+            while done < len(view):
+                count = os.preadv(self._file.fileno(), [view[done:]], position + done)
+                if not count:
+                    break
+                done += count
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
+        return done
 
     def scatter(
         self, scatter: PageScatter, position: int, count: int, target: Bytes

@@ -19,7 +19,8 @@ class BagMessage(NamedTuple):
         topic: Topic name.
         msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
         stamp_ns: Log time, nanoseconds since 1970.
-        data: CDR with its encapsulation header; ROS 1 messages are converted.
+        data: CDR with its encapsulation header; ROS 1 messages are converted. After
+            BagMessages.skim perhaps only its MessageStart.
     """
 
     topic: str

@@ -20,7 +20,8 @@ import numpy as np
 from ..files.remote import is_remote
 from ..model.errors import BadBagError
 from ..model.text import one_line
-from .pieces import BagFile, FileBytes, Piece
+from .decompressors import ZSTD_MAGIC
+from .pieces import BagFile, FileBytes, Piece, size_of
 from .sqlite_connection import GuardedConnection
 from .sqlite_scan import Pages
 from .sqlite_topics import scanned_topics, stored_topics
@@ -223,12 +224,13 @@ class SqliteFile(BagFile):
                     return
                 data = row[1]
                 if data is None and isinstance(row[2], int) and row[2] <= self._size:
-                    data = _large(self._connection, tree, row_id, row[2])
+                    whole = not (self.is_start_enough and self.is_start_enough(topic_id))
+                    data = _large(self._connection, tree, row_id, row[2], whole=whole)
                 if not isinstance(data, (bytes, memoryview)) or self._is_zeros(data):
                     return
                 yield stamp_ns, topic_id, data
                 # Rows stored in order lie about as far in the file as their data together.
-                done += len(data)
+                done += size_of(data)
                 if done >= expected:
                     self._file.expect(done + _AHEAD_BYTES, _AHEAD_BYTES)
                     expected = done + _AHEAD_BYTES
@@ -237,7 +239,7 @@ class SqliteFile(BagFile):
 
     def _is_zeros(self, data: bytes | memoryview) -> bool:
         """Whether data are what SQLite reads from a file that was truncated meanwhile."""
-        return isinstance(data, bytes) and self._file.is_cut()
+        return type(data) is bytes and self._file.is_cut()
 
     def _tree(self, connection: sqlite3.Connection) -> TableTree | None:
         """Return the tree of the messages; None if the file does not hold all of it.
@@ -273,14 +275,23 @@ def _listed_rows(connection: sqlite3.Connection) -> npt.NDArray[np.void]:
     return rows
 
 
-def _large(connection: sqlite3.Connection, tree: TableTree | None, row_id: int, size: int) -> Any:  # noqa: ANN401 - of any database
-    """Return the data of a row, from the file's pages or else from SQLite.
+def _large(
+    connection: sqlite3.Connection,
+    tree: TableTree | None,
+    row_id: int,
+    size: int,
+    *,
+    whole: bool,
+) -> Any:  # noqa: ANN401 - of any database
+    """Return the data of a row or their MessageStart, from the file's pages or else from SQLite.
 
     Raises:
         sqlite3.Error: The data cannot be read.
     """
     if tree is not None:
         with suppress(ValueError):
-            return tree.blob(row_id, size)
+            start = None if whole else tree.start(row_id, size)
+            # What rosbag2 compressed is read whole.
+            return tree.blob(row_id, size) if start is None or start[:4] == ZSTD_MAGIC else start
     row = connection.execute(_ONE, [row_id]).fetchone()
     return row[0] if row else None

@@ -18,17 +18,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files.scattered import PageScatter
+from .pieces import MessageStart
 from .sqlite_scan import LEAF, LEAF_HEAD, UINT16, UINT32, parse_varint
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
     from .pieces import FileBytes
     from .sqlite_scan import Pages, Row
+
+    Links = npt.NDArray[np.uint32]
 
 _INNER = 5
 _INNER_HEAD = 12
 _DEEPEST = 20
 _KEPT = 16
+_LINK = 4
 _BLOCK = 2**20
+_KEPT_HOT = 2**18  # stays in the cache of a core
+_START_BYTES = 2**10
 _BLOB = 12  # the type of an empty one; each byte adds 2
 
 
@@ -46,8 +56,10 @@ class TableTree:
         self._pages = pages
         self._root = root
         self._inner: dict[int, tuple[list[int], list[int]]] = {}
-        self._scatter = PageScatter(pages.page_size, pages.usable - 4, _BLOCK)
-        self._ahead = np.arange(1, self._scatter.most + 1)
+        page_size = pages.page_size
+        self._scatter = PageScatter(page_size, pages.usable - _LINK, _BLOCK)
+        self._buffer = np.empty((max(1, _KEPT_HOT // page_size), page_size), np.uint8)
+        self._ahead = np.arange(1, max(self._scatter.most, len(self._buffer)) + 1)
 
     def blob(self, row_id: int, size: int) -> memoryview:
         """Read the last column of a row, a blob of a size in bytes.
@@ -56,18 +68,57 @@ class TableTree:
             ValueError: The row is not there, or not such a row, or its pages are damaged.
             OSError: The disk refuses.
         """
+        row, local, first = self._open(row_id, size)
+        payload = np.empty(row.size, np.uint8)
+        payload[: len(local)] = np.frombuffer(local, np.uint8)
+        rest, each = payload[len(local) :], self._pages.usable - _LINK
+
+        def read(position: int, count: int, done: int) -> Links | None:
+            target = rest[done : done + count * each]
+            return self._file.scatter(self._scatter, position, count, target)
+
+        self._follow(first, len(rest), self._scatter.most, read)
+        return payload[row.size - size :].data.toreadonly()
+
+    def start(self, row_id: int, size: int) -> MessageStart | memoryview:
+        """Read the last column of a row as blob does, but keep its first page or two only.
+
+        Where pages are small, the whole blob is returned.
+        """
+        row, local, first = self._open(row_id, size)
+        each = self._pages.usable - _LINK
+        if each < _START_BYTES or len(local) == row.size:
+            return self.blob(row_id, size)
+        kept = bytearray(local[row.size - size :])
+
+        def read(position: int, count: int, done: int) -> Links | None:
+            block = self._buffer[:count]
+            if self._file.read_into(position, block) < block.size:
+                return None
+            if not done:
+                kept.extend(block[0, _LINK : _LINK + min(each, row.size - len(local))])
+            return block[:, :_LINK].view('>u4')[:, 0]
+
+        self._follow(first, row.size - len(local), len(self._buffer), read)
+        found = MessageStart(kept)
+        found.size = size
+        return found
+
+    def _open(self, row_id: int, size: int) -> tuple[Row, bytes, int]:
+        """Return a row, the part of its payload in its own page, and the page where it goes on.
+
+        Raises:
+            ValueError: The row is not there, or does not end in a blob of the size.
+        """
         try:
             row, page, start = self._find(row_id)
         except (struct.error, IndexError) as error:
             raise ValueError('its tree is damaged') from error
         if row.types[-1] != _BLOB + 2 * size or row.size > self._file.size:
             raise ValueError('it is another row')
-        payload = np.empty(row.size, np.uint8)
-        local = self._pages.local(row.size)
-        payload[:local] = np.frombuffer(page, np.uint8, local, start)
-        if local < row.size:
-            self._follow(UINT32.unpack_from(page, start + local)[0], payload[local:])
-        return payload[row.size - size :].data.toreadonly()
+        end = start + self._pages.local(row.size)
+        first = UINT32.unpack_from(page, end)[0] if end < start + row.size else 0
+        return row, page[start:end], first
 
     def _find(self, row_id: int) -> tuple[Row, bytes, int]:
         """Return a row, its page, and the offset of its payload in that.
@@ -111,28 +162,35 @@ class TableTree:
             raise ValueError(f'its page {number} is missing')
         return page
 
-    def _follow(self, number: int, payload: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> None:
-        """Copy what a chain of pages holds, to its end.
+    def _follow(
+        self, number: int, size: int, most: int, read: Callable[[int, int, int], Links | None]
+    ) -> None:
+        """Read a chain of pages to its end.
+
+        Args:
+            number: The first page.
+            size: Of what the chain holds, in bytes.
+            most: Number of pages to read at once.
+            read: Called with the position of a page in the file, the number of pages to read from
+                there, and the bytes of the chain read before; returns what the pages begin with:
+                the number of the next page of their chain. None if the file ends before.
 
         Raises:
             ValueError: The chain is damaged.
         """
-        size, most = self._pages.page_size, self._scatter.most
-        each = self._pages.usable - 4
+        each = self._pages.usable - _LINK
         expected = most
         done = 0
-        while done < len(payload):
+        while done < size:
             # Chains mostly continue in the next page.
-            left = len(payload) - done
-            count = min(expected, most, -(-left // each))
-            target = payload[done : done + count * each]
-            position = (number - 1) * size
-            links = self._file.scatter(self._scatter, position, count, target) if position else None
+            count = min(expected, most, -(-(size - done) // each))
+            position = (number - 1) * self._pages.page_size
+            links = read(position, count, done) if position > 0 else None
             if links is None:
                 raise ValueError(f'its page {number} is missing')
             ends = (links != self._ahead[:count] + number).nonzero()[0]
             run = int(ends[0]) + 1 if len(ends) else count
-            done += min(run * each, left)
+            done += run * each
             number = int(links[run - 1])
             expected = most if run == count else 2 * run
         if number:

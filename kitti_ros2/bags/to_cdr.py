@@ -23,6 +23,11 @@ READ = frozenset({'cdr', 'ros1'})
 """Encodings of channels that are read."""
 
 
+def is_stored_as_cdr(channel: StoredChannel) -> bool:
+    """Whether messages of a channel are in their file as they are read."""
+    return channel.encoding == 'cdr' and not isinstance(channel, FoxgloveChannel)
+
+
 class ToCdr:
     """Converts messages of channels to CDR.
 

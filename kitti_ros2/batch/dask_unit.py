@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..files.freed_memory import keep_freed_memory
 from ..files.staging import taking_over
 from ..model.errors import ClusterError
 from .pool import use_one_thread
@@ -93,6 +94,7 @@ def run_task(task: UnitTask) -> UnitResult | None:
             ' SRC and OUT must be at the same path on all workers, or be URLs'
         )
     use_one_thread()
+    keep_freed_memory()
     reporter = _Reporter(worker, task)
     reporter.report('begin')
     try:

@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
+from ..files.freed_memory import keep_freed_memory
 from ..files.workers import hold_to_one_thread
 from .results import LostWorker
 
@@ -222,6 +223,7 @@ def _serve(run: RunUnit, connection: Any, lock: Any) -> None:  # noqa: ANN401, A
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_EXIT_TERMINATED))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     use_one_thread()
+    keep_freed_memory()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             job: UnitJob = connection.recv()

@@ -17,7 +17,7 @@ from ..options.dataset_tables import make_download_options
 from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
 from .extract import say_data_sets
 from .json_text import losses_json, print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .progress import bytes_progress
 from .text import complain, format_bytes, format_count, format_path, say, show_losses
 

@@ -17,7 +17,7 @@ from ..options.eval_odometry import Alignment
 from ..options.evaluation_tables import make_odometry_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .plot_output import check_plot
 from .tables import plain_table
 from .text import format_count, format_path, say, show_losses

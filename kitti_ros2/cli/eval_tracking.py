@@ -12,7 +12,7 @@ from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_tracking_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .progress import step_progress
 from .tables import plain_table
 from .text import format_count, say, show_losses

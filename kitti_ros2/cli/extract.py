@@ -15,7 +15,7 @@ from ..model.errors import UsageError
 from ..options.dataset_tables import make_extract_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .progress import bytes_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 

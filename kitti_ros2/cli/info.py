@@ -16,7 +16,7 @@ from ..options.table import make_settings
 from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .tables import cell, plain_table
 from .text import format_bytes, format_count, format_duration, show_losses
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from ..files.freed_memory import keep_freed_memory
 from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
 from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
@@ -16,7 +17,7 @@ from ..options.table import make_settings
 from ..report.gather import gather, with_scores
 from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .memory import keep_freed_memory, keep_imports
+from .kept_imports import keep_imports
 from .page_output import ENDINGS, open_page
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say

@@ -12,7 +12,7 @@ from ..model.text import some_of
 from ..options.dataset_tables import make_split_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .text import complain, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:

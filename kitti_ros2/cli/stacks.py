@@ -17,7 +17,7 @@ from ..stack_setup.commands import commands_of
 from ..stacks.catalogue import STACKS
 from .exit_codes import EXIT_OK
 from .json_text import print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .tables import cell, plain_table
 from .text import complain, format_path, say
 

@@ -13,7 +13,7 @@ from ..batch.place import manifest_folder
 from .collection_tables import complain_of, print_groups, print_pace, record_json
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .memory import keep_imports
+from .kept_imports import keep_imports
 
 if TYPE_CHECKING:
     from pathlib import Path

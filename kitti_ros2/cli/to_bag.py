@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_folder import open_folder
 from ..exporter.to_bag import ExportOptions, convert
+from ..files.freed_memory import keep_freed_memory
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -22,7 +23,7 @@ from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .memory import keep_freed_memory, keep_imports
+from .kept_imports import keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
 
@@ -65,6 +66,8 @@ def run_to_bag(
 
         chosen = add_config(config, chosen, TO_BAG)
     settings = make_settings(chosen)
+    if settings.messages.images is not Images.COMPRESSED:
+        keep_freed_memory()
     if batch.whole:
         return _run_whole(src, out, chosen, settings, batch, quiet=quiet, json=json)
     options = ExportOptions.of(settings, out)
@@ -74,8 +77,6 @@ def run_to_bag(
     refuse_inside(src, out)
     if settings.read.layout is None and not quiet and not json:
         say(f'{src}: layout {recording.layout.value}, {recording.name}')
-    if settings.messages.images is not Images.COMPRESSED:
-        keep_freed_memory()
     started = time.monotonic()
     with _interruption_described():
         report = convert(

@@ -8,6 +8,7 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
+from ..files.freed_memory import keep_freed_memory
 from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged, staged_file
 from ..kitti.result_files import ResultFiles
@@ -29,7 +30,7 @@ from ..pictures.series import (
 )
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .memory import keep_freed_memory, keep_imports
+from .kept_imports import keep_imports
 from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 

@@ -17,7 +17,7 @@ from ..options.table import make_settings
 from ..player.source import open_program
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .memory import keep_imports
+from .kept_imports import keep_imports
 from .progress import conversion_progress
 from .text import complain, format_bytes, format_count, format_path, say
 

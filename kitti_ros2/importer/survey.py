@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
+from ..bags.pieces import MessageStart, size_of
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header
 from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
+from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import CAMERA_INFO, CLOUD, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
 from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
@@ -90,6 +92,7 @@ def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Su
     """
     with open_messages(bags, topics) as messages:
         taken = _Pass(messages)
+        messages.skim(taken.needs_start_only)
         taken.take_all(messages)
         losses = messages.losses
         notes = [text for text in messages.findings if text not in losses]
@@ -133,6 +136,13 @@ class _Pass:
         for message in messages:
             self._take(message)
 
+    def needs_start_only(self, name: str) -> bool:
+        """Whether the next message of a topic is not decoded if it is large."""
+        topic = self._topics[name]
+        if topic.msgtype not in READ:
+            return topic.msgtype != STRING
+        return topic.msgtype in LARGE_TYPES and not _is_look(topic, topic.count + 1)
+
     def survey(
         self,
         notes: Sequence[str],
@@ -157,7 +167,7 @@ class _Pass:
     def _take(self, message: BagMessage) -> None:
         topic = self._topics[message.topic]
         topic.log_ns.append(message.stamp_ns)
-        topic.size_bytes += len(message.data)
+        topic.size_bytes += size_of(message.data)
         if topic.msgtype in TF_TYPES:
             decoded = self._decoded(topic, message)
             if decoded is not None:
@@ -185,9 +195,11 @@ class _Pass:
             _enter_header(topic, message)
         elif topic.msgtype == MARKERS:
             _enter_first_stamp(topic, message)
-        is_due = topic.count.bit_count() == 1 and len(topic.looks) < _LOOKS
+        if isinstance(message.data, MessageStart):
+            return
+        is_due = _is_look(topic, topic.count)
         changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
-        if is_due or changed or not topic.looks:
+        if is_due or changed:
             look = self._decoded(topic, message)
             if look is not None:
                 topic.changes += changed and bool(topic.looks)
@@ -230,6 +242,11 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
     topic.markers_ns.append(stamp_ns)
     lead_ns = topic.header_ns[-1] - topic.log_ns[-2] if topic.header_ns else 0
     topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
+
+
+def _is_look(topic: TopicSurvey, count: int) -> bool:
+    """Whether the message of a count, from 1, is one to decode."""
+    return not topic.looks or (count.bit_count() == 1 and len(topic.looks) < _LOOKS)
 
 
 def _is_sampled(topic: TopicSurvey) -> bool:

@@ -9,9 +9,10 @@ import sqlite3
 import struct
 
 import pytest
+import zstandard
 
 from kitti_ros2.bags import sqlite_tree
-from kitti_ros2.bags.pieces import FileBytes
+from kitti_ros2.bags.pieces import FileBytes, MessageStart, size_of
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_scan import Pages
 from kitti_ros2.bags.sqlite_tree import TableTree
@@ -25,6 +26,7 @@ CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 """
 INSERT = 'INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)'
 START_NS = 1_700_000_000 * 10**9
+SHOWN = 1024
 SIZES = (0, 1, 500, 4000, 4061, 4062, 65535, 65536, 65537, 80_000, 4092 * 40, 1_300_000, 2**22)
 
 
@@ -51,6 +53,19 @@ def read(path, since_ns=None):
     with open_messages(path) as messages:
         found = [(each.stamp_ns, bytes(each.data)) for each in messages.since(since_ns)]
         return found, messages.findings
+
+
+def check_skimming(path, since_ns=None):
+    """A reader that skims finds the same messages and the same damage."""
+    found, findings = read(path, since_ns)
+    with open_messages(path) as messages:
+        messages.skim(lambda topic: topic == '/text')
+        skimmed = [
+            (each.stamp_ns, size_of(each.data), bytes(each.data[:SHOWN]))
+            for each in messages.since(since_ns)
+        ]
+        assert skimmed == [(stamp_ns, len(data), data[:SHOWN]) for stamp_ns, data in found]
+        assert messages.findings == findings
 
 
 @pytest.fixture
@@ -87,6 +102,8 @@ def test_large_rows_are_read_whole(pragmas, tmp_path, outcomes):
     assert read(path) == (rows, ())
     assert outcomes == [len(data) for _, data in rows if len(data) >= 2**16]
     assert read(path, START_NS + 30)[0] == rows[30:]
+    check_skimming(path)
+    check_skimming(path, START_NS + 30)
 
 
 def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
@@ -103,10 +120,12 @@ def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
     connection.close()
     assert read(path)[0] == expected
     assert outcomes == [len(data) for _, data in expected if len(data) >= 2**16]
+    check_skimming(path)
 
 
 def test_small_blocks_change_nothing(tmp_path, outcomes, monkeypatch):
     monkeypatch.setattr(sqlite_tree, '_BLOCK', 3 * 4096)
+    monkeypatch.setattr(sqlite_tree, '_KEPT_HOT', 3 * 4096)
     monkeypatch.setattr(sqlite_tree, '_KEPT', 1)
     test_rows_in_pieces_are_read_whole(tmp_path, outcomes)
 
@@ -120,6 +139,7 @@ def test_rows_out_of_time_order(tmp_path, outcomes):
     connection.close()
     assert read(path) == (rows[::-1], ())
     assert None not in outcomes
+    check_skimming(path)
 
 
 def test_rows_of_a_log_come_from_sqlite(tmp_path, outcomes):
@@ -128,6 +148,7 @@ def test_rows_of_a_log_come_from_sqlite(tmp_path, outcomes):
     rows = write(connection, blobs(5))
     assert read(path)[0] == rows
     assert not outcomes
+    check_skimming(path)
     connection.close()
 
 
@@ -156,6 +177,7 @@ def test_a_damaged_chain_is_read_as_sqlite_reads_it(tmp_path, outcomes):
         broken[place, link] = found != rows
         assert found == expected
         assert bool(findings) == failed
+        check_skimming(path)
     assert any(broken.values())
     assert None in outcomes
 
@@ -189,3 +211,31 @@ def test_noise_in_the_tree_raises_value_errors_only(tmp_path):
                 assert len(data) == len(rows[row_id - 1][1])
         file.close()
     assert failed
+
+
+def test_of_large_messages_the_start_may_do(tmp_path):
+    path = tmp_path / 'bag.db3'
+    connection = database(path)
+    rows = write(connection, [b'a' * 100, b'b' * 2**16, bytes(range(256)) * 5000])
+    connection.close()
+    with open_messages(path) as messages:
+        messages.skim(lambda _: True)
+        found = [each.data for each in messages]
+    assert [type(each) for each in found] == [bytes, MessageStart, MessageStart]
+    assert [size_of(each) for each in found] == [len(data) for _, data in rows]
+    for start, (_, data) in zip(found[1:], rows[1:], strict=True):
+        assert data.startswith(start)
+        assert 1024 <= len(start) < 2**14
+    with open_messages(path) as messages:  # another reader of the same file
+        assert all(type(each.data) is not MessageStart for each in messages)
+
+
+def test_what_rosbag2_compressed_is_read_whole(tmp_path):
+    path = tmp_path / 'bag.db3'
+    connection = database(path)
+    data = random.Random(2).randbytes(2**17)
+    write(connection, [zstandard.compress(data)])
+    connection.close()
+    with open_messages(path) as messages:
+        messages.skim(lambda _: True)
+        assert [bytes(each.data) for each in messages] == [data]

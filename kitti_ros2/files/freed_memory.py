@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Memory settings of the commands: freed blocks are kept, imports are not collected."""
+"""Freed blocks are kept for the next message or image."""
 
 from __future__ import annotations
 
 import ctypes
-import gc
 
 # From glibc's malloc.h; other C libraries have no mallopt, or ignore unknown parameters.
 _M_TRIM_THRESHOLD = -1
@@ -24,13 +23,3 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
         mallopt(_M_MMAP_THRESHOLD, _BLOCK_BYTES)
-
-
-def keep_imports() -> None:
-    """Enable the collector that boundary.main disabled, without the objects of imports.
-
-    Where main is called as a function, it is enabled, and what it has not collected yet stays its.
-    """
-    if not gc.isenabled():
-        gc.freeze()
-        gc.enable()

@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A survey finds the same in a database whose large messages it does not keep."""
+
+from __future__ import annotations
+
+import pytest
+
+from kitti_ros2.bags.message_source import BagMessages
+from kitti_ros2.bags.pieces import MessageStart
+from kitti_ros2.cli import main
+from kitti_ros2.importer import survey as surveys
+from kitti_ros2.importer.survey import look
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
+
+COMPARED = (
+    *('name', 'msgtype', 'log_ns', 'header_ns', 'frames', 'failures', 'failure', 'headless'),
+    *('changes', 'size_bytes', 'markers_ns', 'forward_ns', 'classes', 'turn_ns'),
+)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('skimmed')
+    drive = write_synthetic(
+        folder, Layout.RAW, SyntheticOptions(frames=24, image_size=(310, 94), lidar_columns=200)
+    )
+    words = ('--storage', 'sqlite3', '--images', 'raw', '--start', '3')
+    assert main(['to-bag', str(drive), str(folder / 'bag'), '-q', *words]) == 0
+    return folder / 'bag'
+
+
+def test_a_survey_that_skims_finds_the_same(bag, monkeypatch):
+    starts = []
+    enter = surveys._Pass._take
+
+    def spy(self, message):
+        starts.append(isinstance(message.data, MessageStart))
+        enter(self, message)
+
+    monkeypatch.setattr(surveys._Pass, '_take', spy)
+    skimmed = look([bag])
+    assert sum(starts) > 24
+    monkeypatch.setattr(BagMessages, 'skim', lambda *_: None)
+    starts.clear()
+    whole = look([bag])
+    assert not any(starts)
+    assert skimmed.topics.keys() == whole.topics.keys()
+    for name, topic in whole.topics.items():
+        other = skimmed.topics[name]
+        assert [getattr(other, each) for each in COMPARED] == [
+            getattr(topic, each) for each in COMPARED
+        ]
+        assert [str(each) for each in other.looks] == [str(each) for each in topic.looks]
+    assert skimmed.losses == whole.losses
+    assert skimmed.notes == whole.notes
