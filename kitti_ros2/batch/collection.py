@@ -230,7 +230,7 @@ class _Queue:
         self._progress.end(name)
 
     def _job(self, unit: WorkUnit) -> UnitJob | None:
-        """Return the job of a unit; None if it is done, or failed and is not to be retried."""
+        """Return the job of a unit; None if it is done or has failed, and is not to be retried."""
         known = self._known[unit.name]
         try:
             files = fingerprint(unit)
@@ -240,7 +240,8 @@ class _Queue:
         out = self._collection.output_of(unit.name)
         if known.identity == identity:
             is_done = known.state == DONE and self._place.has(out)
-            if is_done or (known.state == FAILED and not self._collection.batch.retry):
+            retry = self._collection.batch.retry and (known.state == FAILED or known.bad)
+            if (is_done or known.state == FAILED) and not retry:
                 self._place.sweep(out)
                 return None
         self._identities[unit.name] = identity

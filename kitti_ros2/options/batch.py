@@ -76,7 +76,10 @@ class BatchOptions:
         unset='one unit',
     )
     retry: bool = option(
-        False, 'With --all: run failed units again', parse_flag, flags=('--retry',)
+        False,
+        'With --all: run units again that failed or skipped data',
+        parse_flag,
+        flags=('--retry',),
     )
     scheduler: str | None = option(
         None,

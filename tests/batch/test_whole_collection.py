@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -155,6 +156,32 @@ def test_losses_are_counted_listed_and_remembered(root, out, capsys):
     units = json.loads(capsys.readouterr().out)['units']
     assert [unit['bad'] > 0 for unit in units] == [False, False, True, False]
     assert {unit['state'] for unit in units} == {'done'}
+
+
+def test_retry_runs_units_again_that_skipped_data(root, out, monkeypatch, tmp_path):
+    """Such as for a disk that failed once."""
+    words = ('--jobs', '1', '--topics', '/kitti/oxts/*')
+    unread = drives(root)[1] / 'oxts' / 'data'
+    listdir = os.listdir
+
+    def fail(folder):
+        if folder == unread:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), str(folder))
+        return listdir(folder)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(os, 'listdir', fail)
+        assert to_bag(root, out, *words) == 1
+        before = times(out)
+        assert to_bag(root, out, *words, '--retry') == 1
+    again = times(out)
+    changed = [name for name in again if again[name] != before[name]]
+    assert changed == [f'{drives(root)[1].name}.mcap']
+    assert to_bag(root, out, *words) == 1
+    assert times(out) == again
+    assert to_bag(root, out, *words, '--retry') == 0
+    assert to_bag(root, tmp_path / 'undisturbed', *words) == 0
+    assert bags(out) == bags(tmp_path / 'undisturbed')
 
 
 def test_slices_of_an_object_set(recordings, out, capsys):
