@@ -14,6 +14,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.bags.bag_files import OpenBag
+from kitti_ros2.bags.pieces import size_of
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -57,6 +58,20 @@ def reader(name: str):
         read_bag(stored(name, data))
 
     return run
+
+
+def _database(data: bytes) -> None:
+    """Read a database; a reader that skims finds the same messages and the same damage."""
+    path = stored('a.db3', data)
+    read_bag(path)
+    found = []
+    for skims in (False, True):
+        with open_messages(path) as messages:
+            if skims:
+                messages.skim(lambda _: True)
+            stamps = [(each.topic, each.stamp_ns, size_of(each.data)) for each in messages]
+            found.append((stamps, messages.findings))
+    assert found[0] == found[1]
 
 
 def _logged(data: bytes) -> None:
@@ -190,7 +205,7 @@ def _ros1_bags() -> list[bytes]:
 
 def _databases() -> list[bytes]:
     small = [each for each in found('sql/*.db3') if len(each) < 20_000]
-    return [*bag_bytes('a'), *small, large_rows(), *damaged()]
+    return [*bag_bytes('a'), *small, large_rows(), large_rows(4096), *damaged()]
 
 
 def metadata_texts() -> list[bytes]:
@@ -231,7 +246,7 @@ TARGETS = (
     Target('mcap', reader('a.mcap'), _indexed, (*_MCAP, *COMMON), RECORD_WORDS, short=150),
     Target('mcap_without_index', reader('a.mcap'), _unindexed, (*_MCAP, *COMMON), RECORD_WORDS,
            short=150),
-    Target('sqlite3', reader('a.db3'), _databases, (*_SQLITE, *COMMON), _SQL_WORDS, short=100),
+    Target('sqlite3', _database, _databases, (*_SQLITE, *COMMON), _SQL_WORDS, short=100),
     Target('sqlite3_log', _logged, logged, (*_SQLITE, *COMMON), _SQL_WORDS, short=20),
     Target('ros1', reader('a.bag'), _ros1_bags, (*_ROS1, *COMMON), _ROS1_WORDS, short=100),
     Target('packed', _packed, _packed_files, (*_MCAP, *COMMON, 'bags/locate.py'), (b'zstd',),

@@ -28,11 +28,11 @@ _A_TOPIC = "INSERT INTO topics VALUES (1, '/t', 'std_msgs/msg/String', 'cdr', ''
 _ROW = 'INSERT INTO messages VALUES (?, 1, ?, ?)'
 
 
-def _filled(path: Path, *pragmas: str) -> sqlite3.Connection:
+def _filled(path: Path, *pragmas: str, page: int = _PAGE) -> sqlite3.Connection:
     """A new database with a large row and many small ones, over inner pages."""
     path.unlink(missing_ok=True)
     database = sqlite3.connect(path, isolation_level=None)
-    for each in (f'page_size = {_PAGE}', *pragmas):
+    for each in (f'page_size = {page}', *pragmas):
         database.execute(f'PRAGMA {each}').fetchall()
     database.execute('BEGIN')
     for each in (_TOPICS, _MESSAGES, _A_TOPIC):
@@ -45,10 +45,10 @@ def _filled(path: Path, *pragmas: str) -> sqlite3.Connection:
 
 
 @cache
-def large_rows() -> bytes:
+def large_rows(page: int = _PAGE) -> bytes:
     """Rows over many pages, which are read from the pages themselves."""
     path = place('large.db3')
-    with closing(_filled(path)):
+    with closing(_filled(path, page=page)):
         pass
     return path.read_bytes()
 
