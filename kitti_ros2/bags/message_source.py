@@ -148,12 +148,11 @@ class BagMessages:
             is_enough: Asked with a topic before a message of it is read, which may be before the
                 message before it is yielded if a topic is in several files.
         """
-        for number, file in enumerate(self._files):
-            topics = {
-                each.channel_id: each.channel.topic
-                for each in self._readings
-                if each.number == number and is_stored_as_cdr(each.channel)
-            }
+        known: list[dict[int, str]] = [{} for _ in self._files]
+        for each in self._readings:
+            if is_stored_as_cdr(each.channel):
+                known[each.number][each.channel_id] = each.channel.topic
+        for file, topics in zip(self._files, known, strict=True):
             file.is_start_enough = partial(_is_enough, topics, is_enough)
 
     def __enter__(self) -> Self:

@@ -37,7 +37,7 @@ _DEEPEST = 20
 _KEPT = 16
 _LINK = 4
 _BLOCK = 2**20
-_KEPT_HOT = 2**18  # stays in the cache of a core
+_SKIMMED_BLOCK = 2**18  # stays in the cache of a core
 _START_BYTES = 2**10
 _BLOB = 12  # the type of an empty one; each byte adds 2
 
@@ -58,7 +58,7 @@ class TableTree:
         self._inner: dict[int, tuple[list[int], list[int]]] = {}
         page_size = pages.page_size
         self._scatter = PageScatter(page_size, pages.usable - _LINK, _BLOCK)
-        self._buffer = np.empty((max(1, _KEPT_HOT // page_size), page_size), np.uint8)
+        self._buffer = np.empty((max(1, _SKIMMED_BLOCK // page_size), page_size), np.uint8)
         self._ahead = np.arange(1, max(self._scatter.most, len(self._buffer)) + 1)
 
     def blob(self, row_id: int, size: int) -> memoryview:

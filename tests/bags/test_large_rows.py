@@ -125,7 +125,7 @@ def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
 
 def test_small_blocks_change_nothing(tmp_path, outcomes, monkeypatch):
     monkeypatch.setattr(sqlite_tree, '_BLOCK', 3 * 4096)
-    monkeypatch.setattr(sqlite_tree, '_KEPT_HOT', 3 * 4096)
+    monkeypatch.setattr(sqlite_tree, '_SKIMMED_BLOCK', 3 * 4096)
     monkeypatch.setattr(sqlite_tree, '_KEPT', 1)
     test_rows_in_pieces_are_read_whole(tmp_path, outcomes)
 
