@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections import Counter
+from contextlib import suppress
 from operator import itemgetter
 from typing import TYPE_CHECKING, Generic
 
 from .chunk_scan import piece_records
-from .pieces import BagFile
+from .pieces import BagFile, FetchedPiece
 from .record_walk import Head
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 
 _INDEXES_AHEAD = 16
+_MOST_UNPACKED = 2**23  # before its turn: some chunks are made to fill the memory
 
 
 class ChunkedFile(BagFile, Generic[Head]):
@@ -49,13 +51,32 @@ class ChunkedFile(BagFile, Generic[Head]):
         self._file = file
         self._findings = findings
         self._form = form
+        self.fetches = not file.waits
 
-    def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
-        """Return the messages of some channels in a piece from a stamp on, in time order."""
+    def fetch(self, piece: Piece) -> FetchedPiece:
+        """Read a piece, and unpack it unless it is large, on any thread."""
         data = self._file.read(piece.position, piece.length)
+        with suppress(ValueError):  # read finds the damage again
+            if self._form.unpacked_size(data) <= _MOST_UNPACKED:
+                return FetchedPiece(data, self._form.unpack(data))
+        return FetchedPiece(data, None)
+
+    def read(
+        self,
+        piece: Piece,
+        wanted: Collection[int],
+        since_ns: int,
+        fetched: FetchedPiece | None = None,
+    ) -> Iterator[StoredMessage]:
+        """Return the messages of some channels in a piece from a stamp on, in time order."""
+        if fetched is None:
+            fetched = FetchedPiece(self._file.read(piece.position, piece.length), None)
+        data, unpacked = fetched
         end = piece.position + len(data)
         try:
-            found, sound = self._messages(data, wanted, since_ns)
+            records, whole = unpacked or self._form.unpack(data)
+            found, done = self._messages_in(records, wanted, since_ns)
+            sound = whole and done == len(records)
         except ValueError:
             found, sound = [], False
         if len(data) < piece.length:
@@ -110,18 +131,6 @@ class ChunkedFile(BagFile, Generic[Head]):
                 return list(self._scanned().items())
             found += stamps.items()
         return found
-
-    def _messages(
-        self, data: bytes, wanted: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], bool]:
-        """Return the messages of a piece, and whether it is undamaged.
-
-        Raises:
-            ValueError: The piece is damaged.
-        """
-        records, whole = self._form.unpack(data)
-        found, end = self._messages_in(records, wanted, since_ns)
-        return found, whole and end == len(records)
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
         """Yield the recoverable messages of a damaged piece in file order; enter the losses."""

@@ -166,6 +166,10 @@ class McapFormat:
         """Return the name of a chunk's compression."""
         return parse_chunk_head(record).compression
 
+    def unpacked_size(self, data: Buffer) -> int:
+        """Return the most bytes that unpack makes of a piece."""
+        return parse_chunk_head(data).size if data[:1] == _CHUNK_OPCODE else len(data)
+
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
         """Return the records of a piece, and whether it is whole."""
         if data[:1] != _CHUNK_OPCODE:

@@ -20,8 +20,8 @@ from .foxglove_channels import (
     types_of,
     why_unread,
 )
-from .pieces import in_time_order
 from .reading import BagMessage, Reading
+from .time_order import in_time_order
 from .to_cdr import READ, ToCdr, is_stored_as_cdr
 
 if TYPE_CHECKING:

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag as pieces with a time span each, and the merge of their messages by time.
+"""The files of a bag as pieces with a time span each.
 
-A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. It is read when its
-time comes and dropped after its last message, so merging a bag of any size takes the memory of the
-pieces that overlap. Damage costs at most its own piece.
+A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs at most
+its own piece.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field
-from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ..model.channels import Channel
@@ -22,7 +20,7 @@ from ..model.errors import naming
 from .summary import BagIndex
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -52,7 +50,6 @@ def size_of(data: Buffer) -> int:
     return data.size if isinstance(data, MessageStart) else len(data)
 
 
-_PIECES_AHEAD = 4
 _ADVICE_BYTES = 2**18
 """Linux reads no more for one piece of advice than the disk takes in one request."""
 
@@ -92,6 +89,19 @@ class Piece(NamedTuple):
     counts: Mapping[int, int]
 
 
+class FetchedPiece(NamedTuple):
+    """The bytes of a piece, read before its messages are asked for.
+
+    Attributes:
+        data: As stored, fewer than its length if the file was cut off.
+        unpacked: Its records, and whether it is whole; None if it is damaged, or too large to be
+            unpacked before its turn.
+    """
+
+    data: bytes
+    unpacked: tuple[Buffer, bool] | None
+
+
 class BagFile(ABC):
     """A file open for reading, of any container.
 
@@ -101,20 +111,42 @@ class BagFile(ABC):
         compressions: Names of the compressions of chunks found so far, including none.
         is_start_enough: Asked with the id of a channel before a large message is read: whether its
             MessageStart is enough. A file may give the whole message all the same.
+        fetches: Whether any thread may fetch pieces.
     """
 
     channels: Mapping[int, StoredChannel]
     pieces: Sequence[Piece]
     compressions: Collection[str] = ()
     is_start_enough: Callable[[int], bool] | None = None
+    fetches: bool = False
     _findings: Findings
 
     @abstractmethod
-    def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterable[StoredMessage]:
+    def read(
+        self,
+        piece: Piece,
+        wanted: Collection[int],
+        since_ns: int,
+        fetched: FetchedPiece | None = None,
+    ) -> Iterable[StoredMessage]:
         """Return the messages of some channels in a piece from a stamp on, in time order.
 
         Unreadable messages are skipped and entered into the bag's findings.
+
+        Args:
+            piece: One of pieces.
+            wanted: Ids of the requested channels.
+            since_ns: The first requested stamp.
+            fetched: What fetch returned for the piece; without it the file is read now.
         """
+
+    def fetch(self, piece: Piece) -> FetchedPiece:
+        """Read the bytes of a piece for read, on any thread, where the file fetches.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def close(self) -> None:
@@ -237,43 +269,3 @@ class FileBytes:
     def close(self) -> None:
         """Close the file; does nothing if it is closed."""
         self._file.close()
-
-
-def in_time_order(
-    files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int
-) -> Iterator[tuple[int, StoredMessage]]:
-    """Yield the messages of files from a stamp on, with the number of their file.
-
-    Args:
-        files: Each with the ids of the requested channels.
-        since_ns: The first requested stamp.
-    """
-    waiting = [
-        (piece.start_ns, number, piece.position, piece)
-        for number, (file, wanted) in enumerate(files)
-        for piece in file.pieces
-        if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(wanted)
-    ]
-    waiting.sort(key=lambda each: each[:3], reverse=True)
-    # By stamp, file and position, which are unique, so messages are never compared.
-    active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
-    while waiting or active:
-        while waiting and (not active or waiting[-1][0] <= active[0][0]):
-            _, number, position, piece = waiting.pop()
-            file, wanted = files[number]
-            if len(waiting) >= _PIECES_AHEAD:
-                _, later, _, expected = waiting[-_PIECES_AHEAD]
-                files[later][0].expect(expected)
-            messages = iter(file.read(piece, wanted, since_ns))
-            first = next(messages, None)
-            if first is not None:
-                heappush(active, (first[0], number, position, first, messages))
-        if not active:
-            continue
-        _, number, position, message, messages = active[0]
-        yield number, message
-        following = next(messages, None)
-        if following is None:
-            heappop(active)
-        else:
-            heapreplace(active, (following[0], number, position, following, messages))

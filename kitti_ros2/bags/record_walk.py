@@ -96,6 +96,14 @@ class RecordFormat(Protocol[Head]):
         """
         ...
 
+    def unpacked_size(self, data: Buffer) -> int:
+        """Return the most bytes that unpack makes of a piece.
+
+        Raises:
+            ValueError: The head of the chunk is damaged.
+        """
+        ...
+
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
         """Return the records of a piece, and whether it is whole; the first ones if truncated.
 

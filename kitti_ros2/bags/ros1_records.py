@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
+from .limits import largest_block
 from .record_walk import Kind, Record
 
 if TYPE_CHECKING:
@@ -178,6 +179,27 @@ def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | Non
     return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
 
 
+class _Chunk(NamedTuple):
+    """A chunk: the size of its records, and where they are stored in it."""
+
+    compression: str
+    size: int
+    start: int
+    end: int
+
+
+def _parse_chunk(data: Buffer) -> _Chunk | None:
+    """Parse the head of a chunk; None if data begin with another record."""
+    try:
+        fields, start, end = split_record(data, 0)
+    except ValueError:
+        return None
+    if opcode_of(fields) != CHUNK:
+        return None
+    compression = fields[b'compression'].decode('ascii', 'replace')
+    return _Chunk(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
+
+
 def parse_message(fields: Fields) -> tuple[int, int]:
     """Return the connection and stamp of a message."""
     return int.from_bytes(fields[b'conn'], 'little'), parse_time(fields[b'time'])
@@ -226,16 +248,20 @@ class Ros1Format:
         """Return the name of a chunk's compression."""
         return split_record(record, 0)[0][b'compression'].decode('ascii', 'replace')
 
+    def unpacked_size(self, data: Buffer) -> int:
+        """Return the most bytes that unpack makes of a piece."""
+        chunk = _parse_chunk(data)
+        if chunk is None:
+            return len(data)
+        # decompress_beginning is bounded by the same where the size is not known.
+        return chunk.size or largest_block(len(data))
+
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
         """Return the records of a piece, and whether it is whole."""
-        try:
-            fields, start, end = split_record(data, 0)
-        except ValueError:
+        chunk = _parse_chunk(data)
+        if chunk is None:
             return data, True
-        if opcode_of(fields) != CHUNK:
-            return data, True
-        compression = fields[b'compression'].decode('ascii', 'replace')
-        (size,) = _UINT32.unpack(fields[b'size'])
+        compression, size, start, end = chunk
         stored = memoryview(data)[start:]
         if size == 0 or end - start > len(stored):
             # Recorders write the size once the chunk is full.

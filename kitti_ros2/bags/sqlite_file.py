@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import StoredMessage
+    from .pieces import FetchedPiece, StoredMessage
     from .sqlite_scan import MessageRow
 
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
@@ -100,9 +100,15 @@ class SqliteFile(BagFile):
         self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
         self.pieces = [self._piece()] if len(rows) else []
 
-    def read(self, piece: Piece, wanted: Collection[int], since_ns: int) -> Iterator[StoredMessage]:
+    def read(
+        self,
+        piece: Piece,
+        wanted: Collection[int],
+        since_ns: int,
+        fetched: FetchedPiece | None = None,
+    ) -> Iterator[StoredMessage]:
         """Yield the messages of some topics from a stamp on, in time order."""
-        del piece  # there is only one
+        del piece, fetched  # there is only one piece, which is read row by row
         rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
         rows = rows[np.isin(rows['topic_id'], list(wanted))]
         done = 0
