@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from keyword import iskeyword
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import (
     Stores,
@@ -81,11 +81,15 @@ class Definitions:
                 raise ValueError(f'{self._origins[name]} defines {name} otherwise than ROS 2 Jazzy')
 
     def typestore(self) -> Typestore:
-        """Make the store of all types."""
-        store = get_typestore(Stores.EMPTY)
-        known = store.fielddefs
-        store.register({name: each for name, each in self._types.items() if name not in known})
-        return store
+        """Make the store of all types; those of bags with the same types share their classes."""
+        return _Sharing(
+            _typestore_of(
+                tuple(
+                    (name, tuple(constants), tuple(fields))
+                    for name, (constants, fields) in self._types.items()
+                )
+            )
+        )
 
     def with_original_texts(self, typestore: Typestore) -> Typestore:
         """Return a store whose definition texts are those of the bags, if they are of ROS 2."""
@@ -116,12 +120,29 @@ class Definitions:
         return ''
 
 
-class _OriginalTexts(Typestore):
+class _Sharing(Typestore):
+    """A typestore with the types of another and the functions made for them.
+
+    Types that are registered in one of them are not in the other.
+    """
+
+    def __init__(self, typestore: Typestore) -> None:
+        super().__init__()
+        self.types.update(typestore.types)
+        self.fielddefs.update(typestore.fielddefs)
+        self.cache = typestore.cache
+
+    def register(self, typs: Typesdict) -> None:
+        """Register types in this store alone."""
+        self.cache = dict(self.cache)
+        super().register(typs)
+
+
+class _OriginalTexts(_Sharing):
     """A typestore that returns the original definition texts, empty ones for unknown types."""
 
     def __init__(self, typestore: Typestore, texts: Mapping[str, str]) -> None:
-        super().__init__()
-        self.register(typestore.fielddefs)
+        super().__init__(typestore)
         self._texts = texts
 
     def generate_msgdef(self, typename: str, ros_version: int = 1) -> tuple[str, str]:
@@ -138,6 +159,24 @@ class _OriginalTexts(Typestore):
             return super().hash_rihs01(typ)
         except (KeyError, TypesysError):
             return ''
+
+
+@lru_cache(maxsize=8)
+def _typestore_of(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> Typestore:
+    """Make the store of types, each with its constants and fields.
+
+    Generating the classes and functions takes longer than reading a small bag, and the bags of a
+    collection mostly have the same types.
+    """
+    store = get_typestore(Stores.EMPTY)
+    store.register(
+        {
+            name: (list(constants), list(fields))
+            for name, constants, fields in types
+            if name not in store.fielddefs
+        }
+    )
+    return store
 
 
 @lru_cache(maxsize=1024)

@@ -116,7 +116,8 @@ class BagMessages:
     def typestore(self) -> Typestore:
         """The types as the bags themselves define them, to decode the data with.
 
-        Made when first used: generating its classes takes 35 ms, and many readers do without.
+        Made when first used: generating the classes of types that are new to the process takes
+        35 ms, and many readers do without.
         """
         store = self._definitions.typestore()
         return self._definitions.with_original_texts(store) if self._as_stored else store

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags with the same types share the classes of their messages, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.interfaces import Nodetype
+
+from kitti_ros2.bags.definitions import Definitions
+from kitti_ros2.bags.findings import Findings
+from kitti_ros2.bags.pieces import StoredChannel
+
+NAME = 'robot_msgs/msg/State'
+TEXT = 'uint8 LEVEL=3\nuint8 level\nstd_msgs/Header header\n'
+OTHER = 'uint8 LEVEL=4\nuint8 level\nstd_msgs/Header header\n'
+
+
+def definitions(text, path='bag'):
+    found = Definitions(Findings())
+    assert not found.add(Path(path), Path(path), StoredChannel('/a', NAME, 'cdr', text, 'ros2msg'))
+    assert not found.complete([NAME])
+    return found
+
+
+def round_trip(store):
+    types = store.types
+    stamp = types['builtin_interfaces/msg/Time'](7, 8)
+    message = types[NAME](2, types['std_msgs/msg/Header'](stamp, 'map'))
+    read = store.deserialize_cdr(store.serialize_cdr(message, NAME), NAME)
+    return read.level, read.header.stamp.sec, read.header.frame_id, read.LEVEL
+
+
+def test_the_same_types_share_their_classes_and_functions():
+    first, second = (definitions(TEXT, path).typestore() for path in ('a', 'b'))
+    assert first is not second
+    assert first.types[NAME] is second.types[NAME]
+    assert round_trip(first) == (2, 7, 'map', 3)
+    assert second.cache[NAME] is first.cache[NAME]
+
+
+@pytest.mark.parametrize('text', [OTHER, TEXT.replace('uint8 level', 'int16 level')])
+def test_other_types_share_none(text):
+    first, second = definitions(TEXT).typestore(), definitions(text).typestore()
+    assert first.types[NAME] is not second.types[NAME]
+    assert round_trip(first)[3] == 3
+    assert round_trip(second)[3] == (4 if text == OTHER else 3)
+    assert first.serialize_cdr(first.types[NAME](1, _header(first)), NAME).nbytes
+
+
+def _header(store):
+    stamp = store.types['builtin_interfaces/msg/Time'](0, 0)
+    return store.types['std_msgs/msg/Header'](stamp, '')
+
+
+@pytest.mark.parametrize('read_before', [False, True])
+def test_what_one_registers_the_other_does_not_have(read_before):
+    first, second = definitions(TEXT).typestore(), definitions(TEXT).typestore()
+    if read_before:
+        round_trip(first)
+    for store, kind in ((first, 'int8'), (second, 'float64')):
+        added = 'robot_msgs/msg/Added'
+        assert added not in store.fielddefs
+        store.register({added: ([], [('value', (Nodetype.BASE, (kind, 0)))])})
+        message = store.types[added](1)
+        assert len(store.serialize_cdr(message, added)) == (5 if kind == 'int8' else 12)
+    assert round_trip(first) == round_trip(second)
+
+
+def test_original_texts_are_those_of_the_bag():
+    found = definitions(TEXT)
+    store = found.with_original_texts(found.typestore())
+    assert store.generate_msgdef(NAME, ros_version=2)[0] == TEXT
+    assert round_trip(store) == (2, 7, 'map', 3)
+    plain = found.typestore()
+    assert plain.generate_msgdef(NAME, ros_version=2)[0] != TEXT
