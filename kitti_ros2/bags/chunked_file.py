@@ -79,6 +79,7 @@ class ChunkedFile(BagFile, Generic[Head]):
             sound = whole and done == len(records)
         except ValueError:
             found, sound = [], False
+        found.sort(key=itemgetter(0))  # costs little if it is sorted already
         if len(data) < piece.length:
             self._findings.lose(f'{self._file.name}: cut off at byte {end} while it was read')
         elif sound and since_ns <= piece.start_ns:
@@ -90,19 +91,23 @@ class ChunkedFile(BagFile, Generic[Head]):
                 for message in self._salvaged(piece.position, data, cost)
                 if message[1] in wanted and message[0] >= since_ns
             ]
-        found.sort(key=itemgetter(0))  # costs little if it is sorted already
+            found.sort(key=itemgetter(0))
         return iter(found)
 
     def _compare(
         self, piece: Piece, wanted: Collection[int], found: Sequence[StoredMessage]
     ) -> None:
-        """Enter a loss if a piece and its index list different messages: one of them is damaged."""
+        """Enter a loss if a piece and its index list different messages: one of them is damaged.
+
+        Args:
+            piece: As the index lists it.
+            wanted: Ids of the requested channels.
+            found: Their messages in the piece, by time.
+        """
         listed = {key: count for key, count in piece.counts.items() if count and key in wanted}
         there = Counter(map(itemgetter(1), found))
-        stamps = [message[0] for message in found]
-        early = min(stamps, default=piece.start_ns) < piece.start_ns
-        late = max(stamps, default=piece.end_ns) > piece.end_ns
-        if listed != there or early or late:
+        outside = found and not piece.start_ns <= found[0][0] <= found[-1][0] <= piece.end_ns
+        if listed != there or outside:
             lost = sum((Counter(listed) - there).values())
             place = f'{self._file.name}: the chunk at byte {piece.position}'
             self._findings.lose(f'{place} has other messages than its index lists', lost)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Statistics
+from mcap.records import Statistics
 
 from ..model.errors import BadBagError
 from .chunk_scan import FileContents
@@ -22,12 +22,12 @@ from .mcap_records import (
     RECORD_HEAD,
     agrees,
     messages_in,
+    parse_chunk_index,
     split_records,
 )
 from .mcap_scan import RECORD_ERRORS, Descriptions, McapScan
 from .mcap_summary import MAGIC
 from .open_bytes import open_bytes
-from .pieces import FileBytes, Piece
 
 if TYPE_CHECKING:
     from array import array
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import Buffer, StoredMessage
+    from .pieces import Buffer, FileBytes, Piece, StoredMessage
 
 _FOOTER = struct.Struct('<BQQQI')
 _CRC_SIZE = 4
@@ -117,10 +117,10 @@ def _summarized(section: bytes, start: int) -> FileContents | None:
         if opcode == Opcode.STATISTICS:
             message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count
         elif opcode == Opcode.CHUNK_INDEX:
-            chunk = ChunkIndex.read(ReadDataStream(BytesIO(body)))
-            contents.compressions.add(chunk.compression)
-            contents.pieces.append(_piece(chunk))
-            contents.index_lengths[chunk.chunk_start_offset] = chunk.message_index_length
+            piece, compression, index_length = parse_chunk_index(body)
+            contents.compressions.add(compression)
+            contents.pieces.append(piece)
+            contents.index_lengths[piece.position] = index_length
         else:
             described.enter(opcode, body)
     contents.channels = described.channels()
@@ -129,17 +129,3 @@ def _summarized(section: bytes, start: int) -> FileContents | None:
     inside = all(piece.position + piece.length <= start for piece in contents.pieces)
     # Messages outside of chunks, or chunks without index, are found by a scan only.
     return contents if message_count == found and known and inside else None
-
-
-def _piece(chunk: ChunkIndex) -> Piece:
-    position = chunk.chunk_start_offset
-    end = position + chunk.chunk_length + chunk.message_index_length
-    starts = sorted((start, key) for key, start in chunk.message_index_offsets.items())
-    ends = [start for start, _ in starts[1:]] + [end]
-    head = RECORD_HEAD.size + INDEX_BODY.size
-    # Each entry is a stamp and an offset.
-    counts = {
-        key: (stop - start - head) // 16 for (start, key), stop in zip(starts, ends, strict=True)
-    }
-    times = chunk.message_start_time, chunk.message_end_time
-    return Piece(*times, position, chunk.chunk_length, counts)

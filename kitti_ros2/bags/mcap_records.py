@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 from ..files.checksums import crc32
 from .decompressors import UNCOMPRESSED, decompress, decompress_beginning
 from .mcap_summary import MAGIC
+from .pieces import Piece
 from .record_walk import DamagedHeadError, Kind, Record
 
 if TYPE_CHECKING:
@@ -28,6 +29,12 @@ _SHORTEST = MESSAGE_BODY.size
 _CHUNK = struct.Struct('<QQQII')
 INDEX_BODY = struct.Struct('<HI')
 _LENGTH = struct.Struct('<Q')
+# Chunk Index: start and end time, place and length of the chunk, bytes of the entries that follow
+# (channel, place of its message index); then the length of all message indexes, the compression.
+_CHUNK_INDEX = struct.Struct('<QQQQI')
+_CHUNK_INDEX_ENTRY = struct.Struct('<HQ')
+_INDEX_LENGTHS = struct.Struct('<QI')
+_ENTRY_SIZE = 16  # of a message index: stamp, offset
 _LOOKED_AT = RECORD_HEAD.size + 64
 _LONGEST_NAME = 16  # of a compression
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
@@ -85,6 +92,28 @@ def parse_chunk_head(record: Buffer) -> ChunkHead:
     if name in UNCOMPRESSED and size != stored:
         raise DamagedHeadError
     return ChunkHead(size, crc, name, at + name_length + _LENGTH.size, stored)
+
+
+def parse_chunk_index(body: Buffer) -> tuple[Piece, str, int]:
+    """Parse a Chunk Index record: the chunk, its compression, the bytes of its message indexes.
+
+    Raises:
+        ValueError, struct.error: The record is damaged.
+    """
+    start_ns, end_ns, position, length, size = _CHUNK_INDEX.unpack_from(body)
+    after = _CHUNK_INDEX.size + size
+    index_length, name_length = _INDEX_LENGTHS.unpack_from(body, after)
+    after += _INDEX_LENGTHS.size
+    name = bytes(body[after : after + name_length]).decode()
+    entries = _CHUNK_INDEX_ENTRY.iter_unpack(body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size])
+    starts = sorted((start, key) for key, start in entries)
+    end = position + length + index_length
+    head = RECORD_HEAD.size + INDEX_BODY.size
+    counts = {}
+    for start, key in reversed(starts):
+        counts[key] = (end - start - head) // _ENTRY_SIZE
+        end = start
+    return Piece(start_ns, end_ns, position, length, counts), name, index_length
 
 
 def agrees(data: Buffer, crc: int) -> bool:
