@@ -107,7 +107,8 @@ def costs(command: list[str]) -> Cost:
 def cost_of(script: str, path: Path) -> Cost:
     """Run a script that prints its times in a process of its own, whose start does not count."""
     words = [sys.executable, '-c', script, str(path)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as child:
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}  # as the command line sets it
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as child:
         out = child.stdout.read() if child.stdout else ''
     if child.returncode:
         raise SystemExit(f'reading {path} failed')
