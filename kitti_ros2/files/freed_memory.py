@@ -9,6 +9,7 @@ import ctypes
 # From glibc's malloc.h; other C libraries have no mallopt, or ignore unknown parameters.
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_THRESHOLD = -3
+_M_ARENA_MAX = -8
 _KEPT_BYTES = 128 << 20
 _BLOCK_BYTES = 32 << 20
 
@@ -21,5 +22,6 @@ def keep_freed_memory() -> None:
     """
     mallopt = getattr(ctypes.CDLL(None), 'mallopt', None)
     if mallopt is not None:
+        mallopt(_M_ARENA_MAX, 1)  # else each thread keeps as much for itself
         mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
         mallopt(_M_MMAP_THRESHOLD, _BLOCK_BYTES)
