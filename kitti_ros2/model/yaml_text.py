@@ -165,6 +165,12 @@ class _Bounded:
             raise yaml.YAMLError('nested too deeply')
         super().descend_resolver(*node)  # type: ignore[misc]
 
+    def fetch_flow_collection_start(self, kind: type[yaml.Token]) -> None:
+        # PyYAML scans 1024 characters ahead, and all levels again at each of them.
+        if self.flow_level >= _DEEPEST:  # type: ignore[attr-defined]
+            raise yaml.YAMLError('nested too deeply')
+        super().fetch_flow_collection_start(kind)  # type: ignore[misc]
+
     def ascend_resolver(self) -> None:
         self.depth -= 1
         super().ascend_resolver()  # type: ignore[misc]

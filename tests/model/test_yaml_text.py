@@ -93,6 +93,24 @@ def test_what_is_refused_has_a_reason(text, reason, monkeypatch):
     yaml_text._loaders.cache_clear()
 
 
+@pytest.mark.parametrize('start', ['[', '{a: '])
+def test_scanning_stops_where_the_nesting_is_too_deep(start, monkeypatch):
+    monkeypatch.delattr(yaml, 'CSafeLoader', raising=False)
+    yaml_text._loaders.cache_clear()
+    levels = []
+    scan = yaml.scanner.Scanner.fetch_flow_collection_start
+
+    def spy(self, kind):
+        levels.append(kind)
+        scan(self, kind)
+
+    monkeypatch.setattr(yaml.scanner.Scanner, 'fetch_flow_collection_start', spy)
+    with pytest.raises(YamlTextError, match='nested too deeply'):
+        load_yaml('images: ' + start * 5000)
+    assert 0 < len(levels) <= 2 * 100  # the text is parsed twice
+    yaml_text._loaders.cache_clear()
+
+
 def test_aliases_and_merges_of_usual_sizes_are_read():
     text = 'base: &base {depth: 5, keep: [1, 2]}\none: {<<: *base, depth: 6}\ntwo: *base\n'
     assert load_yaml(text) == yaml.safe_load(text)
