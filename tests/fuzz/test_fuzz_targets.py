@@ -14,6 +14,7 @@ from fuzz.loop import fuzz, run_input
 from fuzz.target import Target
 from fuzz.targets import TARGETS
 
+from kitti_ros2.bags.definitions import parse_definition
 from kitti_ros2.model.errors import KittiRos2Error
 
 
@@ -61,6 +62,30 @@ def test_the_fuzzer_finds_and_minimises_a_planted_fault(run, key):
         (finding,) = outcome.findings.values()
         assert finding.data == b'7'
         assert outcome.refused
+
+
+def test_an_input_that_is_slow_once_is_no_finding():
+    runs: list[bytes] = []
+
+    def slow_once(data: bytes) -> None:
+        runs.append(data)
+        if len(runs) == 1:
+            _slow(data)
+
+    assert not run_input(Target('planted', slow_once, list), b'7')
+    assert len(runs) == 2
+
+
+def test_an_input_that_is_slow_does_not_hide_in_a_cache():
+    hits: list[int] = []
+
+    def slow(data: bytes) -> None:
+        parse_definition('a/msg/B', 'float64 x', 'ros2msg')
+        hits.append(parse_definition.cache_info().hits)
+        _slow(data)
+
+    assert run_input(Target('planted', slow, list), b'7') == 'TooSlowError'
+    assert hits[1:] == [0, 0]
 
 
 def test_the_same_seed_gives_the_same_inputs():
