@@ -78,6 +78,8 @@ async def _greet(address: str) -> None:
 def _local_cluster(jobs: int) -> Iterator[Any]:
     """Start a scheduler and worker processes on the loopback interface."""
     prepare_workers(cluster=True)
+    # The server of workers runs: Dask would import pandas here, for a list of what it is to import.
+    distributed().utils._forkserver_preload_set = True  # noqa: SLF001
     folder = tempfile.TemporaryDirectory(prefix='kitti_ros2_')
     settings = {
         'temporary-directory': folder.name,  # of the scheduler; it would leave one behind

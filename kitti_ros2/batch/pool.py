@@ -49,8 +49,8 @@ def prepare_workers(*, cluster: bool = False) -> None:
         cluster: They are to be workers of a local Dask cluster.
     """
     context = multiprocessing.get_context('forkserver')
-    more = ['distributed.nanny', f'{__package__}.dask_unit'] if cluster else []
-    context.set_forkserver_preload([f'{__package__}.bag_unit', __name__, *more])
+    imports = 'cluster_imports' if cluster else 'worker_imports'
+    context.set_forkserver_preload([f'{__package__}.{imports}'])
     resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
     with no_interrupt(), _short_socket_names():
         forkserver.ensure_running()
@@ -158,7 +158,7 @@ class _Worker:
         self.job: UnitJob | None = None
         with theirs, Connection(os.dup(held)) as lock, no_interrupt():
             self._process: ForkServerProcess = context.Process(
-                target=_serve, args=(run, theirs, lock), daemon=True
+                target=_serve, args=(run, theirs, lock, dict(os.environ)), daemon=True
             )
             self._process.start()
 
@@ -217,8 +217,19 @@ def no_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(run: RunUnit, connection: Any, lock: Any) -> None:  # noqa: ANN401, ARG001 - Connections
-    """Run the jobs that come, in a worker process; the lock is kept open until it ends."""
+def _serve(
+    run: RunUnit,
+    connection: Any,  # noqa: ANN401 - a Connection
+    lock: Any,  # noqa: ANN401, ARG001 - a Connection, kept open until this process ends
+    environment: dict[str, str],
+) -> None:
+    """Run the jobs that come, in a worker process.
+
+    Its environment is that of the process that wants the jobs done: the server of workers has the
+    one of its start, which a program may have changed since, as for another store.
+    """
+    os.environ.clear()
+    os.environ.update(environment)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(_EXIT_TERMINATED))
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -59,8 +59,10 @@ def main(args: list[str] | None = None) -> int:
             ending = end_by_signal()
             code = _run_to_one_line(words, debug=debug)
             ending.leave(code)
+            gc.freeze()
             return code
         code = _run_to_one_line(words, debug=debug, interruptible=True)
+        gc.freeze()  # the interpreter looks for garbage once more at its end: a tenth of a second
         _on_interrupt(lambda *_: os._exit(code))  # there is nothing left to interrupt
         return code
     return _run_to_one_line(words, debug=debug)

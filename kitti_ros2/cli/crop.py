@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from ..datasets.cropping import crop_sets
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..options.dataset_tables import make_crop_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 

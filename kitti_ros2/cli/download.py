@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from ..fetch.catalogue import BENCHMARKS, ENTRIES
 from ..fetch.download import download_all, select_entries
 from ..fetch.raw_drives import raw_drives
+from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..options.dataset_tables import make_download_options
 from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
 from .extract import say_data_sets
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .progress import bytes_progress
 from .text import complain, format_bytes, format_count, format_path, say, show_losses
 

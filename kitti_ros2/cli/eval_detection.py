@@ -13,13 +13,13 @@ from ..evaluation.detection_inputs import read_frames
 from ..evaluation.overlap import Space
 from ..evaluation.score_values import detection_values as scores_json
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.staging import staged_file
 from ..model.difficulty import Difficulty
 from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_detection_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .plot_output import check_plot, is_picture
 from .progress import step_progress
 from .tables import cell, plain_table

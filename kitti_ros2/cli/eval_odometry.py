@@ -11,13 +11,13 @@ import numpy as np
 from ..evaluation.odometry import score_trajectory
 from ..evaluation.score_values import odometry_values as scores_json
 from ..evaluation.segment_errors import LENGTHS_M
+from ..files.kept_imports import keep_imports
 from ..files.staging import staged_file
 from ..options.batch import split_batch_options
 from ..options.eval_odometry import Alignment
 from ..options.evaluation_tables import make_odometry_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .plot_output import check_plot
 from .tables import plain_table
 from .text import format_count, format_path, say, show_losses

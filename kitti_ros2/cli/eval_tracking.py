@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from ..evaluation.score_values import tracking_values as scores_json
 from ..evaluation.tracking import score_tracking
+from ..files.kept_imports import keep_imports
 from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_tracking_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .progress import step_progress
 from .tables import plain_table
 from .text import format_count, say, show_losses

@@ -9,13 +9,13 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ..fetch.extract import extract_all
+from ..files.kept_imports import keep_imports
 from ..kitti.archives import is_archive
 from ..kitti.nearby import data_sets_below
 from ..model.errors import UsageError
 from ..options.dataset_tables import make_extract_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .progress import bytes_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag
+from ..files.kept_imports import keep_imports
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
@@ -16,7 +17,6 @@ from ..options.table import make_settings
 from ..report.overview import inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .tables import cell, plain_table
 from .text import format_bytes, format_count, format_duration, show_losses
 

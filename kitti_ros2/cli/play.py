@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..node.installed import check_installed
 from ..options.parsers import parse_texts
@@ -16,7 +17,6 @@ from ..options.table import PLAY, make_play_settings
 from ..player.status import StatusLine, Terminal
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .kept_imports import keep_imports
 from .text import complain, say
 
 if TYPE_CHECKING:

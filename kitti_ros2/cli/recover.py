@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from ..bags.recover import recover
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say
 

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
 from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
@@ -17,7 +18,6 @@ from ..options.table import make_settings
 from ..report.gather import gather, with_scores
 from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .kept_imports import keep_imports
 from .page_output import ENDINGS, open_page
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path, say

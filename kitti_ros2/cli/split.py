@@ -8,11 +8,11 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from ..datasets.splitting import split_set
+from ..files.kept_imports import keep_imports
 from ..model.text import some_of
 from ..options.dataset_tables import make_split_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .text import complain, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
+from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
 from ..options.table import make_settings
@@ -17,7 +18,6 @@ from ..stack_setup.commands import commands_of
 from ..stacks.catalogue import STACKS
 from .exit_codes import EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .tables import cell, plain_table
 from .text import complain, format_path, say
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from ..datasets.set_statistics import count_set, find_sources
 from ..datasets.statistics_rows import plain_values, write_csv
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.staging import staged_file
 from ..model.errors import UsageError
 from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_statistics_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .plot_output import check_output, check_plot
 from .progress import step_progress
 from .stats_comparison import titles_of

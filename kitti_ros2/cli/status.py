@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from ..batch.manifest import STATES, read_manifest
 from ..batch.pace import measure_pace
 from ..batch.place import manifest_folder
+from ..files.kept_imports import keep_imports
 from .collection_tables import complain_of, print_groups, print_pace, record_json
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 
 if TYPE_CHECKING:
     from pathlib import Path

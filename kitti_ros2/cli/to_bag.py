@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from ..bags.open_folder import open_folder
 from ..exporter.to_bag import ExportOptions, convert
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
 from ..kitti.predictions import add_predictions
@@ -23,7 +24,6 @@ from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .progress import conversion_progress
 from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
 

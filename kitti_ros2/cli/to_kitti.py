@@ -15,6 +15,7 @@ from ..bags.locate import is_bag
 from ..bags.open_source import open_bag_source
 from ..bags.search import is_bag_name
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.staging import refuse_inside
 from ..model.errors import UsageError
 from ..options.batch import split_batch_options
@@ -22,7 +23,6 @@ from ..options.table import make_import_options
 from ..own_bags.to_kitti import Conversion, is_restored, own_bags
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
-from .kept_imports import keep_imports
 from .plan_look import (
     PlanRequest,
     check_preview,

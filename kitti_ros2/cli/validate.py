@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.search import is_bag_name
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..model.text import one_line
 from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_validation_options
 from ..validation.validate import validate
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
-from .kept_imports import keep_imports
 from .progress import step_progress
 from .text import complain, format_bytes, format_count, format_path
 

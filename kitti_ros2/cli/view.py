@@ -9,6 +9,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..files.freed_memory import keep_freed_memory
+from ..files.kept_imports import keep_imports
 from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged, staged_file
 from ..kitti.result_files import ResultFiles
@@ -30,7 +31,6 @@ from ..pictures.series import (
 )
 from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .kept_imports import keep_imports
 from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
 

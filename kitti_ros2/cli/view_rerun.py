@@ -10,6 +10,7 @@ from contextlib import closing
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from ..files.kept_imports import keep_imports
 from ..files.replacing import keep_all, keep_all_but_files
 from ..files.staging import staged_file
 from ..model.errors import UsageError
@@ -17,7 +18,6 @@ from ..options.table import make_settings
 from ..player.source import open_program
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .kept_imports import keep_imports
 from .progress import conversion_progress
 from .text import complain, format_bytes, format_count, format_path, say
 

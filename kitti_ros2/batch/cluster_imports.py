@@ -1,0 +1,13 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the server of a local Dask cluster's worker processes imports, once for all."""
+
+from importlib import import_module
+
+from ..files.kept_imports import kept_imports
+
+with kept_imports():
+    import_module('distributed.nanny')
+    from . import dask_unit, worker_imports
+
+__all__ = ['dask_unit', 'worker_imports']
