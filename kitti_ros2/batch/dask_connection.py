@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import tempfile
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -94,6 +95,7 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
             cluster = distributed().LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
+                env=dict(os.environ),  # the server of workers has the one of its start
                 processes=True,
                 host='127.0.0.1',
                 # Without an address it takes port 8787, and warns if that is in use.

@@ -11,15 +11,20 @@ from pathlib import Path
 
 import pytest
 
+from kitti_ros2.batch.dask_unit import own_version
+from kitti_ros2.batch.dask_workers import open_cluster
 from kitti_ros2.batch.pool import prepare_workers, run_on_processes
 from kitti_ros2.batch.results import UnitJob, UnitResult
 from kitti_ros2.batch.units import WorkUnit
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.batch import LOCAL
 
 from builders import copied_drives  # isort: skip
 
 WORKER = """
 import gc, multiprocessing, sys
+from kitti_ros2.batch.dask_unit import own_version
+from kitti_ros2.batch.dask_workers import open_cluster
 from kitti_ros2.batch.pool import prepare_workers
 
 
@@ -86,4 +91,16 @@ def test_workers_see_the_environment_of_now(monkeypatch, value):
     prepare_workers()
     monkeypatch.setenv('KITTI_ROS2_TEST', value)
     (found,) = run_on_processes(_Jobs('KITTI_ROS2_TEST'), _told, print, 1, 0)
+    assert found[1].reason == value
+
+
+@pytest.mark.parametrize('value', ['first', 'second'])
+def test_workers_of_a_local_cluster_see_the_environment_of_now(tmp_path, monkeypatch, value):
+    pytest.importorskip('distributed', reason='clusters need the extra cluster')
+    (tmp_path / 'witness').touch()
+    prepare_workers(cluster=True)
+    monkeypatch.setenv('KITTI_ROS2_TEST', value)
+    with open_cluster(LOCAL, 1, own_version(), print) as cluster:
+        jobs = _Jobs('KITTI_ROS2_TEST')
+        (found,) = cluster.run(jobs, _told, lambda *_: None, tmp_path / 'witness')
     assert found[1].reason == value
