@@ -51,6 +51,7 @@ class BagMessages:
             and the typestore returns the original texts of definitions.
         as_ros: Whether messages with Foxglove's schemas are converted, and log times beyond int64
             become the last one; by default unless as_stored.
+        must_read: Whether a requested topic that cannot be read is an error; else it is left out.
 
     Attributes:
         channels: Topic and type of each channel that is read, sorted by topic.
@@ -62,7 +63,7 @@ class BagMessages:
 
     Raises:
         BadBagError: A bag cannot be read at all, bags disagree about a topic's type, or the type of
-            a requested topic is undefined, or defined differently by two bags.
+            a topic that must be read is undefined, or defined differently by two bags.
     """
 
     def __init__(
@@ -72,10 +73,11 @@ class BagMessages:
         *,
         as_stored: bool = False,
         as_ros: bool | None = None,
+        must_read: bool = True,
     ) -> None:
         self._path = path_of(bags[0])
         self._findings = Findings()
-        self._topics = topics
+        self._must_read = must_read and topics is not None
         self._as_stored = as_stored
         as_ros = not as_stored if as_ros is None else as_ros
         self._last_ns = _LAST_NS if as_ros else _LAST_STORED_NS
@@ -280,7 +282,7 @@ class BagMessages:
                 self._to_cdr.prepare(reading.channel, self._definitions)
             except MissingLibraryError as error:
                 encodings = {stored(each.channel).encoding for each in self._readings}
-                if self._topics is not None or encodings == {'protobuf'}:
+                if self._must_read or encodings == {'protobuf'}:
                     raise
                 self._lose_channel(reading, str(error))
             except ValueError as error:
@@ -288,7 +290,7 @@ class BagMessages:
 
     def _leave_out_undefined(self, reading: Reading, reason: str) -> None:
         text = f'{reading.channel.topic} cannot be read: {reason}'
-        if self._topics is not None:
+        if self._must_read:
             raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
         if reading.channel.definition.strip():
             # The definition is present but unusable: it may be damaged.

@@ -80,20 +80,24 @@ def bag_stamps(bags: Bags) -> dict[str, Int64Array]:
     return index_bag(bags).by_topic()
 
 
-def open_messages(bags: Bags, topics: Collection[str] | None = None) -> BagMessages:
+def open_messages(
+    bags: Bags, topics: Collection[str] | None = None, *, must_read: bool = True
+) -> BagMessages:
     """Open bags to read their messages; the result is a context manager, and an iterable.
 
     Args:
         bags: The bags to read; the messages of several are merged by time.
         topics: The topics to read; all of them by default.
+        must_read: Whether a requested topic whose type has no definition, or two, is an error; else
+            it is left out, as without topics.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all; bags disagree about a
-            topic's type; or the type of a requested topic has no definition, or two.
+            topic's type; or a requested topic cannot be read.
         UsageError: A path is given twice.
         OSError: A file cannot be read.
     """
-    return BagMessages(_each_once(bags), topics)
+    return BagMessages(_each_once(bags), topics, must_read=must_read)
 
 
 def _each_once(bags: Bags) -> Sequence[BagSource]:

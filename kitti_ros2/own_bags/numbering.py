@@ -200,7 +200,7 @@ def _by_header(
 ) -> dict[str, NumberedTopic]:
     """Number by the stamps in headers, and by the names in texts."""
     found: dict[str, list[tuple[int, int, int]]] = {}
-    with open_messages(bag, set(streams)) as messages:
+    with open_messages(bag, set(streams), must_read=False) as messages:
         for message in messages:
             stamp_ns, number = message.stamp_ns, UNKNOWN
             try:

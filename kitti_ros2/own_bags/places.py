@@ -53,7 +53,8 @@ class PlacedMessages:
     """
 
     def __init__(self, bag: BagSource, topics: Collection[str]) -> None:
-        self._messages = open_messages(bag, topics)
+        self._messages = open_messages(bag, topics, must_read=False)
+        self._types = dict(self._messages.channels)
         self._lock = Lock()
 
     def close(self) -> None:
@@ -64,9 +65,11 @@ class PlacedMessages:
         """Read and decode the message at a place.
 
         Raises:
-            MissingDataError: It is missing.
+            MissingDataError: It is missing, or its topic cannot be read.
             Exception: It cannot be decoded; generated code lets anything out.
         """
+        if place.topic not in self._types:
+            raise MissingDataError('its type is not defined')
         before = place.before
         with self._lock:
             for message in self._messages.since(place.log_ns):

@@ -185,7 +185,8 @@ class BagRecording:
             if topic is None or row.latched or not topic.is_numbered:
                 continue
             is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
-            if is_read and self._survey.topics[name].msgtype == row.msgtype:
+            surveyed = self._survey.topics.get(name)  # None: the bag does not define its type
+            if is_read and surveyed is not None and surveyed.msgtype == row.msgtype:
                 found.setdefault(row.stream, name)
         return found
 

@@ -120,7 +120,7 @@ def _restore(
     refused = write_texts(stage / blueprint.root, texts, path_of(source))
     with (
         opened(source) as bag,
-        open_messages(bag, _topics(blueprint.topics)) as messages,
+        open_messages(bag, _topics(blueprint.topics), must_read=False) as messages,
     ):
         writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
         files = ordered_map(writer.write, writer.files(), worker_count())
