@@ -70,7 +70,7 @@ def build(
         samples = SampleWriter(plan, frames, rigging, writer, target.first)
         builder = SetBuilder(samples, packets, target, losses)
         builder.write_calibration()
-        with open_messages(bags, builder.topics) as messages:
+        with open_messages(bags, builder.topics, must_read=False) as messages:
             read = numbered(messages)
             if target.excerpt is not None:
                 read = target.excerpt.read(messages, survey, frames, frame_topics(plan))

@@ -82,3 +82,16 @@ def test_a_type_that_others_contain_may_be_damaged(messages, tmp_path, capsys, c
         path.write_bytes(written(order, kind, damaged, DELAY_NS))
         _, said = run(command, path, tmp_path / f'out_{number}', capsys)
         assert 'internal error' not in said, kind
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW])
+def test_images_whose_type_only_another_topic_defines_do_not_stop_a_plan(
+    messages, tmp_path, capsys
+):
+    kind = 'sensor_msgs/msg/CompressedImage'  # markers contain one
+    path, out = tmp_path / 'o.mcap', tmp_path / 'set'
+    path.write_bytes(written(messages, kind, lambda _: NEEDS_UNKNOWN, 0))
+    assert main(['to-kitti', str(path), str(out), '--layout', 'object']) == EXIT_LOSSES
+    assert f'defines {kind}' in capsys.readouterr().err
+    assert len([*out.glob('training/velodyne/*.bin')]) == 2
+    assert not [*out.glob('training/image_2/*')]
