@@ -146,6 +146,8 @@ def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContent
     position = 0
     while position < len(section):
         fields, at, position = split_record(section, position)
+        if position > len(section):
+            raise ValueError('cut')
         body = section[at:position]
         opcode = opcode_of(fields)
         if opcode == CONNECTION:
@@ -153,6 +155,8 @@ def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContent
             channels[channel_id] = channel
         elif opcode == CHUNK_INFO:
             times = parse_time(fields[b'start_time']), parse_time(fields[b'end_time'])
+            if len(body) != _COUNT.size * int.from_bytes(fields[b'count'], 'little'):
+                raise ValueError('a chunk with other connections than it counts')
             counts = dict(_COUNT.iter_unpack(body))
             infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
     if len(infos) != expected:

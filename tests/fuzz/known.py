@@ -127,6 +127,17 @@ def _ros1_lengths() -> list[bytes]:
     ]
 
 
+def _ros1_chunk_info() -> list[bytes]:
+    """Bags of ROS 1 whose index counts the messages of a chunk in too few bytes."""
+    data = own_bag('a.bag').read_bytes()
+    at = data.index(b'\4\0\0\0op=\6')
+    size_at = at + struct.unpack_from('<I', data, at - 4)[0]
+    (size,) = struct.unpack_from('<I', data, size_at)
+    return [
+        data[:size_at] + struct.pack('<I', size - fewer) + data[size_at + 4 :] for fewer in (3, 8)
+    ]
+
+
 def _chunk(kind: bytes, body: bytes, length: int | None = None) -> bytes:
     size = len(body) if length is None else length
     return struct.pack('>I', size) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
@@ -240,7 +251,7 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'foxglove': (_beyond_float32,),
     'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
     'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
-    'ros1': (_ros1_bomb, _ros1_lengths),
+    'ros1': (_ros1_bomb, _ros1_lengths, _ros1_chunk_info),
     'sqlite3': (_databases, _circles),
     'option_text': (_shares,),
     'png': (_pngs,),
