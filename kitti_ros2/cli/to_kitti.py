@@ -11,7 +11,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..bags.locate import is_bag
+from ..bags.locate import METADATA, is_bag
 from ..bags.open_source import open_bag_source
 from ..bags.search import is_bag_name
 from ..files.freed_memory import keep_freed_memory
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 
 _NO_OUT = 'OUT is missing (the folder to create)'
+_YAML = {'.yaml', '.yml'}
 
 
 def run_to_kitti(
@@ -90,6 +91,7 @@ def run_to_kitti(
                 '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
                 ' and --json with the conversion, and --preview without --plan'
             )
+        _check_plan_only(paths, plan_file)
         return _print_plan(paths, options)
     shown = sys.stdout.isatty() and not (quiet or json)
     bags, out = _split(paths, alone=shown or json or preview is not None)
@@ -203,6 +205,21 @@ def _note(text: str) -> None:
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
     """Open bags until the end of a stack."""
     return [stack.enter_context(open_bag_source(path)) for path in paths]
+
+
+def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
+    """Check that --plan has bags only.
+
+    Raises:
+        UsageError: It was given a plan, or an output.
+    """
+    texts = (path for path in paths if path.suffix in _YAML and path.name != METADATA)
+    given = next(texts, plan_file)
+    if given is not None:
+        raise UsageError(f'--plan prints a plan; to convert by yours, give --plan-file {given}')
+    last = paths[-1]
+    if len(paths) > 1 and not is_bag(last):
+        raise UsageError(f'--plan prints a plan and writes no {last}; leave it out')
 
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:

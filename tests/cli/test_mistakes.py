@@ -205,6 +205,24 @@ def test_no_out_for_the_other_command(recordings, capsys):
     assert command_in(line) == ['to-bag', str(recordings[Layout.OBJECT]), 'object.mcap']
 
 
+@pytest.mark.parametrize(
+    'words', [['{out}', '--plan', '{plan}'], ['--plan', '--plan-file', '{plan}']]
+)
+def test_a_plan_given_to_the_option_that_prints_one(recordings, tmp_path, capsys, words):
+    bag = make_bag(recordings[Layout.OBJECT], tmp_path)
+    plan = tmp_path / 'my.yaml'
+    plan.write_text('layout: object\n')
+    given = [word.format(out=tmp_path / 'out', plan=plan) for word in words]
+    line = complain(['to-kitti', bag, *given], capsys)
+    assert f'--plan prints a plan; to convert by yours, give --plan-file {plan}' in line
+
+
+def test_an_output_for_the_plan(recordings, tmp_path, capsys):
+    bag = make_bag(recordings[Layout.OBJECT], tmp_path)
+    line = complain(['to-kitti', bag, tmp_path / 'out', '--plan'], capsys)
+    assert f'--plan prints a plan and writes no {tmp_path / "out"}; leave it out' in line
+
+
 def test_the_metadata_of_a_bag(recordings, tmp_path, capsys):
     folder = make_bag(recordings[Layout.OBJECT], tmp_path, 'sqlite3')
     for command in ('info', 'to-kitti'):
