@@ -243,7 +243,8 @@ def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
 
 
 def _score(result: Any) -> float:  # noqa: ANN401 - of the bag's types
-    return float(getattr(getattr(result, 'hypothesis', result), 'score', 1.0))
+    score = getattr(getattr(result, 'hypothesis', result), 'score', 1.0)
+    return float(score) if isinstance(score, (int, float)) else 1.0
 
 
 def _class(result: Any) -> str:  # noqa: ANN401 - of the bag's types

@@ -45,6 +45,13 @@ _OPTIONAL = {
         'mesh_use_embedded_materials',
     },
 }
+# Numbers that have other places in other versions; all of one version are needed.
+_VERSIONS = {
+    'vision_msgs/msg/BoundingBox2D': (
+        ('center.position.x', 'center.position.y', 'center.theta'),
+        ('center.x', 'center.y', 'center.theta'),
+    ),
+}
 
 
 def lacking_field(typestore: Typestore, msgtype: str) -> str:
@@ -66,7 +73,23 @@ def lacking_field(typestore: Typestore, msgtype: str) -> str:
         inner = _lacking_within(typestore, fields[name])
         if inner:
             return f'{name}.{inner}'
-    return ''
+    versions = _VERSIONS.get(msgtype, ())
+    if not versions or any(
+        all(_is_number(typestore, msgtype, place) for place in places) for places in versions
+    ):
+        return ''
+    return versions[0][0]
+
+
+def _is_number(typestore: Typestore, msgtype: str, place: str) -> bool:
+    """Whether a message has a number at a place such as center.x."""
+    name, _, inner = place.partition('.')
+    fields = dict(typestore.fielddefs[msgtype][1]) if msgtype in typestore.fielddefs else {}
+    kind, detail = fields.get(name, (None, ''))
+    if inner:
+        nested = str(detail)
+        return kind == Nodetype.NAME and _is_number(typestore, nested, inner)
+    return kind == Nodetype.BASE and cast('tuple[Basename, int]', detail)[0] != 'string'
 
 
 def _lacking_within(typestore: Typestore, field: FieldDesc) -> str:

@@ -67,3 +67,27 @@ def test_a_field_within_is_named_by_its_way():
     known['geometry_msgs/msg/Vector3'] = (constants, fields[:2])
     store.register({name: each for name, each in known.items() if name not in store.fielddefs})
     assert lacking_field(store, 'sensor_msgs/msg/Imu') == 'angular_velocity.z'
+
+
+POINT = 'MSG: vision_msgs/Point2D\nfloat64 x\nfloat64 y\n'
+
+
+@pytest.mark.parametrize(
+    ('center', 'lacking'),
+    [
+        (f'vision_msgs/Point2D position\nfloat64 theta\n={POINT}', ''),
+        ('float64 x\nfloat64 y\nfloat64 theta\n', ''),
+        ('float64 x\nfloat64 theta\n', 'center.position.x'),
+        (f'vision_msgs/Point2D place\nfloat64 theta\n={POINT}', 'center.position.x'),
+        (f'vision_msgs/Point2D position\n={POINT}', 'center.position.x'),
+        ('string x\nfloat64 y\nfloat64 theta\n', 'center.position.x'),
+        ('float64 position\nfloat64 theta\n', 'center.position.x'),
+    ],
+)
+def test_a_box_has_the_center_of_one_version(center, lacking):
+    store = get_typestore(Stores.EMPTY)
+    rule = '=' * 80 + '\n'
+    text = 'vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n'
+    text += f'{rule}MSG: vision_msgs/Pose2D\n' + center.replace('=', rule)
+    store.register(get_types_from_msg(text, 'vision_msgs/msg/BoundingBox2D'))
+    assert lacking_field(store, 'vision_msgs/msg/BoundingBox2D') == lacking
