@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import os
+import sys
 import time
 import traceback
 import warnings
@@ -243,10 +243,9 @@ def run_input(target: Target, data: bytes) -> str:
 
 def _forget_results() -> None:
     """Clear the package's bounded caches, so that an input costs as much as the first time."""
-    caches = [each for each in gc.get_objects() if isinstance(each, _Cache)]
-    for each in caches:
-        ours = str(getattr(each, '__module__', '')).startswith(PACKAGE.name)
-        if ours and each.cache_parameters()['maxsize'] is not None:
+    modules = [module for name, module in sys.modules.items() if name.startswith(PACKAGE.name)]
+    for each in (value for module in modules for value in vars(module).values()):
+        if isinstance(each, _Cache) and each.cache_parameters()['maxsize'] is not None:
             each.cache_clear()
 
 
