@@ -59,7 +59,7 @@ def main(args: list[str] | None = None) -> int:
             ending = end_by_signal()
             code = _run_to_one_line(words, debug=debug)
             ending.leave(code)
-            gc.freeze()
+            gc.freeze()  # as below
             return code
         code = _run_to_one_line(words, debug=debug, interruptible=True)
         gc.freeze()  # the interpreter looks for garbage once more at its end: a tenth of a second

@@ -23,8 +23,6 @@ from builders import copied_drives  # isort: skip
 
 WORKER = """
 import gc, multiprocessing, sys
-from kitti_ros2.batch.dask_unit import own_version
-from kitti_ros2.batch.dask_workers import open_cluster
 from kitti_ros2.batch.pool import prepare_workers
 
 
