@@ -149,7 +149,8 @@ class BagMessages:
 
         Args:
             is_enough: Asked with a topic before a message of it is read, which may be before the
-                message before it is yielded if a topic is in several files.
+                message before it is yielded if a topic is in several files. It is also asked some
+                messages ahead, without effect on what is yielded.
         """
         known: list[dict[int, str]] = [{} for _ in self._files]
         for each in self._readings:

@@ -3,8 +3,7 @@
 """A rosbag2 .db3 file open for reading, even if it is truncated or damaged.
 
 All rows are listed first, without their data, and sorted by time. Their data are read by one query
-up to the first failure, then from the file's pages. Of large data the query tells the size only:
-they are read by the table's tree, unless that fails where SQLite succeeds.
+up to the first failure, then from the file's pages.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import os
 import sqlite3
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
@@ -20,12 +19,11 @@ import numpy as np
 from ..files.remote import is_remote
 from ..model.errors import BadBagError
 from ..model.text import one_line
-from .decompressors import ZSTD_MAGIC
-from .pieces import BagFile, FileBytes, Piece, size_of
+from .pieces import BagFile, FileBytes, Piece
 from .sqlite_connection import GuardedConnection
+from .sqlite_rows import QueriedRows
 from .sqlite_scan import Pages
 from .sqlite_topics import scanned_topics, stored_topics
-from .sqlite_tree import TableTree
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -38,17 +36,6 @@ if TYPE_CHECKING:
     from .sqlite_scan import MessageRow
 
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
-# SQLite does not read data of which it needs type and length only.
-_DATA = (
-    "SELECT id, CASE WHEN typeof(data) = 'blob' AND length(data) >= 65536 THEN NULL ELSE data END,"
-    ' length(data)'
-    ' FROM messages {} WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
-)
-_ONE = 'SELECT data FROM messages WHERE id = ?'
-_ROOT = "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = 'messages'"
-_IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
-_TO_SORT = _DATA.format('', '{}', 'timestamp, id')
-_AHEAD_BYTES = 2**22
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
 
@@ -217,44 +204,18 @@ class SqliteFile(BagFile):
         """Yield the messages of rows by the fastest query, up to the first damage."""
         if self._connection is None or not len(rows):
             return
-        # The database's index sorts the rows, unless they are stored in order.
-        query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
-        query = query.format(', '.join('?' * len(wanted)))
-        try:
-            tree = self._tree(self._connection)
-            found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
-            done = expected = 0
-            for row_id, topic_id, stamp_ns in rows.tolist():
-                row = next(found, None)
-                if row is None or row[0] != row_id:
-                    return
-                data = row[1]
-                if data is None and isinstance(row[2], int) and row[2] <= self._size:
-                    whole = not (self.is_start_enough and self.is_start_enough(topic_id))
-                    data = _large(self._connection, tree, row_id, row[2], whole=whole)
-                if not isinstance(data, (bytes, memoryview)) or self._is_zeros(data):
-                    return
-                yield stamp_ns, topic_id, data
-                # Rows stored in order lie about as far in the file as their data together.
-                done += size_of(data)
-                if done >= expected:
-                    self._file.expect(done + _AHEAD_BYTES, _AHEAD_BYTES)
-                    expected = done + _AHEAD_BYTES
-        except sqlite3.Error:
-            return
-
-    def _is_zeros(self, data: bytes | memoryview) -> bool:
-        """Whether data are what SQLite reads from a file that was truncated meanwhile."""
-        return type(data) is bytes and self._file.is_cut()
-
-    def _tree(self, connection: sqlite3.Connection) -> TableTree | None:
-        """Return the tree of the messages; None if the file does not hold all of it.
-
-        Raises:
-            sqlite3.Error: The database cannot be read.
-        """
-        found = connection.execute(_ROOT).fetchone() if self._is_whole else None
-        return TableTree(self._file, self._pages, found[0]) if found else None
+        with (
+            suppress(sqlite3.Error),
+            QueriedRows(
+                self._connection,
+                self._file,
+                self._pages,
+                self._size,
+                in_pages=self._is_whole,
+                is_start_enough=self.is_start_enough,
+            ) as queried,
+        ):
+            yield from queried.read(rows, wanted)
 
     def _data(self, row_id: int) -> bytes | None:
         message = self._scanned().get(row_id)
@@ -279,25 +240,3 @@ def _listed_rows(connection: sqlite3.Connection) -> npt.NDArray[np.void]:
     if (np.diff(rows['id']) <= 0).any():
         raise ValueError('its rows are not in order')
     return rows
-
-
-def _large(
-    connection: sqlite3.Connection,
-    tree: TableTree | None,
-    row_id: int,
-    size: int,
-    *,
-    whole: bool,
-) -> Any:  # noqa: ANN401 - of any database
-    """Return the data of a row or their MessageStart, from the file's pages or else from SQLite.
-
-    Raises:
-        sqlite3.Error: The data cannot be read.
-    """
-    if tree is not None:
-        with suppress(ValueError):
-            start = None if whole else tree.start(row_id, size)
-            # What rosbag2 compressed is read whole.
-            return tree.blob(row_id, size) if start is None or start[:4] == ZSTD_MAGIC else start
-    row = connection.execute(_ONE, [row_id]).fetchone()
-    return row[0] if row else None

@@ -37,7 +37,7 @@ _DEEPEST = 20
 _KEPT = 16
 _LINK = 4
 _BLOCK = 2**20
-_SKIMMED_BLOCK = 2**18  # stays in the cache of a core
+_SKIMMED_BLOCK = 2**20
 _START_BYTES = 2**10
 _BLOB = 12  # the type of an empty one; each byte adds 2
 

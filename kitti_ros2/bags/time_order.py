@@ -9,11 +9,10 @@ takes the memory of the pieces that overlap, and of a few that threads read ahea
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
 from heapq import heappop, heappush, heapreplace
 from typing import TYPE_CHECKING
 
-from ..files.workers import worker_count
+from ..files.workers import SpareThreads
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -78,8 +77,7 @@ class _Turns:
         self._waiting = deque(waiting)
         self._ahead: deque[Future[FetchedPiece] | None] = deque()
         self._most_ahead = 0
-        workers = worker_count()
-        self._threads = ThreadPoolExecutor(workers) if workers > 1 else None
+        self._threads = SpareThreads()
 
     @property
     def start_ns(self) -> int | None:
@@ -100,17 +98,14 @@ class _Turns:
 
     def _request(self, number: int, piece: Piece) -> Future[FetchedPiece] | None:
         file = self._files[number][0]
-        if self._threads and file.fetches and _LEAST_FETCHED <= piece.length <= _MOST_FETCHED:
-            try:
-                return self._threads.submit(file.fetch, piece)
-            except RuntimeError:  # the system has no thread left
-                self._threads = None
-        file.expect(piece)
-        return None
+        can_fetch = file.fetches and _LEAST_FETCHED <= piece.length <= _MOST_FETCHED
+        ahead = self._threads.submit(file.fetch, piece) if can_fetch else None
+        if ahead is None:
+            file.expect(piece)
+        return ahead
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._threads:
-            self._threads.shutdown(cancel_futures=True)
+        self._threads.close()

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from concurrent.futures import Future
 
-    from typing_extensions import Self
+    from typing_extensions import ParamSpec, Self
+
+    P = ParamSpec('P')
 
 T = TypeVar('T')
 R = TypeVar('R')
@@ -78,6 +80,31 @@ class OrderedPool(Generic[R]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class SpareThreads:
+    """Threads for work that may as well be done in turn: as many as worker_count, if over one.
+
+    The work should release the interpreter's lock.
+    """
+
+    def __init__(self) -> None:
+        workers = worker_count()
+        self._threads = ThreadPoolExecutor(workers) if workers > 1 else None
+
+    def submit(self, task: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R] | None:
+        """Start a task on a thread; None if there is no thread for it."""
+        if self._threads is not None:
+            try:
+                return self._threads.submit(task, *args, **kwargs)
+            except RuntimeError:  # the system has no thread left
+                self._threads = None
+        return None
+
+    def close(self) -> None:
+        """Cancel the tasks that wait, and wait for the others to end."""
+        if self._threads is not None:
+            self._threads.shutdown(cancel_futures=True)
 
 
 def ordered_map(

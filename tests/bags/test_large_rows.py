@@ -4,18 +4,22 @@
 
 from __future__ import annotations
 
+import errno
 import random
 import sqlite3
 import struct
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import zstandard
 
-from kitti_ros2.bags import sqlite_tree
+from kitti_ros2.bags import sqlite_rows, sqlite_tree
 from kitti_ros2.bags.pieces import FileBytes, MessageStart, size_of
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_scan import Pages
 from kitti_ros2.bags.sqlite_tree import TableTree
+from kitti_ros2.files import workers as workers_module
 
 TABLES = """
 CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
@@ -28,6 +32,15 @@ INSERT = 'INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)'
 START_NS = 1_700_000_000 * 10**9
 SHOWN = 1024
 SIZES = (0, 1, 500, 4000, 4061, 4062, 65535, 65536, 65537, 80_000, 4092 * 40, 1_300_000, 2**22)
+
+
+@pytest.fixture(autouse=True, params=[1, 3], ids='workers={}'.format)
+def workers(request, monkeypatch):
+    """Read in turn, and by threads in small batches."""
+    monkeypatch.setattr(workers_module, 'worker_count', lambda: request.param)
+    monkeypatch.setattr(sqlite_rows, '_LEAST_AHEAD', 2**16)
+    monkeypatch.setattr(sqlite_rows, '_BATCH_BYTES', 2**18)
+    return request.param
 
 
 def blobs(count: int = 60) -> list[bytes]:
@@ -239,3 +252,102 @@ def test_what_rosbag2_compressed_is_read_whole(tmp_path):
     with open_messages(path) as messages:
         messages.skim(lambda _: True)
         assert [bytes(each.data) for each in messages] == [data]
+
+
+def several(path, count=20, size=150_000):
+    connection = database(path)
+    rows = write(connection, [random.Random(number).randbytes(size) for number in range(count)])
+    connection.close()
+    return rows
+
+
+def skimmed(path, is_enough=lambda _: True):
+    with open_messages(path) as messages:
+        messages.skim(is_enough)
+        found = [(each.stamp_ns, size_of(each.data), bytes(each.data[:SHOWN])) for each in messages]
+        return found, messages.findings
+
+
+@pytest.fixture
+def readers(monkeypatch):
+    """The thread that read each start."""
+    seen = []
+    start = TableTree.start
+
+    def spy(tree, row_id, size):
+        seen.append(threading.current_thread())
+        return start(tree, row_id, size)
+
+    monkeypatch.setattr(TableTree, 'start', spy)
+    return seen
+
+
+def test_threads_read_starts_and_the_first_in_turn(tmp_path, readers, workers):
+    rows = several(tmp_path / 'bag.db3')
+    found, _ = skimmed(tmp_path / 'bag.db3')
+    assert found == [(stamp_ns, len(data), data[:SHOWN]) for stamp_ns, data in rows]
+    assert len(readers) == len(rows)
+    in_turn = readers.count(threading.main_thread())
+    assert in_turn == (len(rows) if workers == 1 else 1)
+
+
+def test_what_is_needed_whole_at_its_turn_is_read_whole(tmp_path):
+    rows = several(tmp_path / 'bag.db3')
+    path = tmp_path / 'bag.db3'
+    taken = 0
+    with open_messages(path) as messages:
+        messages.skim(lambda _: taken < 7)
+        for message, (_, data) in zip(messages, rows, strict=True):
+            taken += 1
+            assert (bytes(message.data) == data) == (taken > 7)
+
+
+@pytest.mark.parametrize('in_threads_only', [True, False])
+def test_a_disk_that_refuses(in_threads_only, tmp_path, monkeypatch, workers):
+    path = tmp_path / 'bag.db3'
+    rows = several(path)
+    expected = skimmed(path)
+    read_into = FileBytes.read_into
+    failures = []
+
+    def fail(file, position, target):
+        is_main = threading.current_thread() is threading.main_thread()
+        if position > 500_000 and not (is_main and in_threads_only):
+            failures.append(position)
+            raise OSError(errno.EIO, 'the disk refuses', str(file.name))
+        return read_into(file, position, target)
+
+    monkeypatch.setattr(FileBytes, 'read_into', fail)
+    if in_threads_only:
+        assert skimmed(path) == expected
+        assert bool(failures) == (workers > 1)
+        assert len(expected[0]) == len(rows)
+        return
+    with pytest.raises(OSError, match=r'the disk refuses.*bag\.db3'):
+        skimmed(path)
+
+
+def test_a_system_without_threads_reads_all(tmp_path, monkeypatch):
+    several(tmp_path / 'bag.db3')
+    expected = skimmed(tmp_path / 'bag.db3')
+
+    def refuse(*_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(ThreadPoolExecutor, 'submit', refuse)
+    assert skimmed(tmp_path / 'bag.db3') == expected
+
+
+def test_who_stops_early_leaves_no_thread(tmp_path, readers):
+    several(tmp_path / 'bag.db3')
+    before = threading.active_count()
+    with open_messages(tmp_path / 'bag.db3') as messages:
+        messages.skim(lambda _: True)
+        found = messages.since(None)
+        next(found)
+        assert len(readers) == 1
+        for _ in range(8):
+            next(found)
+        found.close()
+        assert threading.active_count() == before
+    assert len(readers) < 20

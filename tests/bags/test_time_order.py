@@ -7,6 +7,7 @@ from __future__ import annotations
 import errno
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.bags import chunked_file, time_order
+from kitti_ros2.bags import chunked_file
 from kitti_ros2.bags.chunked_file import ChunkedFile
 from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.files import workers as workers_module
 
 COUNT = 14
 SIZE = 700_000
@@ -73,7 +75,7 @@ def bag(request, tmp_path):
 
 
 def read(bag, monkeypatch, workers, since_ns=None):
-    monkeypatch.setattr(time_order, 'worker_count', lambda: workers)
+    monkeypatch.setattr(workers_module, 'worker_count', lambda: workers)
     with open_messages([bag]) as messages:
         found = [
             (each.topic, each.stamp_ns, hash(bytes(each.data))) for each in messages.since(since_ns)
@@ -161,14 +163,14 @@ def test_a_system_without_threads_reads_all(tmp_path, monkeypatch):
     def refuse(*_):
         raise RuntimeError("can't start new thread")
 
-    monkeypatch.setattr(time_order.ThreadPoolExecutor, 'submit', refuse)
+    monkeypatch.setattr(ThreadPoolExecutor, 'submit', refuse)
     assert read(bag, monkeypatch, 3) == expected
 
 
 def test_who_stops_early_waits_for_one_piece_and_leaves_no_thread(tmp_path, monkeypatch, fetches):
     bag = tmp_path / 'bag.mcap'
     write_mcap(bag, 'none', sorted_stamps=True)
-    monkeypatch.setattr(time_order, 'worker_count', lambda: 3)
+    monkeypatch.setattr(workers_module, 'worker_count', lambda: 3)
     before = threading.active_count()
     with open_messages([bag]) as messages:
         found = messages.since(None)

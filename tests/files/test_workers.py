@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.files.workers import OrderedPool, ordered_map, worker_count
+from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map, worker_count
 
 
 @given(st.lists(st.integers(), max_size=60), st.integers(1, 4), st.integers(1, 9))
@@ -60,3 +60,25 @@ def test_a_closed_pool_cancels_what_has_not_begun():
 def test_workers_are_as_many_as_the_processors_up_to_a_bound(monkeypatch):
     monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(12)))
     assert (worker_count(), worker_count(4), worker_count(None)) == (8, 4, 12)
+
+
+@pytest.mark.parametrize(('available', 'has_threads'), [(1, False), (2, True)])
+def test_there_are_spare_threads_where_there_are_processors(available, has_threads, monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: set(range(available)))
+    threads = SpareThreads()
+    task = threads.submit(divmod, 7, 2)
+    assert (task is not None) == has_threads
+    assert task is None or task.result() == (3, 1)
+    threads.close()
+
+
+def test_without_a_thread_left_there_are_no_spare_ones(monkeypatch):
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
+
+    def refuse(_):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, 'start', refuse)
+    threads = SpareThreads()
+    assert [threads.submit(str), threads.submit(str)] == [None, None]
+    threads.close()

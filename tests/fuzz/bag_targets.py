@@ -33,7 +33,7 @@ _MCAP = ('bags/mcap_file.py', 'bags/mcap_scan.py', 'bags/mcap_records.py',
          'bags/chunked_file.py', 'bags/chunk_scan.py',
          'bags/record_walk.py')  # fmt: skip
 _SQLITE = ('bags/sqlite_file.py', 'bags/sqlite_scan.py', 'bags/sqlite_tree.py',
-           'bags/sqlite_topics.py', 'bags/sqlite_connection.py')  # fmt: skip
+           'bags/sqlite_rows.py', 'bags/sqlite_topics.py', 'bags/sqlite_connection.py')  # fmt: skip
 _ROS1 = ('bags/ros1_file.py', 'bags/ros1_scan.py', 'bags/ros1_records.py',
          'bags/ros1_messages.py', 'bags/chunked_file.py', 'bags/chunk_scan.py',
          'bags/record_walk.py')  # fmt: skip
