@@ -8,7 +8,7 @@ import os
 import sys
 import threading
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -75,15 +75,31 @@ class ReadAhead:
         for number, sample in enumerate(self._ahead):
             sample.fetch_again(self._fetch(number))
 
+    def prepare(self, position: int, samples: int) -> None:
+        """Wait until samples from a position on are there, within the limit.
+
+        An error of one comes when it is taken.
+        """
+        self._go_to(position)
+        samples = min(samples, self._size)
+        while len(self._ahead) < samples:
+            self._submit()
+        for _, sample in zip(range(samples), self._ahead, strict=False):
+            sample.wait()
+
     def take(self, position: int) -> Fetched:
         """Return the messages at a position; continue prefetching from there."""
+        self._go_to(position)
+        self._next = (position + 1) % self._total
+        return self._ahead.popleft().result()
+
+    def _go_to(self, position: int) -> None:
+        """Forget what is ahead, unless that is the sample at a position, and fetch this."""
         if position != self._next:
             self._drop()
             self._next = position
         if not self._ahead:
             self._submit()
-        self._next = (position + 1) % self._total
-        return self._ahead.popleft().result()
 
     def refill(self) -> None:
         """Start prefetching up to the limit."""
@@ -122,6 +138,10 @@ class _Sample:
             self._fetched, self._again = future, None
         else:
             self._again = future
+
+    def wait(self) -> None:
+        """Wait until there is a result."""
+        wait([self._fetched, *([self._again] if self._again else [])], return_when=FIRST_COMPLETED)
 
     def result(self) -> Fetched:
         """Return the result that is there, or wait for the first one."""

@@ -11,6 +11,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..messages.cdr import restamp_message
 from ..messages.last_keys import LastKeys
 from ..messages.markers import encode_clear
@@ -160,6 +162,7 @@ class Session:
         with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
             ahead.want(self._transport.look())
             ahead.refill()
+            self._prepare(0, ahead)
             if self.playback.state().waiting:
                 self._say(self._wait.beginning())
             for event in self.playback.events():
@@ -176,13 +179,20 @@ class Session:
         for complaint in self.program.losses:
             self._complain(complaint, 0)  # those found since the start
 
+    def _prepare(self, position: int, ahead: ReadAhead) -> None:
+        """Wait for the rest of the frame at a position: else it would be late, by its making."""
+        frames = self.program.frames[position:]
+        if len(frames):
+            others = np.flatnonzero(frames != frames[0])
+            ahead.prepare(position, int(others[0]) if len(others) else len(frames))
+
     def _do(self, event: Event, ahead: ReadAhead) -> None:
         if isinstance(event, Send):
             self._send(event, ahead)
         elif isinstance(event, Tick):
             self._tell(event.stamp_ns)
         elif isinstance(event, Jump):
-            self._jump(event)
+            self._jump(event, ahead)
         elif isinstance(event, Idle):
             self._look(ahead, at_rest=event.for_ns is None)
             # Decoding delays the next due message: a long gap is the best time for it.
@@ -284,8 +294,9 @@ class Session:
             self._wall_ns = offset
         return due_ns + self._wall_ns
 
-    def _jump(self, event: Jump) -> None:
-        """Resend latched messages after a seek, and mark all markers as stale."""
+    def _jump(self, event: Jump, ahead: ReadAhead) -> None:
+        """Prepare the next frame, resend latched messages, and mark all markers as stale."""
+        self._prepare(event.position, ahead)
         self._last_keys = LastKeys()
         self._stale = set(self._markers)
         self._frame = None

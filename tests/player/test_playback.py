@@ -222,6 +222,32 @@ def test_seek_lands_on_the_frame():
     assert (jump.position, jump.stamp_ns) == (9, STAMPS[9])
 
 
+@pytest.mark.parametrize('rate', [1.0, 3.0])
+def test_time_stands_still_until_a_jump_is_handled(rate):
+    clock = FakeClock()
+    playback, events = play(clock, rate=rate)
+    clock.at(0.05, lambda: playback.seek_offset(int(0.35 * SECOND)))
+    following = []
+    for at, event in events:
+        if isinstance(event, Jump):
+            clock.now += SECOND // 2
+            assert playback.state().offset_ns == int(0.35 * SECOND)
+        elif event.position >= 12:
+            following.append((round(at, 6), event.position))
+    after_s = [0.05, 0.051, 0.052]
+    assert following == [
+        (round(0.55 + each / rate, 6), 12 + number) for number, each in enumerate(after_s)
+    ]
+
+
+def test_time_stands_still_before_the_start():
+    clock = FakeClock()
+    playback, events = play(clock)
+    clock.now += SECOND
+    assert playback.state().offset_ns == 0
+    assert sends(events) == ON_TIME
+
+
 def test_seek_in_time_waits_for_the_next_sample():
     clock = FakeClock()
     playback, events = play(clock)

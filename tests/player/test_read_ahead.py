@@ -81,6 +81,21 @@ def test_the_beginning_follows_the_end(program):
     assert len(program.fetched) <= 3 * TOTAL + 4
 
 
+@pytest.mark.parametrize('samples', [1, 3, 100])
+def test_what_is_prepared_is_there(program, samples):
+    program.failing.add(9)
+    with ReadAhead(program, 4, polite=False) as ahead:
+        ahead.refill()
+        for position in (0, 8, 18):
+            ahead.prepare(position, samples)
+            ready = [each._fetched.done() for each in ahead._ahead]
+            assert ready[: min(samples, 4)] == [True] * min(samples, 4)
+            assert stamps(ahead.take(position)) == [position]
+        ahead.prepare(9, samples)
+        with pytest.raises(ZeroDivisionError):
+            ahead.take(9)
+
+
 def test_a_jump_forgets_what_was_ahead(program):
     with ReadAhead(program, 4, polite=False) as ahead:
         for position in (0, 1, 7, 8, 3, 3, 19, 0, 5):

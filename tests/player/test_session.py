@@ -3,6 +3,7 @@
 """A session between a program and a transport that the test makes."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from kitti_ros2.model.channels import Channel
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.session import LAST_WAIT_S, Session
 from kitti_ros2.player.transport import Audience
+
+from waiting import wait_until  # isort: skip
 
 SCAN, IMU, STATIC = range(3)
 POSITIONS = 6
@@ -216,6 +219,48 @@ def test_a_new_subscriber_holds_up_no_others():
     transport.publish = publish_and_subscribe
     Run(transport, program, read_ahead=POSITIONS).to_the_end()
     assert transport.happened.count(IMU) == POSITIONS
+
+
+class TimedProgram(SmallProgram):
+    """Frames of three positions, the first ones not there until a gate is open."""
+
+    def __init__(self):
+        super().__init__()
+        self.frames = np.repeat([7, 9], 3)
+        self.gate = threading.Event()
+        self.made_ns = {}
+
+    def fetch(self, index, wanted):
+        assert self.gate.wait(20)
+        made = super().fetch(index, wanted)
+        self.made_ns.setdefault(index, time.monotonic_ns())
+        return made
+
+
+def test_time_begins_when_the_first_frame_is_there():
+    program = TimedProgram()
+    due_ns = []
+    run = Run(FakeTransport((0, 0)), program)
+    run.session.on_publish = lambda _outlet, due, _now: due_ns.append(due)
+    threading.Timer(0.1, program.gate.set).start()
+    assert run.session.playback.state().offset_ns == 0
+    run.to_the_end()
+    assert due_ns[0] >= max(program.made_ns[position] for position in range(3))
+
+
+def test_after_a_jump_time_goes_on_when_its_frame_is_there():
+    program = TimedProgram()
+    program.gate.set()
+    due_ns = []
+    run = Run(FakeTransport((0, 0)), program, start_paused=True, read_ahead=1)
+    run.session.on_publish = lambda _outlet, due, _now: due_ns.append(due)
+    wait_until(lambda: 2 in program.made_ns)
+    program.gate.clear()
+    run.session.playback.seek_frame(9)
+    run.session.playback.resume()
+    threading.Timer(0.1, program.gate.set).start()
+    run.to_the_end()
+    assert due_ns[0] >= max(program.made_ns[position] for position in range(3, 6))
 
 
 class CachedTransport(FakeTransport):
