@@ -4,9 +4,9 @@
 
 from importlib import import_module
 
-from ..files.kept_imports import kept_imports
+from ..files.kept_imports import imports_of_a_worker
 
-with kept_imports():
+with imports_of_a_worker():
     import_module('distributed.nanny')
     from . import dask_unit, worker_imports
 

@@ -23,7 +23,7 @@ def keep_imports() -> None:
 
 
 @contextmanager
-def kept_imports() -> Iterator[None]:
+def imports_of_a_worker() -> Iterator[None]:
     """Keep what a process that starts imports inside; it has made nothing else yet."""
     gc.disable()
     try:

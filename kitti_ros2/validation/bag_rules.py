@@ -164,7 +164,7 @@ BAG_RULES: tuple[Rule[BagFacts], ...] = (
         _NOTE,
         _BAG,
         'Readers have no remarks',
-        'nothing is lost',
+        'nothing needs to be done: what is lost has a finding of its own',
         _find_notes,
     ),
     Rule(
