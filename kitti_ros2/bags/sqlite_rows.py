@@ -51,7 +51,7 @@ _ROW_BYTES = 2**12  # of a row besides its data, generously
 _ADVISED_BYTES = 2**22
 
 
-class _Row(NamedTuple):
+class _FoundRow(NamedTuple):
     """A row without its data if they are large: None."""
 
     row_id: int
@@ -119,13 +119,15 @@ class QueriedRows:
                 return
             yield row.stamp_ns, row.topic_id, data
 
-    def _in_turn(self, batches: Iterable[Sequence[_Row]]) -> Iterator[tuple[_Row, Buffer | None]]:
+    def _in_turn(
+        self, batches: Iterable[Sequence[_FoundRow]]
+    ) -> Iterator[tuple[_FoundRow, Buffer | None]]:
         """Yield rows with what threads have read of them, a few batches ahead.
 
         Their number grows with the batches taken: who wants the first message only does not wait
         for others.
         """
-        waiting: deque[tuple[Sequence[_Row], Future[list[Buffer | None]] | None]] = deque()
+        waiting: deque[tuple[Sequence[_FoundRow], Future[list[Buffer | None]] | None]] = deque()
         most = 0
         for batch in batches:
             waiting.append((batch, self._request(batch) if most else None))
@@ -135,7 +137,7 @@ class QueriedRows:
         while waiting:
             yield from _with_data(*waiting.popleft())
 
-    def _request(self, batch: Sequence[_Row]) -> Future[list[Buffer | None]] | None:
+    def _request(self, batch: Sequence[_FoundRow]) -> Future[list[Buffer | None]] | None:
         """Have a thread read the starts of the large data among rows, where these are enough."""
         wanted = [
             row
@@ -145,10 +147,10 @@ class QueriedRows:
         ]
         return self._threads.submit(self._read_starts, wanted) if any(wanted) else None
 
-    def _read_starts(self, rows: Sequence[_Row | None]) -> list[Buffer | None]:
+    def _read_starts(self, rows: Sequence[_FoundRow | None]) -> list[Buffer | None]:
         return [row and self._in_pages(row, start_only=True) for row in rows]
 
-    def _queried(self, rows: npt.NDArray[np.void], wanted: Collection[int]) -> Iterator[_Row]:
+    def _queried(self, rows: npt.NDArray[np.void], wanted: Collection[int]) -> Iterator[_FoundRow]:
         """Yield rows as SQLite finds them, up to the first damage."""
         # The database's index sorts the rows, unless they are stored in order.
         query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
@@ -166,7 +168,7 @@ class QueriedRows:
                 if done >= advised:
                     self._file.expect(done + _ADVISED_BYTES, _ADVISED_BYTES)
                     advised = done + _ADVISED_BYTES
-                row = _Row(row_id, topic_id, stamp_ns, size, data)
+                row = _FoundRow(row_id, topic_id, stamp_ns, size, data)
                 if (data is None and size <= self._size) or self._is_sound(data):
                     yield row
                 else:
@@ -176,7 +178,7 @@ class QueriedRows:
         """Whether SQLite gave data, and not zeros since the file was truncated meanwhile."""
         return isinstance(data, bytes) and not self._file.is_cut()
 
-    def _data(self, row: _Row, ahead: Buffer | None) -> Buffer | None:
+    def _data(self, row: _FoundRow, ahead: Buffer | None) -> Buffer | None:
         """Return the data of a row, or their MessageStart; None if they cannot be read.
 
         Args:
@@ -198,7 +200,7 @@ class QueriedRows:
         found = self._connection.execute(_ONE, [row.row_id]).fetchone()
         return found[0] if found and self._is_sound(found[0]) else None
 
-    def _in_pages(self, row: _Row, *, start_only: bool) -> Buffer | None:
+    def _in_pages(self, row: _FoundRow, *, start_only: bool) -> Buffer | None:
         """Read large data from the file's pages, on any thread; None if they are not there.
 
         Raises:
@@ -219,16 +221,16 @@ class QueriedRows:
 
 
 def _with_data(
-    batch: Sequence[_Row], ahead: Future[list[Buffer | None]] | None
-) -> Iterable[tuple[_Row, Buffer | None]]:
+    batch: Sequence[_FoundRow], ahead: Future[list[Buffer | None]] | None
+) -> Iterable[tuple[_FoundRow, Buffer | None]]:
     # What a thread could not read is tried again in turn, where errors are handled.
     read = ahead is not None and not ahead.exception()
     return zip(batch, ahead.result() if ahead and read else repeat(None), strict=False)
 
 
-def _batches(rows: Iterable[_Row]) -> Iterator[Sequence[_Row]]:
+def _batches(rows: Iterable[_FoundRow]) -> Iterator[Sequence[_FoundRow]]:
     """Split rows into batches: one row, then twice as much each time, up to a size in bytes."""
-    batch: list[_Row] = []
+    batch: list[_FoundRow] = []
     size, least = 0, 1
     for row in rows:
         batch.append(row)
