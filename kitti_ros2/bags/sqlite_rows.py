@@ -111,7 +111,7 @@ class QueriedRows:
             wanted: The ids of the topics.
 
         Raises:
-            sqlite3.Error: The database is damaged.
+            sqlite3.Error: The damage, where SQLite finds it.
         """
         for row, read in self._in_turn(_batches(self._queried(rows, wanted))):
             data = self._data(row, read)

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from itertools import islice
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class ReadAhead:
         samples = min(samples, self._size)
         while len(self._ahead) < samples:
             self._submit()
-        for _, sample in zip(range(samples), self._ahead, strict=False):
+        for sample in islice(self._ahead, samples):
             sample.wait()
 
     def take(self, position: int) -> Fetched:
