@@ -7,6 +7,7 @@ Opcodes of Foxglove's protocol: https://github.com/foxglove/ws-protocol/blob/mai
 
 from __future__ import annotations
 
+import struct
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ _SHORT, _LONG = 126, 127
 _FIN_BINARY = 0x82
 _MESSAGE_DATA, _TIME = 1, 2
 _FIRST_CONTROL = 8
+_TIME_FRAME = struct.Struct('<BBBQ')
 
 
 class FrameKind(Enum):
@@ -42,6 +44,11 @@ def kind_of(frame: bytes | bytearray) -> FrameKind:
         if opcode == _TIME:
             return FrameKind.TIME
     return FrameKind.CONTROL
+
+
+def time_frame(stamp_ns: int) -> bytes:
+    """Return a frame of the server that tells a time, nanoseconds since 1970."""
+    return _TIME_FRAME.pack(_FIN_BINARY, _TIME_FRAME.size - 2, _TIME, stamp_ns)
 
 
 class FrameReader:

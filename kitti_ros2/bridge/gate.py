@@ -4,7 +4,8 @@
 
 Foxglove's SDK accepts every handshake, keeps connections without one for ever, and queues a copy of
 each message for each viewer. Its server is therefore behind this one, at an address that is not
-told to anybody.
+told to anybody. The SDK also disconnects a viewer for whom a queue of controls is full, and counts
+times as such; the gate sends these itself.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 from http import HTTPStatus
 from typing import TYPE_CHECKING
 
 from .admission import is_loopback, shown
-from .frames import FrameError
+from .frames import FrameError, time_frame
 from .handshake import RefusedError
 from .relay import Relay, RelayStage
 
@@ -41,6 +43,7 @@ _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _PAUSE_S = 0.05
 _TOLD = 20
 _BACKLOG = 128
+_WAKES = 4096
 _INNER_BUFFER = 1 << 18
 """Bytes between the SDK and the outbox: more would only be older messages."""
 
@@ -88,7 +91,10 @@ class Gate:
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._woken, self._waker = socket.socketpair()
+        self._woken.settimeout(0.0)
+        self._waker.settimeout(0.0)
         self._selector.register(self._woken, selectors.EVENT_READ)
+        self._time: bytes | None = None
         self._thread = threading.Thread(target=self._run, name='gate', daemon=True)
 
     @property
@@ -102,16 +108,28 @@ class Gate:
         self._inner = (host, port)
         self._thread.start()
 
+    def tell_time(self, stamp_ns: int) -> None:
+        """Send a time to all viewers, nanoseconds since 1970; any thread may call it.
+
+        Of several that a viewer has not received yet, only the newest is sent.
+        """
+        self._time = time_frame(stamp_ns)
+        self._wake()
+
     def close(self, seconds: float) -> None:
         """Stop listening, send what waits for viewers for a time, and disconnect them."""
         self._closing = time.monotonic() + seconds
         if self._thread.ident is None:
             self._end()
         else:
-            self._waker.send(b'.')
+            self._wake()
             self._thread.join()
         self._woken.close()
         self._waker.close()
+
+    def _wake(self) -> None:
+        with suppress(OSError):  # full: it wakes anyway; closed: nobody is left to be told
+            self._waker.send(b'.')
 
     def _run(self) -> None:
         try:
@@ -144,13 +162,22 @@ class Gate:
         if key.fileobj is self._listener:
             self._accept()
         elif key.fileobj is self._woken:
-            self._selector.unregister(self._woken)
-            self._selector.unregister(self._listener)
-            self._listener.close()
+            self._awake()
         else:
             relay = key.data
             if relay.stage is not RelayStage.CLOSED and isinstance(key.fileobj, socket.socket):
-                self._advance(relay, key.fileobj, events)
+                self._advance(relay, partial(relay.handle, key.fileobj, events))
+
+    def _awake(self) -> None:
+        self._woken.recv(_WAKES)
+        frame, self._time = self._time, None
+        if frame is not None:
+            for relay in [*self._relays]:
+                self._advance(relay, partial(relay.tell, frame))
+        if self._closing is not None:
+            self._selector.unregister(self._woken)
+            self._selector.unregister(self._listener)
+            self._listener.close()
 
     def _accept(self) -> None:
         try:
@@ -174,10 +201,10 @@ class Gate:
         for relay in [each for each in self._relays if each.deadline and each.deadline < now]:
             self._drop(relay)
 
-    def _advance(self, relay: Relay, ready: socket.socket, events: int) -> None:
+    def _advance(self, relay: Relay, step: Callable[[], None]) -> None:
         dropped = relay.outbox.dropped
         try:
-            relay.handle(ready, events)
+            step()
         except (OSError, FrameError) as error:
             if isinstance(error, FrameError):
                 self._tell('limit', f'a viewer was disconnected: {error}')

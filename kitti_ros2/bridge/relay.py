@@ -71,6 +71,7 @@ class Relay:
         self.admitted = False
         self.outbox = Outbox()
         self._server: socket.socket | None = None
+        self._greeted = False
         self._admit = admit
         self._head = bytearray()
         self._from_server = FrameReader()
@@ -112,6 +113,17 @@ class Relay:
                     self._receive_from_viewer()
                 elif ready is self._server:
                     self._receive_from_server(ready)
+
+    def tell(self, frame: bytes) -> None:
+        """Send a frame to the viewer, if the server behind has sent its own first one.
+
+        Raises:
+            OSError: The connection is broken.
+            FrameError: The viewer breaks a limit.
+        """
+        if self._greeted and self.stage is RelayStage.OPEN:
+            self.outbox.put(frame)
+            self._send_to_viewer()
 
     def close(self) -> None:
         """Close both connections at once."""
@@ -177,6 +189,7 @@ class Relay:
         for frame in frames:
             self.outbox.put(frame)
         if frames:
+            self._greeted = True
             self._send_to_viewer()
 
     def _receive_answer(self, server: socket.socket) -> None:

@@ -102,7 +102,7 @@ class ViewerServer(ServerListener):
         self._state_ns = 0
         self._stopped = False
         self._context = Context()  # the SDK does not hold it
-        self._channels = ViewerChannels(program, self._context, self._tell_time, self._tell_jump)
+        self._channels = ViewerChannels(program, self._context, self.tell_time, self._tell_jump)
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )
@@ -224,8 +224,9 @@ class ViewerServer(ServerListener):
 
     # Notifications of viewers; called from the session's thread.
 
-    def _tell_time(self, stamp_ns: int) -> None:
-        self._server.broadcast_time(stamp_ns)
+    def tell_time(self, stamp_ns: int) -> None:
+        """Send the recording's time, nanoseconds since 1970."""
+        self._gate.tell_time(stamp_ns)
 
     def _tell_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
         # The answer to a seek request contains it already.

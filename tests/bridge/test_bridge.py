@@ -366,6 +366,17 @@ def test_two_viewers(raw):
         one.until(lambda: len(one.messages) > count + 2)
 
 
+def test_no_number_of_times_disconnects_a_viewer(raw):
+    """The SDK disconnects a viewer for whom 64 controls wait, as on a machine that is busy."""
+    server = raw(loop=0, clock=10)
+    with Viewer(server.url) as viewer:
+        viewer.subscribe(OXTS)
+        for stamp_ns in range(1, 2001):
+            server.tell_time(stamp_ns)
+        viewer.until(lambda: 2000 in viewer.times)
+        hear_rounds(viewer, 2)
+
+
 def test_a_viewer_that_does_not_read_harms_nobody(raw, monkeypatch):
     """It loses its oldest messages, but no control; the other one misses nothing."""
     monkeypatch.setattr('kitti_ros2.bridge.outbox.MESSAGE_LIMIT', 1 << 18)

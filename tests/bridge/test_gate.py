@@ -30,6 +30,8 @@ class Behind:
         self.listener = socket.create_server((hidden_address(), 0))
         self.address = self.listener.getsockname()
         self.heads = []
+        self.greets = threading.Event()
+        self.greets.set()
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self):
@@ -46,7 +48,9 @@ class Behind:
             while not head.endswith(b'\r\n\r\n'):
                 head += connection.recv(4096)
             self.heads.append(head)
-            connection.sendall(ANSWER + GREETING)
+            connection.sendall(ANSWER)
+            self.greets.wait(PATIENCE_S)
+            connection.sendall(GREETING)
             try:
                 while data := connection.recv(4096):
                     # Unmasked, as a server sends it: the mask of the tests is zero.
@@ -256,6 +260,22 @@ def test_a_viewer_that_sends_too_much_is_disconnected(gate):
         echo(other)
     (said,) = gate.complaints
     assert f'longer than {relay.CLIENT_MESSAGE_LIMIT} bytes' in said
+
+
+def test_a_time_reaches_every_viewer_after_its_greeting(gate, behind):
+    """Before that, a viewer does not know what to do with it."""
+    frame = b'\x82\x09\x02' + struct.pack('<Q', 5 * 10**18)
+    with connect(gate) as early, admitted(gate) as one, admitted(gate) as other:
+        behind.greets.clear()
+        early.sendall(request(gate.port))
+        assert early.recv(len(ANSWER), socket.MSG_WAITALL) == ANSWER
+        gate.tell_time(5 * 10**18)
+        for viewer in (one, other):
+            assert viewer.recv(len(frame), socket.MSG_WAITALL) == frame
+            echo(viewer)
+        behind.greets.set()
+        assert early.recv(len(GREETING), socket.MSG_WAITALL) == GREETING
+        echo(early)
 
 
 def test_nothing_is_left_after_its_end(behind):
