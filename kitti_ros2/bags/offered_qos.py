@@ -9,8 +9,6 @@ from functools import lru_cache
 from itertools import product
 from typing import Any
 
-from ..model.yaml_text import YamlTextError, load_yaml
-
 UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of a recording
 
 _MOST = 2**31 - 1
@@ -59,6 +57,8 @@ def _kept_depth(profiles: str) -> int:
 def _find_kept_depth(profiles: str) -> int:
     if not _HINT.search(profiles):
         return 0  # parsing YAML is slow
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - 13 ms for bags that latch a topic
+
     try:
         for profile in load_yaml(profiles):
             durability = profile.get('durability')
@@ -77,6 +77,8 @@ def qos_faults(profiles: str) -> list[str]:
     """
     if not profiles.strip():
         return []
+    from ..model.yaml_text import YamlTextError, load_yaml  # noqa: PLC0415 - as above
+
     try:
         found = load_yaml(profiles)
     except YamlTextError:
