@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from shutil import rmtree
+from zlib import crc32
 
 import numpy as np
 
@@ -56,14 +57,15 @@ def _detections(data: bytes) -> None:
 def _result_bag(data: bytes) -> None:
     """Score the labels of a bag as results of the recording that it was made of."""
     path = stored('results.mcap', data)
-    for topic, truth in (
-        *(('/my/boxes', recording(Layout.OBJECT)), ('/tf_static', recording(Layout.OBJECT))),
-        (None, own_bag('a.mcap', Layout.TRACKING)),
-    ):
+    folder = recording(Layout.OBJECT)
+    trials = [('/my/boxes', folder), ('/tf_static', folder)]
+    if not crc32(data) % _TRUTH_BAGS:
+        trials.append((None, own_bag('a.mcap', Layout.TRACKING)))
+    for topic, truth in trials:
         options = BagResultsOptions(topic=topic, class_map=(('Car', 'Car'), ('*', '')))
         with suppress(KittiRos2Error):
             read_frames(truth, path, ReadOptions(), options)
-    read_frames(recording(Layout.OBJECT), path, ReadOptions(), BagResultsOptions())
+    read_frames(folder, path, ReadOptions(), BagResultsOptions())
 
 
 def _result_folder(data: bytes) -> None:
@@ -160,6 +162,8 @@ def _tracker_files() -> list[bytes]:
 
 
 _MOST_NAMES = 8
+_TRUTH_BAGS = 4
+"""One in so many bags is also scored against a bag, whose survey costs more than all the rest."""
 _LABELS = 'kitti/label_file.py'
 _TRACKS = ('evaluation/track_boxes.py', 'evaluation/class_map.py', 'kitti/result_files.py', _LABELS)
 TARGETS = (
@@ -179,7 +183,7 @@ TARGETS = (
            ('evaluation/detection_inputs.py', 'evaluation/bag_results.py',
             'evaluation/result_boxes.py', 'evaluation/result_messages.py',
             'evaluation/class_map.py'),
-           RECORD_WORDS, short=5, long=2000),
+           RECORD_WORDS, short=5, long=20_000),
     Target('checksums', _checksums, lambda: [b'a' * 64 + b'  a.zip\n# b\n' + b'0' * 64 + b' *b\n'],
            ('fetch/checksums.py',), is_text=True, long=100_000),
 )  # fmt: skip
