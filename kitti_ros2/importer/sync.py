@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from ..model.stamps import NS_PER_S
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -81,10 +83,14 @@ def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array
 
     Returns:
         The stamps, and the reason for log times: header stamps that are 0, before 1970, or earlier
-        than the one before; None for header stamps.
+        than the one before; None for header stamps. The first may be 0 if the next one follows
+        within a second: the time of simulators begins there.
     """
+    unset = header_ns == 0
+    if len(header_ns) > 1 and 0 < header_ns[1] <= NS_PER_S:
+        unset[0] = False
     for is_wrong, fault in (
-        (header_ns == 0, '0'),
+        (unset, '0'),
         (header_ns < 0, 'before 1970'),
         (np.diff(header_ns, prepend=header_ns[:1]) < 0, 'earlier than the one before'),
     ):

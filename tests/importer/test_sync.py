@@ -180,7 +180,7 @@ def test_the_tolerance_is_half_the_usual_period(reference, tolerance):
     assert default_tolerance_ns(stamps(reference)) == tolerance
 
 
-@pytest.mark.parametrize('header', [[], [7], [5, 5, 9]])
+@pytest.mark.parametrize('header', [[], [7], [5, 5, 9], [0, 100 * MS, 200 * MS]])
 def test_header_stamps_in_order_are_used(header):
     used, reason = usable_stamps(stamps(header), stamps([20] * len(header)))
     assert used.tolist() == header
@@ -191,6 +191,9 @@ def test_header_stamps_in_order_are_used(header):
     ('header', 'reason'),
     [
         ([5, 0, 9], '1 of 3 header stamps is 0 (the first that of message 2);'),
+        ([0], '1 of 1 header stamps is 0 (the first that of message 1);'),
+        ([0, T0, T0], '1 of 3 header stamps is 0 (the first that of message 1);'),
+        ([0, 0, 100 * MS], '2 of 3 header stamps are 0 (the first that of message 1);'),
         ([0, 0, 0], '3 of 3 header stamps are 0 (the first that of message 1);'),
         ([-5, -4, 3], '2 of 3 header stamps are before 1970 (the first that of message 1);'),
         (
@@ -200,6 +203,7 @@ def test_header_stamps_in_order_are_used(header):
     ],
 )
 def test_log_time_replaces_stamps_that_cannot_be_right(header, reason):
-    used, why = usable_stamps(stamps(header), stamps([20, 21, 22]))
-    assert used.tolist() == [20, 21, 22]
+    log = [20, 21, 22][: len(header)]
+    used, why = usable_stamps(stamps(header), stamps(log))
+    assert used.tolist() == log
     assert why == f'{reason} log time is used'
