@@ -14,6 +14,7 @@ from ..model import msgtypes as types
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
+from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations
@@ -28,6 +29,8 @@ from .report import undecoded
 from .scan_frame import made_frame
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ..model.losses import Loss
     from ..rig.moving_tree import MovingTree
     from .plan import Plan
@@ -149,8 +152,21 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
+        found += self._nominal_places() if first is None else ()
         found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
         return [*found, *self._changing, *self.calibrations.notes]
+
+    def _nominal_places(self) -> Iterator[str]:
+        """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""
+        plan = self._plan
+        if plan.pose is None:
+            return
+        traits, place = plan.layout.traits, 'its nominal place on the scanner'
+        if Stream.POSE in traits.streams:
+            place = place if plan.scan is not None else f'the origin of {plan.pose.body}'
+            yield f'pose: of camera 0 at {place}, since there is no calibration'
+        elif Stream.OXTS in traits.streams and plan.scan and not (plan.fix or plan.imu_frame):
+            yield f'oxts: of the imu at {place}, since there is no calibration'
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the parts of samples so far that could not be converted."""

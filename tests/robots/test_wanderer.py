@@ -404,6 +404,34 @@ def test_output_of_lio_becomes_scans_of_its_body(tmp_path):
     assert np.abs(np.array(seen) - angle).max() < 1e-6
 
 
+@pytest.mark.parametrize(
+    ('layout', 'changes', 'said'),
+    [
+        (Layout.ODOMETRY, {}, 'pose: of camera 0 at its nominal place on the scanner'),
+        (
+            Layout.ODOMETRY,
+            {'scan': None, 'reference': 'pose'},
+            'pose: of camera 0 at the origin of base_link',
+        ),
+        (Layout.RAW, {'imu_frame': ''}, 'oxts: of the imu at its nominal place on the scanner'),
+        (
+            Layout.TRACKING,
+            {'imu_frame': ''},
+            'oxts: of the imu at its nominal place on the scanner',
+        ),
+        (Layout.RAW, {}, None),
+        (Layout.OBJECT, {}, None),
+    ],
+)
+def test_what_the_poses_are_of_is_said_where_no_calibration_tells(layout, changes, said, tmp_path):
+    robot = Robot(boxes=None, camera=False)
+    wanderer.write(tmp_path / 'bag', robot)
+    change = lambda plan: replace(plan, **changes)  # noqa: E731
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', layout, change)
+    found = [each for each in report.notes if each.endswith(', since there is no calibration')]
+    assert found == ([f'{said}, since there is no calibration'] if said else [])
+
+
 def test_a_plan_may_say_what_the_body_of_odometry_is(tmp_path):
     """Its child frame is in no tree: the plan's body is taken, and that is said."""
     robot = Robot(map_tf=False, odom_tf=False, boxes='odom', odometry=('odom', 'ego'))
