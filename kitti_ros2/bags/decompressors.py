@@ -42,10 +42,6 @@ _STREAMS: dict[str, Callable[[Buffer], _Stream]] = {
     'lz4': lambda data: _Stepwise(data, lz4_frame.LZ4FrameDecompressor),
     'bz2': lambda data: _Stepwise(data, bz2.BZ2Decompressor),
 }
-_WHOLE: dict[str, Callable[[Buffer], bytes]] = {
-    'zstd': lambda data: zstandard.ZstdDecompressor().decompress(data),
-    'lz4': lz4_frame.decompress,
-}
 UNCOMPRESSED = ('', 'none')
 
 
@@ -81,8 +77,19 @@ def _decompress(name: str, data: Buffer, size: int) -> Buffer:
     if declared not in {None, size}:
         raise ValueError(f'{declared} bytes instead of {size}')
     if declared:  # faster than in steps
-        return _WHOLE[name](data)
+        return _whole(name, data, size)
     return b''.join(_pieces(name, data, size + 1))
+
+
+def _whole(name: str, data: Buffer, size: int) -> bytes:
+    """Return the data of a block that declares its size, which may be a lie: not much more."""
+    if name == 'zstd':
+        return zstandard.ZstdDecompressor().decompress(data)
+    stream = lz4_frame.LZ4FrameDecompressor()
+    found: bytes = stream.decompress(data, size + 1)
+    if len(found) <= size and not stream.eof:
+        raise EOFError('cut off')
+    return found
 
 
 def _declared_size(name: str, data: Buffer) -> int | None:
@@ -150,8 +157,10 @@ def decompress_message(data: Buffer) -> bytes:
     """
     try:
         size = _declared_size('zstd', data)
-        if size is None:
-            size = sum(map(len, _pieces('zstd', data, largest_block(len(data)) + 1)))
+        if size:
+            check_block(len(data), size)
+            return _whole('zstd', data, size)
+        size = sum(map(len, _pieces('zstd', data, largest_block(len(data)) + 1)))
         check_block(len(data), size)
         stream = zstandard.ZstdDecompressor().decompressobj()
         plain: bytes = stream.decompress(data)

@@ -4,6 +4,7 @@
 
 import bz2
 import io
+import struct
 import tracemalloc
 
 import pytest
@@ -97,6 +98,37 @@ def test_a_message_is_bounded(kind, allocated):
     assert allocated() < 64 * MB
 
 
+def zstd_lie(size):
+    """A frame that declares a size, and has 300 MB in blocks of one repeated byte (RFC 8878)."""
+    count, most = len(BOMB) // 2**17, 2**17
+    heads = [most << 3 | 1 << 1 | (number == count - 1) for number in range(count)]
+    blocks = b''.join(struct.pack('<I', head)[:3] + b'\0' for head in heads)
+    return b'\x28\xb5\x2f\xfd\x80\x58' + struct.pack('<I', size) + blocks
+
+
+def lz4_lie(size):
+    """The header of a frame of that size, and the blocks of one of 300 MB."""
+    header_end = 15
+    true, false = (
+        lz4_frame.compress(bytes(each), block_size=lz4_frame.BLOCKSIZE_MAX4MB)
+        for each in (len(BOMB), size)
+    )
+    return false[:header_end] + true[header_end:]
+
+
+@pytest.mark.parametrize('size', [5 * MB, 20 * MB])
+def test_a_block_that_lies_about_its_size_is_decompressed_to_that(size, allocated):
+    lies = {'zstd': zstd_lie(size), 'lz4': lz4_lie(size)}
+    allocated()
+    for name, data in lies.items():
+        with pytest.raises(ValueError, match=r'more than|too small'):
+            decompress(name, data, size)
+        assert allocated() < 3 * size + 3 * MB
+    with pytest.raises(ValueError, match='too small'):
+        decompress_message(lies['zstd'])
+    assert allocated() < 3 * size + 3 * MB
+
+
 @pytest.mark.parametrize('kind', ['zstd', 'zstd without a size'])
 def test_a_file_is_bounded(kind, monkeypatch):
     monkeypatch.setattr('kitti_ros2.bags.limits._FILE_ALWAYS', 20 * MB)
@@ -116,7 +148,7 @@ def test_what_was_compressed_comes_back(data, times, kind):
         assert decompress(name, packed * 2, 2 * len(data) * times) == data * times * 2
     if name == 'zstd':
         assert decompress_message(packed) == data * times
-        with pytest.raises(ValueError, match='cut off'):
+        with pytest.raises(ValueError, match=r'cut off|did not decompress full frame'):
             decompress_message(packed[:-1])
     for size in (0, len(data) * times + 1, len(data) * times - 1):
         with pytest.raises(ValueError, match='bytes'):
