@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.picture_headers import PNG_SIGNATURE, png_size
-from ..files.png.decode import inflated
+from ..files.png.inflate import inflated
 from .pixels import MOST_PIXELS, stored_values
 from .scan_points import ScanPoints, make_points
 

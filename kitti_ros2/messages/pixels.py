@@ -24,7 +24,7 @@ from ..files.picture_headers import (
     png_size,
     webp_size,
 )
-from ..files.png.decode import inflated
+from ..files.png.inflate import inflated
 from .jpeg import decode_jpeg
 
 if TYPE_CHECKING:

@@ -20,8 +20,9 @@ from kitti_ros2.files.picture_headers import (
     png_size,
     webp_size,
 )
-from kitti_ros2.files.png.decode import decode_png, inflated
+from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.inflate import inflated
 
 from .inputs import files, found
 from .target import Target
@@ -77,7 +78,8 @@ def _pictures() -> list[bytes]:
 
 TARGETS = (
     Target('png', _png, _pngs,
-           ('files/png/header.py', 'files/png/decode.py', 'files/picture_headers.py'),
+           ('files/png/header.py', 'files/png/decode.py', 'files/png/inflate.py',
+            'files/picture_headers.py'),
            (b'IHDR', b'IDAT', b'IEND', b'PLTE', b'tRNS', b'\xff\xd8\xff\xc0', b'RIFF', b'WEBP'),
            mend=_checksummed, long=100_000),
 )  # fmt: skip
