@@ -50,7 +50,7 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         options.layout,
         path_of(bags[0]),
         all_cameras=options.all_cameras,
-        keep_scan_frame=options.calib is not None,
+        with_calibration=options.calib is not None,
     )
     plan, notes = adapt(found.plan, options), found.notes
     if plan.labels is not None and plan.calibration == NONE:

@@ -62,7 +62,7 @@ def guess_plan(
     path: Path,
     *,
     all_cameras: bool = False,
-    keep_scan_frame: bool = False,
+    with_calibration: bool = False,
 ) -> Guess:
     """Make the most complete plan for a bag.
 
@@ -71,15 +71,15 @@ def guess_plan(
         layout: The layout to write.
         path: Of the bag, for errors.
         all_cameras: Whether each camera gets a data set of its own.
-        keep_scan_frame: Whether the scans stay in the frame of their messages, also one whose x is
-            not forward: a given calibration is for that frame.
+        with_calibration: Whether one is given: it is for scans in the frame of their messages, so
+            that they stay in it, also where its x is not forward.
 
     Raises:
         MissingDataError: It contains no data that the layout requires.
     """
     traits, notes = layout.traits, list[str]()
     sensors = _find_sensors(
-        survey, layout, notes, all_cameras=all_cameras, keep_scan_frame=keep_scan_frame
+        survey, layout, notes, all_cameras=all_cameras, with_calibration=with_calibration
     )
     if not any(sensors):
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
@@ -104,7 +104,7 @@ def guess_plan(
         pose=pose,
         labels=labels,
         imu_frame=imu_frame,
-        calibration=_calibration(survey, viewed, notes),
+        calibration=_calibration(survey, viewed, [] if with_calibration else notes),
         imu=unit.get('imu', ''),
         fix=unit.get('fix', ''),
         velocity=unit.get('velocity', ''),
@@ -128,13 +128,13 @@ class _Sensors(NamedTuple):
 
 
 def _find_sensors(
-    survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, keep_scan_frame: bool
+    survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
     scan, rig = guess_scan(survey, notes), find_cameras(survey)
     tree = FrameTree(survey.static, survey.moving)
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
-    if scan is not None and not survey.calibrations and not keep_scan_frame:
+    if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, tree, heading, notes)
     sets = guess_camera_sets(layout, rig, tree, heading, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}

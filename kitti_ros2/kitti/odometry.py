@@ -82,7 +82,7 @@ class OdometryRecording(KittiRecording):
         """The stamps by frame: the epoch of the options plus times.txt."""
         if not self._times_path.is_file():
             return None
-        offsets = parse_times(self._text(self._times_path, Stream.SCAN), self._times_path)
+        offsets = self._parsed(self._times_path, Stream.SCAN, parse_times)
         epoch = self.options.epoch_ns
         stamps = [None if offset is None else epoch + offset for offset in offsets.values]
         return Lines([s if s is None or s <= LAST_NS else None for s in stamps], offsets.errors)
@@ -97,7 +97,7 @@ class OdometryRecording(KittiRecording):
 
     @cached_property
     def _poses(self) -> Lines[Float64Array]:
-        return parse_poses(self._text(self._poses_path, Stream.POSE), self._poses_path)
+        return self._parsed(self._poses_path, Stream.POSE, parse_poses)
 
     def _add_poses(self) -> None:
         if not len(self._poses):

@@ -94,7 +94,7 @@ class RawRecording(KittiRecording):
         stamps_path = folder / names.TIMESTAMPS
         if self._stampless:
             self._add_nominal(stream, listing.numbers, listing)
-        elif stamps_path.is_file():
+        elif stamps_path.exists():
             stamps, reason = self._stamps(stamps_path)
             if stamps is None:
                 self._unread.add(stream)

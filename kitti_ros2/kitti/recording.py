@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from ..files.png.header import parse_image
 from ..model.errors import BadFileError, describe_error
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from ..model.layouts import Layout
     from ..options.read import ReadOptions
+
+T = TypeVar('T')
 
 
 class KittiRecording(RecordingPoses):
@@ -182,6 +184,15 @@ class KittiRecording(RecordingPoses):
         except (BadFileError, OSError) as error:
             self._lose_lines(stream, describe_error(error))
             return ''
+
+    def _parsed(self, path: Path, stream: Stream, parse: Callable[[str, Path], T]) -> T:
+        """Parse a text file that _text reads; one that cannot be parsed is a loss, and empty."""
+        text = self._text(path, stream)
+        try:
+            return parse(text, path)
+        except BadFileError as error:
+            self._lose_lines(stream, str(error))
+            return parse('', path)
 
     def _load_calibration(self, path: Path) -> Calibration:
         """Read a calibration of a single file; an unreadable one is empty, with the reason."""

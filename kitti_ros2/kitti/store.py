@@ -15,6 +15,7 @@ import numpy as np
 from ..files.page_cache import write_uncached
 from ..files.remote import RemotePath
 from ..model.errors import BadFileError
+from ..model.text import format_bytes
 from .listings import kept
 
 if TYPE_CHECKING:
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
 
 _PIECE_BYTES = 1 << 20
+
+MOST_BYTES = 256 << 20
+"""Of a file that is read: a scan of KITTI has 2 MB, an image 1 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +57,16 @@ class Listing:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[int, int]]:
-    """Open a regular file; yield its descriptor and its size."""
+    """Open a regular file that fits into memory; yield its descriptor and its size."""
     # A file object costs as much as reading a small file; opening a pipe would wait.
     file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     try:
         status = os.fstat(file)
         if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
             raise BadFileError(path, 'is no regular file', 'a file')
+        if status.st_size > MOST_BYTES:
+            found, most = map(format_bytes, (status.st_size, MOST_BYTES))
+            raise BadFileError(path, f'{found}, which is not read', f'a file of at most {most}')
         yield file, status.st_size
     except OSError as error:
         error.filename = str(path)

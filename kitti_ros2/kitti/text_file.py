@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
     from pathlib import Path
 
 T = TypeVar('T')
+
+_MOST_INVALID = 1000
+"""A file with more invalid lines is another kind of file, and an error costs 700 times a line."""
 
 BOM = '\ufeff'
 """The byte order mark that some editors write at the beginning of a file."""
@@ -48,6 +51,9 @@ def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str
         path: For the errors.
         expected: The expected content of a line, for the errors.
         parse: Raises ValueError, with what was found, on an invalid line.
+
+    Raises:
+        BadFileError: More than a thousand lines are invalid.
     """
     values: list[T | None] = []
     errors: dict[int, BadFileError] = {}
@@ -57,7 +63,20 @@ def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str
         except ValueError as error:
             values.append(None)
             errors[index] = BadFileError(path, str(error), expected, line=index + 1)
+            check_count(errors.values(), path, expected)
     return Lines(values, errors)
+
+
+def check_count(errors: Collection[BadFileError], path: Path | str, expected: str) -> None:
+    """Refuse a file with too many invalid lines.
+
+    Raises:
+        BadFileError: There are more than a thousand.
+    """
+    if len(errors) > _MOST_INVALID:
+        first = next(iter(errors)).line
+        found = f'this and {_MOST_INVALID} more lines, maybe all, are invalid; the file is not read'
+        raise BadFileError(path, found, expected, line=first)
 
 
 def parse_numbers(words: list[str], count: int) -> list[float]:

@@ -11,7 +11,7 @@ from ..model.errors import BadFileError
 from ..model.samples import TextFile
 from . import names
 from .label_file import frame_labels, parse_tracks
-from .text_file import BOM
+from .text_file import BOM, check_count
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 class TrackFile:
     """The lines of a file with the labels of all frames of a sequence; see label_file.
+
+    Raises:
+        BadFileError: More than a thousand lines have no frame number.
 
     Attributes:
         path: The file.
@@ -43,6 +46,7 @@ class TrackFile:
             elif word:
                 found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
                 self.errors.append(BadFileError(path, found, expected, line=row + 1))
+                check_count(self.errors, path, expected)
 
     @cached_property
     def _boxes(self) -> Lines[Box]:

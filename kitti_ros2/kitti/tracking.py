@@ -69,7 +69,7 @@ class TrackingRecording(KittiRecording):
     @cached_property
     def _tracks(self) -> TrackFile:
         """The label file; a line without a frame number is a loss."""
-        tracks = TrackFile(self._text(self._labels_path, Stream.LABELS), self._labels_path)
+        tracks = self._parsed(self._labels_path, Stream.LABELS, TrackFile)
         for error in tracks.errors:
             self._lose_lines(Stream.LABELS, str(error))
         return tracks

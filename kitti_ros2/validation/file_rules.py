@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from ..files.remote import is_remote
 from ..kitti import names
 from ..kitti.scan_file import POINT_BYTES
+from ..kitti.store import MOST_BYTES
 from ..model.errors import BadFileError
 from ..model.streams import IMAGE_STREAMS, Stream
 from ..model.text import format_bytes
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-_MOST_BINARY = 256 << 20  # a scan of KITTI has 2 MB, an image 1 MB
 _MOST_TEXT = 16 << 20  # the largest text file of KITTI has 1 MB
 _COPY = 'copy or download the file again'
 
@@ -56,7 +56,7 @@ class DataFile:
     @property
     def most_bytes(self) -> int:
         """The largest size that is read."""
-        return _MOST_TEXT if self.path.suffix == names.TXT else _MOST_BINARY
+        return _MOST_TEXT if self.path.suffix == names.TXT else MOST_BYTES
 
     @property
     def is_worth_reading(self) -> bool:

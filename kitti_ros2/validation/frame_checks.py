@@ -249,8 +249,9 @@ class FrameChecks:
         path = self._path(Stream.LABELS, number, result)
         if path is None:
             return [], [], self._calibration_path
-        text = result.try_read(Stream.LABELS, path, lambda: STORE.read_text(path))
-        file = LabelFile.parse(text or '', path)
+        file = result.try_read(
+            Stream.LABELS, path, lambda: LabelFile.parse(STORE.read_text(path), path)
+        ) or LabelFile.parse('', path)
         result.found += find_breaches(LABEL_RULES, file)
         return list(file.lines), [], path
 

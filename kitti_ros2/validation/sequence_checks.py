@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 from ..kitti import names
 from ..kitti.poses_file import parse_poses
@@ -21,12 +22,14 @@ from .rule import find_breaches
 from .stamp_rules import STAMP_RULES, StampsFile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from ..kitti.recording import KittiRecording
     from .recording_rules import RecordingFacts
     from .rule import Breach
+
+T = TypeVar('T')
 
 
 class SequenceChecks:
@@ -69,11 +72,11 @@ class SequenceChecks:
         self._check_stamps(texts)
         for path, text in texts.items():
             if _is_poses(path):
-                poses = parse_poses(text, path)
+                poses = self._parsed(path, text, parse_poses)
                 self._report(poses.errors)
                 self.found += find_breaches(POSE_RULES, PosesFile(path, poses))
             elif path.parent.name == names.TRACKING_LABELS:
-                self.labels = LabelFile.parse(text, path, tracking=True)
+                self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
                 self._report({each.line: each for each in self.labels.errors})
                 self.found += find_breaches(LABEL_RULES, self.labels)
         if self._recording.layout.traits.line_streams >= {Stream.OXTS}:
@@ -118,6 +121,16 @@ class SequenceChecks:
         self.found += find_breaches(FILE_RULES, file)
         return text
 
+    def _parsed(self, path: Path, text: str, parse: Callable[[str, Path], T]) -> T:
+        """Parse a text; if that is impossible it is a breach, and empty."""
+        try:
+            return parse(text, path)
+        except BadFileError as error:
+            self._facts.reported.add(str(error))
+            file = replace(DataFile.look(Stream.RECORDING, path), error=error)
+            self.found += find_breaches(FILE_RULES, file)
+            return parse('', path)
+
     def _report(
         self, errors: Mapping[int, BadFileError] | Mapping[int | None, BadFileError]
     ) -> None:
@@ -127,9 +140,9 @@ class SequenceChecks:
         files = {}
         for path, text in texts.items():
             if path.name in {names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END}:
-                files[path] = StampsFile(path, parse_timestamps(text, path))
+                files[path] = StampsFile(path, self._parsed(path, text, parse_timestamps))
             elif path.name == names.TIMES:
-                files[path] = StampsFile(path, parse_times(text, path), relative=True)
+                files[path] = StampsFile(path, self._parsed(path, text, parse_times), relative=True)
         scans = next((files[path].lines.values for path in files if _is_of_scans(path)), None)
         paired = scans if self._recording.common_numbers else None
         for path, file in files.items():

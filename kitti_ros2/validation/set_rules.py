@@ -48,10 +48,9 @@ class SplitLists:
                 path = folder / name
                 try:
                     text = STORE.read_text(path)
+                    found[path.stem] = parse_lines(text, path, 'a frame number', _parse_number)
                 except (BadFileError, OSError) as error:
                     found[path.stem] = error
-                else:
-                    found[path.stem] = parse_lines(text, path, 'a frame number', _parse_number)
         return cls(folder, found, frames)
 
     def path(self, name: str) -> Path:

@@ -56,9 +56,9 @@ def cloud(name, *fields, frame='lidar', width=100):
     return topic(name, types.CLOUD, look, frame=frame)
 
 
-def guess(*topics, layout=Layout.OBJECT, static=(), moving=()):
+def guess(*topics, layout=Layout.OBJECT, static=(), moving=(), with_calibration=False):
     survey = Survey({each.name: each for each in topics}, list(static), list(moving))
-    return guess_plan(survey, layout, PATH)
+    return guess_plan(survey, layout, PATH, with_calibration=with_calibration)
 
 
 def cameras_of(*topics, layout=Layout.OBJECT):
@@ -197,3 +197,8 @@ def test_a_command_is_no_velocity():
     fix = topic('/fix', types.FIX)
     plan = guess(cloud('/velodyne_points'), fix, *twists, layout=Layout.RAW).plan
     assert plan.velocity == '/gps/vel'
+
+
+def test_a_calibration_that_is_given_is_not_missing():
+    found = guess(cloud('/velodyne_points'), with_calibration=True)
+    assert not any('calibration' in note for note in found.notes)
