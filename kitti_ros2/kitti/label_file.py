@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING
 from ..model.boxes import DONT_CARE, Box, is_absurd
 from ..model.errors import BadFileError
 from ..model.samples import FrameLabels
-from .text_file import Lines, parse_lines, parse_numbers
+from .text_file import Lines, check_count, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from ..model.samples import TextFile
 
@@ -37,7 +37,7 @@ EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, ma
 _EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
 
 _OBJECT_COLUMNS = 15
-_TRACKING_COLUMNS = 17
+_TRACK_COLUMNS = (17, 18)
 _TRACKS = 2**31  # ids of markers are int32
 
 
@@ -49,36 +49,64 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
     return parse_lines(text, path, EXPECTED, parse_box)
 
 
-def parse_tracks(text: str, path: Path | str) -> Lines[Box]:
-    """Parse the boxes of a file whose lines have a frame and a track id, like parse_labels."""
-    return parse_lines(text, path, _EXPECTED_TRACKS, _parse_tracked)
+def parse_track(line: str, path: Path | str, number: int) -> Box | BadFileError:
+    """Return the box of a line with a frame and a track id, or what is wrong with it.
+
+    Args:
+        line: The line.
+        path: For the error.
+        number: Of the line, from 1.
+    """
+    try:
+        return _parse_tracked(line)
+    except ValueError as error:
+        return BadFileError(path, str(error), _EXPECTED_TRACKS, line=number)
+
+
+def check_tracks(lines: Iterable[tuple[int, Sequence[str]]], path: Path | str) -> None:
+    """Refuse a file most of whose lines are no tracks, before they are parsed.
+
+    Args:
+        lines: The number of each, from 1, and its words.
+        path: For the error.
+
+    Raises:
+        BadFileError: More than a thousand have another number of columns.
+    """
+    errors: list[BadFileError] = []
+    for number, words in lines:
+        if len(words) not in _TRACK_COLUMNS:
+            found = f'{len(words)} columns'
+            errors.append(BadFileError(path, found, _EXPECTED_TRACKS, line=number))
+            check_count(errors, path, _EXPECTED_TRACKS)
 
 
 def frame_labels(
-    lines: Lines[Box], source: TextFile, path: Path, rows: Sequence[int] | None = None
+    rows: Mapping[int, Box | BadFileError], source: TextFile, path: Path
 ) -> FrameLabels:
-    """Return the labels of a frame from the lines of its file, or from some of them.
+    """Return the labels of a frame.
 
     Args:
-        lines: Of the whole file.
+        rows: By the row of its line in its file, from 0, a box or what is wrong with it.
         source: The frame's lines, verbatim.
         path: For the errors.
-        rows: Which lines are the frame's; None for all.
     """
-    chosen = range(len(lines)) if rows is None else rows
-    boxes = [lines.values[row] if row < len(lines) else None for row in chosen]
-    missing = {str(row): str(lines.errors[row]) for row in chosen if row in lines.errors}
-    for row, box in zip(chosen, boxes, strict=True):
-        if box is not None and is_absurd(box):
+    boxes: list[Box | None] = []
+    missing = {}
+    for row, box in rows.items():
+        if isinstance(box, BadFileError):
+            missing[str(row)] = str(box)
+        elif is_absurd(box):
             found = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
             error = BadFileError(path, found, 'positive sizes', line=row + 1)
             missing[str(row)] = f'{error}; it gets no marker and no 3D detection'
+        boxes.append(None if isinstance(box, BadFileError) else box)
     return FrameLabels(boxes=boxes, source=source, missing=missing)
 
 
 def labels_of_text(file: TextFile) -> FrameLabels:
     """Return the labels of a frame from the text of its file."""
-    return frame_labels(parse_labels(file.text, file.name), file, Path(file.name))
+    return frame_labels(parse_labels(file.text, file.name).rows(), file, Path(file.name))
 
 
 def parse_box(line: str) -> Box:
@@ -90,7 +118,7 @@ def parse_box(line: str) -> Box:
     words = line.split()
     frame: int | None = None
     track_id: int | None = None
-    if len(words) in {_TRACKING_COLUMNS, _TRACKING_COLUMNS + 1}:
+    if len(words) in _TRACK_COLUMNS:
         frame, track_id = _parse_integer(words[0]), _parse_integer(words[1])
         if abs(track_id) >= _TRACKS:
             raise ValueError(f'track id {words[1]}')

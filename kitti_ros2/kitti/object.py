@@ -171,4 +171,4 @@ class ObjectRecording(KittiRecording):
     def _labels(self, number: int) -> FrameLabels:
         path = self._listings[Stream.LABELS].path(number)
         text = STORE.read_text(path)
-        return frame_labels(parse_labels(text, path), self._verbatim(path, text), path)
+        return frame_labels(parse_labels(text, path).rows(), self._verbatim(path, text), path)

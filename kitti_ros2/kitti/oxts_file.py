@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError
 from ..model.samples import OxtsPacket
-from .text_file import parse_numbers
+from .text_file import check_count, parse_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,6 +26,7 @@ COLUMNS: tuple[str, ...] = tuple(
     field.name for field in fields(OxtsPacket) if field.name != 'source'
 )
 _FLOATS = COLUMNS.index('navstat')
+_EXPECTED = f'the {len(COLUMNS)} numbers of an oxts packet'
 # Degrees, metres, radians, metres, m/s: no real packet comes near.
 _LIMITS = {
     'lat': 89.9,
@@ -54,11 +55,27 @@ def parse_packet(
         values = parse_numbers(text.split(), len(COLUMNS))
         _check_ranges(values)
     except ValueError as error:
-        raise BadFileError(
-            path, str(error), f'the {len(COLUMNS)} numbers of an oxts packet', line=line
-        ) from None
+        raise BadFileError(path, str(error), _EXPECTED, line=line) from None
     states = (int(value) for value in values[_FLOATS:])
     return OxtsPacket(*values[:_FLOATS], *states, source=source)  # type: ignore[arg-type, misc]
+
+
+def packet_lines(text: str, path: Path | str) -> list[str]:
+    """Return the lines of a file of packets with their ends, blank ones at its end left out.
+
+    Raises:
+        BadFileError: More than a thousand do not have 30 values.
+    """
+    lines = text.splitlines(keepends=True)
+    while lines and not lines[-1].strip():
+        lines.pop()
+    errors: list[BadFileError] = []
+    for row, line in enumerate(lines):
+        count = len(line.split())
+        if count != len(COLUMNS):
+            errors.append(BadFileError(path, f'{count} values', _EXPECTED, line=row + 1))
+            check_count(errors, path, _EXPECTED)
+    return lines
 
 
 def _check_ranges(values: list[float]) -> None:

@@ -113,7 +113,7 @@ class ResultFiles:
         if number not in self._known:
             raise MissingDataError(self._absent)
         text = STORE.read_text(path)
-        return frame_labels(parse_labels(text, path), TextFile(path.name, text), path)
+        return frame_labels(parse_labels(text, path).rows(), TextFile(path.name, text), path)
 
     def absent(self, numbers: Collection[int]) -> Loss | None:
         """Return the loss of the frames without a result file; a tracker's file has all frames."""

@@ -38,6 +38,11 @@ class Lines(Generic[T]):
     def __len__(self) -> int:
         return len(self.values)
 
+    def rows(self) -> dict[int, T | BadFileError]:
+        """Return what each line is, by line."""
+        found: dict[int, T | BadFileError] = {**self.sound(), **self.errors}
+        return dict(sorted(found.items()))
+
     def sound(self) -> dict[int, T]:
         """Return the values of the valid lines, by line."""
         return {line: value for line, value in enumerate(self.values) if value is not None}

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError
 from ..model.samples import TextFile
 from . import names
-from .label_file import frame_labels, parse_tracks
+from .label_file import check_tracks, frame_labels, parse_track
 from .text_file import BOM, check_count
 
 if TYPE_CHECKING:
@@ -18,14 +17,13 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Box
     from ..model.samples import FrameLabels
-    from .text_file import Lines
 
 
 class TrackFile:
     """The lines of a file with the labels of all frames of a sequence; see label_file.
 
     Raises:
-        BadFileError: More than a thousand lines have no frame number.
+        BadFileError: More than a thousand lines have no frame number, or too few or many columns.
 
     Attributes:
         path: The file.
@@ -47,17 +45,20 @@ class TrackFile:
                 found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
                 self.errors.append(BadFileError(path, found, expected, line=row + 1))
                 check_count(self.errors, path, expected)
+        framed = (row for rows in self.rows.values() for row in rows)
+        check_tracks(((row + 1, self._lines[row].split()) for row in framed), path)
 
-    @cached_property
-    def _boxes(self) -> Lines[Box]:
-        return parse_tracks(''.join(self._lines), self.path)
+    def _rows(self, number: int) -> dict[int, Box | BadFileError]:
+        return {
+            row: parse_track(self._lines[row].removeprefix(BOM), self.path, row + 1)
+            for row in self.rows.get(number, ())
+        }
 
     def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
         """Return the boxes of a frame, and an error for each invalid line."""
-        rows = self.rows.get(number, [])
-        found = [self._boxes.values[row] for row in rows]
-        errors = [self._boxes.errors[row] for row in rows if row in self._boxes.errors]
-        return [box for box in found if box is not None], errors
+        found = self._rows(number).values()
+        boxes = [each for each in found if not isinstance(each, BadFileError)]
+        return boxes, [each for each in found if isinstance(each, BadFileError)]
 
     def labels(self, number: int, name: str) -> FrameLabels:
         """Return the labels of a frame, none if it has no line.
@@ -66,6 +67,6 @@ class TrackFile:
             number: The frame.
             name: The file's name in the recording.
         """
-        rows = self.rows.get(number, [])
+        rows = self._rows(number)
         source = TextFile(name, ''.join(self._lines[row] for row in rows))
-        return frame_labels(self._boxes, source, self.path, rows)
+        return frame_labels(rows, source, self.path)

@@ -17,7 +17,7 @@ import numpy as np
 from ..model.layouts import Layout
 from ..model.streams import IMAGE_STREAMS, Stream
 from . import names
-from .oxts_file import parse_packet
+from .oxts_file import packet_lines, parse_packet
 from .recording import KittiRecording
 from .store import STORE
 from .track_file import TrackFile
@@ -61,10 +61,7 @@ class TrackingRecording(KittiRecording):
     def _oxts_lines(self) -> list[str]:
         if not self._oxts_path.is_file():
             self.notes.append(f'{self._oxts_path}: absent, oxts and pose are left out')
-        lines = self._text(self._oxts_path, Stream.OXTS).splitlines(keepends=True)
-        while lines and not lines[-1].strip():
-            lines.pop()
-        return lines
+        return self._parsed(self._oxts_path, Stream.OXTS, packet_lines)
 
     @cached_property
     def _tracks(self) -> TrackFile:

@@ -29,6 +29,7 @@ FILES = [
     (Layout.ODOMETRY, 'times.txt'),
     (Layout.ODOMETRY, 'poses/*.txt'),
     (Layout.TRACKING, 'label_02/*.txt'),
+    (Layout.TRACKING, 'oxts/*.txt'),
     (Layout.OBJECT, 'label_2/000003.txt'),
 ]
 
@@ -61,6 +62,19 @@ def test_a_check_names_it_as_well(damaged, capsys):
     said = capsys.readouterr().out
     assert f'{path.name}:2: {SAID}' in said
     assert len(said.splitlines()) < 30
+
+
+def test_tracks_of_another_kind_are_refused_before_they_are_parsed(tmp_path):
+    text = ''.join(f'{frame} 1 Car\n' for frame in range(2000))
+    with pytest.raises(BadFileError, match=f'a.txt:1: {SAID}; expected 17 or 18 columns'):
+        TrackFile(text, tmp_path / 'a.txt')
+
+
+def test_blank_lines_between_labels_are_no_matter(tmp_path):
+    line = '{} 1 Car 0 0 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3\n\n'
+    tracks = TrackFile(''.join(map(line.format, range(2000))), tmp_path / 'a.txt')
+    boxes, errors = tracks.boxes(1999)
+    assert (len(boxes), errors, len(tracks.rows)) == (1, [], 2000)
 
 
 @pytest.mark.parametrize('count', [1000, 1001])
