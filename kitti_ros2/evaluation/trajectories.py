@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from ..model.stamps import parse_seconds
 from ..model.text import format_count
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from ..model.geometry import Float64Array
@@ -86,16 +87,18 @@ def read_trajectory(path: Path) -> CameraTrajectory:
         BadFileError: It has no valid line.
         OSError: It cannot be read.
     """
-    rows = _rows(path)
-    header = len(rows) > 1 and not _has_number(rows[0][1])
+    content = _read_lines(path)
+    rows = array('q', (row for row, line in enumerate(content) if _may_hold_pose(line)))
+    header = len(rows) > 1 and not _has_number(content[rows[0]])
     rows = rows[header:]
     if not rows:
         raise BadFileError(path, 'contains no poses', EXPECTED)
-    ((columns, _),) = Counter(len(words) for _, words in rows).most_common(1)
-    form = _FORMATS.get(columns)
-    if form is None or ',' in rows[0][1][0]:
-        raise _unknown_columns(path, rows[0][0], columns, ' '.join(rows[0][1]))
-    lines, keys, poses, losses = _parse_rows(path, rows, form)
+    ((columns, _),) = Counter(len(content[row].split()) for row in rows).most_common(1)
+    form, first = _FORMATS.get(columns), content[rows[0]]
+    if form is None or ',' in first.split()[0]:
+        raise _unknown_columns(path, rows[0] + 1, columns, first)
+    found = ((row + 1, content[row].split()) for row in rows)
+    lines, keys, poses, losses = _parse_rows(path, found, form)
     ascending, order = np.unique(np.array(keys, dtype=np.int64), return_index=True)
     again = sorted({*range(len(keys))} - {*order.tolist()})
     if again:
@@ -118,8 +121,7 @@ def read_trajectory(path: Path) -> CameraTrajectory:
     )
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return line number and words of each line, without blank ones and comments."""
+def _read_lines(path: Path) -> list[str]:
     try:
         with naming(path):
             text = path.read_text(encoding='utf-8-sig')
@@ -127,14 +129,18 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         text = '\0'
     if '\0' in text:
         raise BadFileError(path, 'is no UTF-8 text', EXPECTED)
-    lines = enumerate(text.splitlines(), start=1)
-    found = ((number, line.split()) for number, line in lines)
-    return [(number, words) for number, words in found if words and words[0][0] != '#']
+    return text.splitlines()
 
 
-def _has_number(words: list[str]) -> bool:
+def _may_hold_pose(line: str) -> bool:
+    """Whether a line is neither blank nor a comment."""
+    words = line.split(maxsplit=1)
+    return bool(words) and words[0][0] != '#'
+
+
+def _has_number(line: str) -> bool:
     """Whether a line has a number, with any separators."""
-    for word in ' '.join(words).replace(',', ' ').replace(';', ' ').split():
+    for word in line.replace(',', ' ').replace(';', ' ').split():
         with suppress(ValueError):
             float(word)
             return True
@@ -151,7 +157,7 @@ def _unknown_columns(path: Path, line: int, columns: int, text: str) -> BadFileE
 
 
 def _parse_rows(
-    path: Path, rows: Sequence[tuple[int, list[str]]], form: _PoseFormat
+    path: Path, rows: Iterable[tuple[int, list[str]]], form: _PoseFormat
 ) -> tuple[list[int], list[int], Float64Array, list[Loss]]:
     """Return line, key and (4, 4) pose of each valid row, and the others as losses.
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from drives import drive, write_poses, write_tum
@@ -164,3 +166,17 @@ def test_a_file_without_a_pose_is_an_error(content, complaint, tmp_path):
         read_trajectory(path)
     assert str(raised.value).startswith(str(path))
     assert complaint in str(raised.value)
+
+
+@pytest.mark.parametrize('line', ['x', '1 2 3', '# a comment'])
+def test_megabytes_of_other_lines_cost_little(line, tmp_path):
+    path = tmp_path / 'poses.txt'
+    path.write_text(f'{line}\n' * 300_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(BadFileError, match='expected 12 numbers a line'):
+            read_trajectory(path)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 40 * 10**6

@@ -174,7 +174,7 @@ parent, encode, calls = os.getpid(), Encoder.encode, []
 
 def encode_or_interrupt(self, entry, wanted=None):
     calls.append(entry)
-    if os.getpid() != parent and len(calls) == 3:
+    if os.getpid() != parent and len(calls) == 1:  # so that all the rest is still to be done
         os.kill(os.getpid(), signal.SIGINT)  # as a terminal does; a worker ignores it
         try:
             os.close(os.open(sys.argv[1], os.O_CREAT | os.O_EXCL))  # by one worker only
