@@ -14,7 +14,7 @@ from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.image_set import parse_image_set
 from kitti_ros2.kitti.label_file import labels_of_text
 from kitti_ros2.kitti.object_mapping import parse_mapping, parse_rand
-from kitti_ros2.kitti.oxts_file import parse_packet
+from kitti_ros2.kitti.oxts_file import packet_lines, parse_packet
 from kitti_ros2.kitti.poses import MercatorWorld, pose_from_odometry, pose_from_packet
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.kitti.scan_file import parse_scan, parse_scan_text
@@ -76,7 +76,7 @@ def _tracklets(data: bytes) -> None:
 
 def _oxts(data: bytes) -> None:
     packets = []
-    for line, text in enumerate(decode_text(data, PATH).splitlines(), 1):
+    for line, text in enumerate(packet_lines(decode_text(data, PATH), PATH), 1):
         with suppress(BadFileError):  # costs its own packet
             packets.append(parse_packet(text, PATH, line))
     if packets:
