@@ -162,7 +162,7 @@ def _ahead_of(reference: TopicSurvey, stream: TopicSurvey) -> int | None:
 def _measured_ns(topic: TopicSurvey) -> Int64Array:
     """Return the stamps at which messages were complete: of clouds the end of their turns."""
     end_ns = topic.turn_ns[1] if topic.turn_ns is not None and topic.has_own_stamps else 0
-    return topic.stamps()[0] - topic.middle_ns + end_ns
+    return topic.clock_ns() - topic.middle_ns + end_ns
 
 
 def _is_steady(stamps: Int64Array, logs: Int64Array) -> bool:
@@ -175,7 +175,7 @@ def _is_steady(stamps: Int64Array, logs: Int64Array) -> bool:
 
 def _lead_ns(topic: TopicSurvey) -> int:
     """Return the median nanoseconds that stamps are ahead of log times."""
-    leads = topic.stamps()[0] - np.array(topic.log_ns, dtype=np.int64)
+    leads = topic.clock_ns() - np.array(topic.log_ns, dtype=np.int64)
     return int(np.sort(leads)[len(leads) // 2])
 
 

@@ -132,6 +132,8 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
         for stream, name in topics.items()
     }
     reference = _reference(plan, series, track)
+    order = np.argsort(reference, kind='stable')
+    reference = reference[order]
     others = {stream: each for stream, each in series.items() if stream.value != plan.reference}
     places_2d, lost_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
@@ -145,7 +147,7 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
         Loss(topics[stream], matches[stream].dropped, f'{topics[stream]}: {text}')
         for stream, text in apart.items()
     ]
-    samples = {stream: np.arange(len(reference)) for stream in topics}
+    samples = dict.fromkeys(topics, order)
     samples |= {stream: match.indices for stream, match in matches.items()}
     labelled = samples.get(Stream.LABELS, np.empty(0, np.int64))
     if Stream.LABELS in samples:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..messages.topics import own_topics
 from ..model import msgtypes as types
+from ..rig.heading import find_body
+from ..rig.tf_tree import FrameTree
 from .guess_names import is_truth
 from .named_frames import NamedFrames, child_of
 from .plan import PosePlan
@@ -40,6 +42,12 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
         if found is not None and found.topic != chain.topic:
             notes.append(f'passed over for poses: {found.topic}')
         return chain
+    if found is not None:
+        notes += [
+            f'passed over for poses: {each.name}, which joins {found.world} to {found.body}, too'
+            for each in survey.of_type(*types.TF_TYPES)
+            if (found.world, found.body) in survey.moving and 'static' not in each.name
+        ]
     found = found or _link(survey)
     if found is None:
         notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
@@ -134,4 +142,6 @@ def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
 
 def _body(survey: Survey) -> str:
     known = {name for parent, child, _ in survey.static for name in (parent, child)}
-    return next((name for name in BODIES if name in known), BODIES[0])
+    named = next((name for name in BODIES if name in known), '')
+    heading = None if named else find_body(FrameTree(survey.static, survey.moving), known)
+    return named or (BODIES[0] if heading is None else heading.frame)

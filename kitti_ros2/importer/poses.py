@@ -179,7 +179,7 @@ def _read(
                 decoded = decode(message)
                 if child and message.msgtype == types.ODOMETRY:
                     _check_child(decoded.child_frame_id.lstrip('/'), child)
-                poses = _poses(decoded, message.msgtype, plan, survey)
+                poses = _poses(decoded, message.msgtype, plan, survey, message.stamp_ns)
             except ValueError as error:
                 reason = reason or f' ({error})'
                 losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
@@ -206,8 +206,9 @@ def _poses(
     msgtype: str,
     plan: PosePlan,
     survey: Survey,
+    log_ns: int,
 ) -> list[tuple[int, tuple[float, ...]]]:
-    """Return stamp and numbers of the poses in a message, all of them valid.
+    """Return stamp and numbers of the poses in a message; a transform of stamp 0 has its log time.
 
     Raises:
         ValueError: One is not.
@@ -230,7 +231,10 @@ def _poses(
         return []
     poses_of_link(message, wanted[0])
     return [
-        (stamp_ns_of(each.header), numbers_of(each.transform.translation, each.transform.rotation))
+        (
+            stamp_ns_of(each.header) or log_ns,
+            numbers_of(each.transform.translation, each.transform.rotation),
+        )
         for each in message.transforms
         if (plain(each.header.frame_id), plain(each.child_frame_id)) == wanted[0]
     ]

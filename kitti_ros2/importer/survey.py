@@ -16,7 +16,7 @@ from ..bags.decoding import Decoder
 from ..bags.forward_stamps import ForwardStamps
 from ..bags.pieces import MessageStart, size_of
 from ..bags.reader import open_messages, opened
-from ..messages.header import body_after_header, peek_first_stamp, peek_header
+from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
@@ -172,6 +172,8 @@ class _Pass:
             decoded = self._decoded(topic, message)
             if decoded is not None:
                 self._links.add(decoded, still='static' in topic.name)
+            first_ns = stamp_ns_of(decoded.transforms[0].header) if _has_links(decoded) else 0
+            topic.links_ns.append(first_ns or message.stamp_ns)
         elif topic.msgtype in READ:
             self._look_at(topic, message)
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
@@ -223,6 +225,10 @@ class _Pass:
         except ValueError as error:
             topic.fail(error)
             return None
+
+
+def _has_links(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    return message is not None and bool(message.transforms)
 
 
 def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:

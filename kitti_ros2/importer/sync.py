@@ -82,17 +82,19 @@ def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array
         log_ns: (N,) nanoseconds.
 
     Returns:
-        The stamps, and the reason for log times: header stamps that are 0, before 1970, or earlier
-        than the one before; None for header stamps. The first may be 0 if the next one follows
-        within a second: the time of simulators begins there.
+        The stamps, and the reason for log times: most header stamps are 0, one is before 1970, or
+        more than a second earlier than one before; None for header stamps. Of these, those that are
+        not set get the median distance that the others have from log times.
     """
-    unset = header_ns == 0
-    if len(header_ns) > 1 and 0 < header_ns[1] <= NS_PER_S:
-        unset[0] = False
+    unset = unset_stamps(header_ns)
+    if 0 < 2 * np.count_nonzero(unset) < len(header_ns):
+        lead_ns = np.sort((header_ns - log_ns)[~unset])
+        header_ns = np.where(unset, log_ns + lead_ns[len(lead_ns) // 2], header_ns)
+        unset[:] = False
     for is_wrong, fault in (
         (unset, '0'),
         (header_ns < 0, 'before 1970'),
-        (np.diff(header_ns, prepend=header_ns[:1]) < 0, 'earlier than the one before'),
+        (late_ns(header_ns) > NS_PER_S, 'more than a second earlier than one before'),
     ):
         wrong = np.flatnonzero(is_wrong)
         if len(wrong):
@@ -102,6 +104,23 @@ def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array
                 f' (the first that of message {wrong[0] + 1}); log time is used'
             )
     return header_ns, None
+
+
+def unset_stamps(stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    """Return (N,) which stamps are not set: 0.
+
+    The first may be 0 if the next one follows within a second: the time of simulators begins there.
+    """
+    unset: npt.NDArray[np.bool_] = stamps_ns == 0
+    if len(stamps_ns) > 1 and 0 < stamps_ns[1] <= NS_PER_S:
+        unset[0] = False
+    return unset
+
+
+def late_ns(stamps_ns: Int64Array) -> Int64Array:
+    """Return (N,) the nanoseconds by which stamps are earlier than the latest one before them."""
+    latest: Int64Array = np.maximum.accumulate(stamps_ns)
+    return latest - stamps_ns
 
 
 def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -> StreamMatch:

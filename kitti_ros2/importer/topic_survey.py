@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .sync import usable_stamps
+from .sync import late_ns, unset_stamps, usable_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -33,6 +33,7 @@ class TopicSurvey:
         headless: Indices of the messages without a readable header.
         changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
+        links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
         markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
@@ -54,6 +55,7 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     changes: int = 0
     size_bytes: int = 0
+    links_ns: list[int] = field(default_factory=list)
     markers_ns: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
@@ -84,8 +86,16 @@ class TopicSurvey:
 
     @property
     def has_own_stamps(self) -> bool:
-        """Whether header stamps are used, not log times."""
-        return not self.by_log and bool(self.header_ns) and self._stamps()[1] is None
+        """Whether stamps of the messages are used, not log times."""
+        if self.by_log:
+            return False
+        return bool(self.links_ns) or (bool(self.header_ns) and self._stamps()[1] is None)
+
+    def clock_ns(self) -> Int64Array:
+        """Return (N,) stamps by which clocks are compared: also of TFMessages, without a header."""
+        if self.by_log or not self.links_ns:
+            return self.stamps()[0]
+        return np.array(self.links_ns, dtype=np.int64) + self.offset_ns
 
     def stamps(self) -> tuple[Int64Array, str | None]:
         """Select the stamps to use, (N,) nanoseconds in the order of reading.
@@ -103,16 +113,36 @@ class TopicSurvey:
         _, reason = self.stamps()
         if reason is not None:
             yield f'{self.name}: {reason}'
-        # Arrays of markers with one stamp are one sample: see label_groups.
-        if self.by_log or self.markers_ns or len(self.header_ns) != self.count:
+        if self.by_log or len(self.header_ns) != self.count:
             return
         header = np.array(self.header_ns, dtype=np.int64)
+        if reason is None:
+            yield from self._mended(header)
+        if self.markers_ns:
+            return  # arrays of markers with one stamp are one sample: see label_groups
         again = np.flatnonzero(np.diff(header) == 0) + 1
         again = again[header[again] != 0]
         if len(again):
             yield (
                 f'{self.name}: {len(again)} of {len(header)} messages have the stamp of the one'
                 f' before (the first is message {again[0] + 1}); each is a sample of its own'
+            )
+
+    def _mended(self, header_ns: Int64Array) -> Iterator[str]:
+        """Yield notes on header stamps that are used, and are 0 or out of order."""
+        unset = np.flatnonzero(unset_stamps(header_ns))
+        if len(unset):
+            yield (
+                f'{self.name}: header stamps that are 0: {len(unset)} of {len(header_ns)} (the'
+                f' first that of message {unset[0] + 1}); they get the log time, moved by the'
+                f' distance of the others'
+            )
+        late = late_ns(np.delete(header_ns, unset))
+        if late.any():
+            yield (
+                f'{self.name}: messages whose stamps are before that of an earlier one:'
+                f' {np.count_nonzero(late)} of {len(header_ns)}, by {late.max() / 1e6:.1f} ms at'
+                f' most; they are taken in the order of their stamps'
             )
 
     def _stamps(self) -> tuple[Int64Array, str | None]:

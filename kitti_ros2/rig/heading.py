@@ -31,7 +31,10 @@ AXES: dict[str, Float64Array] = {
 """By the axis that looks forward: (3, 3), columns forward, left, up in the frame. Up is z, with z
 forward it is -y, as in an optical frame."""
 
-_BODIES = ('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base')
+_BODIES = (
+    *('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base'),
+    *('chassis', 'chassis_link', 'ego', 'car', 'trunk'),
+)
 _ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
 _SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)
 _OPTICAL = re.compile(r'optical(_frame|_link)?$', re.IGNORECASE)

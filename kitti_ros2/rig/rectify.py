@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 _FISHEYE = 'equidistant'
 _ALIASES = {'fisheye': _FISHEYE, 'kannala_brandt': _FISHEYE}
-_COUNTS = {'plumb_bob': (4, 5), 'rational_polynomial': (8,), _FISHEYE: (4,)}
+_OF_OPENCV = (4, 5, 8, 12, 14)
+_COUNTS = {'plumb_bob': _OF_OPENCV, 'rational_polynomial': _OF_OPENCV, _FISHEYE: (4,)}
+"""Numbers of D; image_geometry of ROS, too, passes those of both pinhole models on to OpenCV."""
 _SAME_ROTATION = 1e-9
 _SAME_PIXEL = 1e-6
 _LARGEST = 32767
@@ -53,8 +55,9 @@ class Rectifier:
     """Rectifies the images of a camera; the pixel maps are computed once.
 
     Args:
-        camera: D has 4 or 5 numbers of plumb_bob, 8 of rational_polynomial, or 4 of equidistant,
-            which is also called fisheye and kannala_brandt.
+        camera: D has 4, 5, 8, 12 or 14 numbers of plumb_bob or rational_polynomial, or 4 of
+            equidistant, which is also called fisheye and kannala_brandt. None of the first two is
+            no distortion.
 
     Raises:
         ValueError: The model is unknown, D has another count of numbers, K, R or P is invalid (all
@@ -137,11 +140,12 @@ def _maps(camera: CameraModel) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.ui
             f'unknown distortion model {camera.model!r}; known are {", ".join(_COUNTS)}'
         )
     counts = _COUNTS[name]
-    if len(camera.d) not in counts:
+    d = camera.d if len(camera.d) or name == _FISHEYE else np.zeros(counts[0])
+    if len(d) not in counts:
         expected = ' or '.join(map(str, counts))
         raise ValueError(f'D has {len(camera.d)} numbers; {camera.model} has {expected}')
     lens = cv2.fisheye if name == _FISHEYE else cv2
     maps: tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]] = lens.initUndistortRectifyMap(
-        k, camera.d, r, k_rect, camera.size, cv2.CV_16SC2
+        k, d, r, k_rect, camera.size, cv2.CV_16SC2
     )
     return maps

@@ -180,25 +180,39 @@ def test_the_tolerance_is_half_the_usual_period(reference, tolerance):
     assert default_tolerance_ns(stamps(reference)) == tolerance
 
 
-@pytest.mark.parametrize('header', [[], [7], [5, 5, 9], [0, 100 * MS, 200 * MS]])
-def test_header_stamps_in_order_are_used(header):
+@pytest.mark.parametrize(
+    'header', [[], [7], [5, 5, 9], [0, 100 * MS, 200 * MS], [T0, T0 + 200 * MS, T0 + 100 * MS]]
+)
+def test_header_stamps_are_used_also_where_messages_were_delivered_late(header):
     used, reason = usable_stamps(stamps(header), stamps([20] * len(header)))
     assert used.tolist() == header
     assert reason is None
 
 
+def test_header_stamps_of_zero_get_the_log_time_moved_by_the_others():
+    header = [T0, 0, T0 + 200 * MS, 0, T0 + 400 * MS]
+    log = [T0 + place * 100 * MS + late * MS for place, late in enumerate((80, 90, 80, 70, 81))]
+    used, reason = usable_stamps(stamps(header), stamps(log))
+    assert used.tolist() == [
+        T0, T0 + 110 * MS, T0 + 200 * MS, T0 + 290 * MS, T0 + 400 * MS,
+    ]  # fmt: skip
+    assert reason is None
+
+
+LATE = 'header stamps are more than a second earlier than one before'
+
+
 @pytest.mark.parametrize(
     ('header', 'reason'),
     [
-        ([5, 0, 9], '1 of 3 header stamps is 0 (the first that of message 2);'),
         ([0], '1 of 1 header stamps is 0 (the first that of message 1);'),
-        ([0, T0, T0], '1 of 3 header stamps is 0 (the first that of message 1);'),
         ([0, 0, 100 * MS], '2 of 3 header stamps are 0 (the first that of message 1);'),
+        ([0, T0], '1 of 2 header stamps is 0 (the first that of message 1);'),
         ([0, 0, 0], '3 of 3 header stamps are 0 (the first that of message 1);'),
         ([-5, -4, 3], '2 of 3 header stamps are before 1970 (the first that of message 1);'),
         (
-            [5, 4, 3],
-            '2 of 3 header stamps are earlier than the one before (the first that of message 2);',
+            [T0, T0 - 1001 * MS, T0 - 1002 * MS],
+            f'2 of 3 {LATE} (the first that of message 2);',
         ),
     ],
 )

@@ -42,6 +42,7 @@ def test_axes_are_rotations_whose_first_column_is_the_axis(axis):
         (('robot1/base_link', 'lidar'), 'robot1/base_link'),
         (('Base_Link', 'lidar'), 'Base_Link'),
         (('husky_base_link', 'lidar'), 'husky_base_link'),
+        (('chassis', 'lidar'), 'chassis'),
         (('velodyne_base_link', 'lidar'), None),
         (('rig', 'lidar'), None),
     ],

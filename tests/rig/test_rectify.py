@@ -165,9 +165,8 @@ class TestRectifier:
     @pytest.mark.parametrize(
         ('model', 'count', 'said'),
         [
-            ('plumb_bob', 8, 'D has 8 numbers; plumb_bob has 4 or 5'),
-            ('plumb_bob', 0, 'D has 0 numbers; plumb_bob has 4 or 5'),
-            ('rational_polynomial', 5, 'D has 5 numbers; rational_polynomial has 8'),
+            ('plumb_bob', 6, 'D has 6 numbers; plumb_bob has 4 or 5 or 8 or 12 or 14'),
+            ('rational_polynomial', 9, 'D has 9 numbers; rational_polynomial has 4 or 5 or 8 or'),
             ('equidistant', 5, 'D has 5 numbers; equidistant has 4'),
             ('fisheye', 0, 'D has 0 numbers; fisheye has 4'),
         ],
@@ -175,6 +174,23 @@ class TestRectifier:
     def test_a_wrong_count_is_told(self, model, count, said):
         with pytest.raises(ValueError, match=said):
             rectifier_of(K, np.full(count, 0.01), R, P, model, SIZE)
+
+    @pytest.mark.parametrize(
+        ('model', 'd', 'same_as'),
+        [
+            ('rational_polynomial', [*CAMERAS[2][1], *[0.0] * 4], CAMERAS[2]),
+            ('rational_polynomial', [*CAMERAS[2][1], *[0.0] * 6], CAMERAS[2]),
+            ('plumb_bob', CAMERAS[2][1], CAMERAS[2]),
+            ('plumb_bob', [], ('plumb_bob', [0.0] * 5)),
+            ('rational_polynomial', [], ('plumb_bob', [0.0] * 5)),
+        ],
+    )
+    def test_models_of_opencv_may_be_longer_or_empty(self, model, d, same_as):
+        pixels = np.random.default_rng(0).integers(0, 256, SIZE[::-1], np.uint8)
+        found = rectifier_of(K, d, R, P, model, SIZE).apply(pixels)
+        other, numbers = same_as
+        expected = rectifier_of(K, numbers, R, P, other, SIZE).apply(pixels)
+        np.testing.assert_array_equal(found, expected)
 
     @pytest.mark.parametrize('name', ['K', 'R', 'P'])
     @pytest.mark.parametrize('value', [0.0, np.nan, np.inf])

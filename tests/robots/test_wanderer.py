@@ -186,6 +186,66 @@ def test_frames_that_are_not_in_the_tree_are_refused(changes, said, tmp_path):
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.parametrize('shift_ns', [3 * 10**9, -3 * 10**9, -1000 * 10**9])
+@pytest.mark.parametrize(
+    'robot',
+    [Robot(map_tf=False), Robot(map_tf=False, odom_tf=False, odometry=('odom', 'base_link'))],
+)
+def test_log_times_that_lie_elsewhere_say_nothing_about_clocks(robot, shift_ns, tmp_path):
+    """Stamps agree: a simulator's time is recorded by the wall clock, a bag was played again."""
+    robot = replace(robot, boxes=None, log=lambda _, stamp_ns: stamp_ns + shift_ns)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert (guessed.plan.pose.offset_s, report.losses) == (0.0, ())
+    found = numbers(tmp_path / 'out' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    true = relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]
+    assert np.abs(found - true).max() < 1e-4
+
+
+@pytest.mark.parametrize('late', ['/points', '/objects', '/odom', '/camera/image_rect'])
+def test_messages_that_were_delivered_late_are_taken_by_their_stamps(late, tmp_path):
+    """One is recorded after the one that follows it."""
+    stamps = {START_NS + 5 * PERIOD_NS, START_NS - 203 * MS + 700 * MS}
+
+    def log(topic, stamp_ns):
+        waits = topic == late and stamp_ns in stamps
+        return stamp_ns + 60 * MS + waits * (PERIOD_NS + 40 * MS)
+
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes='odom', odometry=('odom', 'base_link'), log=log
+    )
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    notes = []
+    for layout in (Layout.ODOMETRY, Layout.OBJECT):
+        _, report = convert(tmp_path / 'bag', tmp_path / layout.value, layout)
+        assert report.losses == ()
+        notes += [each for each in report.notes if 'in the order of their stamps' in each]
+    assert notes
+    assert all(each.startswith(f'{late}: messages whose stamps are before') for each in notes)
+    check_boxes(tmp_path / 'object', frames, range(len(frames)))
+    found = numbers(tmp_path / 'odometry' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    true = relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]
+    assert np.abs(found - true).max() < 1e-4
+
+
+def test_transforms_without_stamps_have_the_times_of_recording(tmp_path):
+    robot = Robot(map_tf=False, boxes=None, stamped=False, log=lambda _, stamp_ns: stamp_ns)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert report.losses == ()
+    found = numbers(tmp_path / 'out' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    true = relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]
+    assert np.abs(found - true).max() < 1e-4
+
+
+def test_transforms_of_the_same_frames_as_an_odometry_are_named(tmp_path):
+    wanderer.write(tmp_path / 'bag', Robot(map_tf=False, odometry=('odom', 'base_link')))
+    survey = look([tmp_path / 'bag'])
+    guessed = guess([tmp_path / 'bag'], survey, ImportOptions(layout=Layout.ODOMETRY))
+    assert guessed.plan.pose.topic == '/odom'
+    assert 'passed over for poses: /tf, which joins odom to base_link, too' in guessed.notes
+
+
 def in_gap(stamp_ns):
     """From 0.65 s to 2.45 s: scans 7 to 24."""
     return START_NS + 650 * MS < stamp_ns < START_NS + 2450 * MS

@@ -133,6 +133,8 @@ class Robot:
         static: Whether the sensors are joined to base_link.
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
+        stamped: Whether transforms have stamps, not 0.
+        log: When messages are recorded, by (topic, stamp).
     """
 
     map_tf: bool = True
@@ -147,6 +149,8 @@ class Robot:
     static: bool = True
     broken: int = 0
     keep: Callable[[str, int], bool] = field(default=lambda _child, _stamp: True)
+    stamped: bool = True
+    log: Callable[[str, int], int] = field(default=lambda _topic, stamp_ns: stamp_ns + MS)
 
 
 def header(stamp_ns, frame):
@@ -306,7 +310,7 @@ def moving(robot: Robot):
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
         pose = odom_t_base(stamp_ns)
         if robot.odom_tf and robot.keep('base_link', stamp_ns):
-            link = transform(stamp_ns, 'odom', 'base_link', pose)
+            link = transform(stamp_ns * robot.stamped, 'odom', 'base_link', pose)
             if broken > 0:
                 link.transform.rotation.w = link.transform.rotation.z = 0.0
             yield '/tf', stamp_ns, tf(link)
@@ -334,5 +338,5 @@ def write(path: Path, robot: Robot) -> list[Frame]:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
             data = STORE.serialize_cdr(message, kind)
-            writer.write(connections[topic], stamp_ns + MS, data)
+            writer.write(connections[topic], robot.log(topic, stamp_ns), data)
     return frames
