@@ -175,7 +175,7 @@ class PacketMaker:
 
     def _nearest(self, topic: str, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
         stamps = self._stamps[topic]
-        period = int(np.median(np.diff(stamps))) if len(stamps) > 1 else 0
+        period = int(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0
         places = _nearest(stamps, self._frames_ns)
         far = np.abs(stamps[places] - self._frames_ns) > max(tolerance_ns, period)
         return [
@@ -186,13 +186,15 @@ class PacketMaker:
     def _wanted_fixes(self, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
         topic = self._topics['fix']
         stamps = self._stamps[topic]
-        after = np.searchsorted(stamps, self._frames_ns)
+        order = np.argsort(stamps, kind='stable')
+        ranked = stamps[order]
+        after = np.searchsorted(ranked, self._frames_ns)
         nearest = self._nearest(topic, tolerance_ns)
         wanted: list[set[tuple[str, int]] | None] = []
         for frame, place in enumerate(after.tolist()):
             between = 0 < place < len(stamps)
-            if between and stamps[place] - stamps[place - 1] <= _MAX_FIX_GAP_NS:
-                wanted.append({(topic, place - 1), (topic, place)})
+            if between and ranked[place] - ranked[place - 1] <= _MAX_FIX_GAP_NS:
+                wanted.append({(topic, int(each)) for each in order[place - 1 : place + 1]})
             else:
                 wanted.append(nearest[frame])
         return wanted
@@ -238,6 +240,7 @@ class PacketMaker:
 
     def _fix(self, frame: int, fixes: list[tuple[int, Any]]) -> Any:  # noqa: ANN401 - of the bag
         stamps = self._stamps[self._topics['fix']]
+        fixes = sorted(fixes, key=lambda each: int(stamps[each[0]]))
         (before, first), (after, last) = fixes[0], fixes[-1]
         if before == after or not has_fix(last):
             return first
@@ -259,8 +262,10 @@ class PacketMaker:
 
 def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:
     """Return (M,) index of the stamp nearest to each of (M,) requested ones."""
-    after = np.clip(np.searchsorted(stamps, wanted), 1, max(len(stamps) - 1, 1))
+    order = np.argsort(stamps, kind='stable')
+    ranked = stamps[order]
+    after = np.clip(np.searchsorted(ranked, wanted), 1, max(len(ranked) - 1, 1))
     before = after - 1
-    later = np.minimum(after, len(stamps) - 1)
-    nearer = np.abs(stamps[later] - wanted) < np.abs(stamps[before] - wanted)
-    return np.where(nearer, later, before).astype(np.int64)
+    later = np.minimum(after, len(ranked) - 1)
+    nearer = np.abs(ranked[later] - wanted) < np.abs(ranked[before] - wanted)
+    return order[np.where(nearer, later, before)].astype(np.int64)

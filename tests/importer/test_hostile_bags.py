@@ -96,7 +96,7 @@ def test_an_image_of_another_size_is_left_out_and_named(tmp_path):
     [
         (
             0,
-            'header stamps that are 0: 1 of 12 (the first that of message 4); they get the log time',
+            'header stamps that are 0: 1 of 12 (the first that of message 4)',
         ),
         (10**9, '1 of 12 header stamps is more than a second earlier than one before'),
     ],

@@ -284,7 +284,7 @@ def test_repeated_stamps_and_steps_back_are_told_with_counts(tmp_path):
         for note in report.notes
     )
     assert any(
-        note.startswith('/camera/image: 2 of 20 header stamps are earlier than the one before')
+        note.startswith('/camera/image: messages whose stamps are before that of an earlier one: 2')
         for note in report.notes
     )
 

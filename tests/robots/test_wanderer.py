@@ -228,6 +228,24 @@ def test_messages_that_were_delivered_late_are_taken_by_their_stamps(late, tmp_p
     assert np.abs(found - true).max() < 1e-4
 
 
+@pytest.mark.parametrize('late', ['/imu', '/odom', '/points'])
+def test_packets_are_the_same_where_a_message_was_delivered_late(late, tmp_path):
+    stamps = {START_NS + 5 * PERIOD_NS, START_NS - 203 * MS + 700 * MS}
+    written = []
+    for wait_ns in (0, PERIOD_NS + 40 * MS):
+        robot = Robot(
+            map_tf=False, odom_tf=False, boxes=None, odometry=('odom', 'base_link'), imu=True,
+            log=lambda topic, ns, wait_ns=wait_ns: ns + (topic == late and ns in stamps) * wait_ns,
+        )  # fmt: skip
+        wanderer.write(tmp_path / f'bag{wait_ns}', robot)
+        _, report = convert(tmp_path / f'bag{wait_ns}', tmp_path / f'out{wait_ns}', Layout.RAW)
+        assert report.losses == ()
+        packets = sorted((tmp_path / f'out{wait_ns}').rglob('oxts/data/*.txt'))
+        written.append([path.read_text() for path in packets])
+    assert len(written[0]) == 30
+    assert written[0] == written[1]
+
+
 def test_transforms_without_stamps_have_the_times_of_recording(tmp_path):
     robot = Robot(map_tf=False, boxes=None, stamped=False, log=lambda _, stamp_ns: stamp_ns)
     frames = wanderer.write(tmp_path / 'bag', robot)
