@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from .topic_survey import TopicSurvey
 
 
+_REPORTED_LEVER_M = 0.05
+
+
 class Rigging:
     """The sensors of a plan in KITTI's frames.
 
@@ -79,6 +82,7 @@ class Rigging:
             if camera.info and topic_of(survey, camera.info).changes
         ]
         self.imu_t_topic = self._unit_transforms(survey)
+        self._antenna = list(self._lever_arm(survey))
         self.labels = BoxConversion(
             plan,
             survey,
@@ -154,7 +158,22 @@ class Rigging:
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         found += self._nominal_places() if first is None else ()
         found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
-        return [*found, *self._changing, *self.calibrations.notes]
+        return [*found, *self._antenna, *self._changing, *self.calibrations.notes]
+
+    def _lever_arm(self, survey: Survey) -> Iterator[str]:
+        """Yield a note where a NavSatFix is of an antenna away from KITTI's imu frame."""
+        plan = self._plan
+        frame = topic_of(survey, plan.fix).frame if plan.fix else ''
+        known = self._tree.frames
+        if frame not in known or plan.imu_frame not in known:
+            return
+        place = self._tree.find(plan.imu_frame, frame)
+        away_m = 0.0 if place is None else float(np.linalg.norm(place.translation))
+        if away_m > _REPORTED_LEVER_M:
+            yield (
+                f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
+                f' places are written as they are, not moved to it'
+            )
 
     def _nominal_places(self) -> Iterator[str]:
         """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""

@@ -460,3 +460,14 @@ def test_files_beside_the_bag_that_are_no_text_are_refused(option, kind, tmp_pat
     assert code == 2
     assert str(beside) in line
     assert not (tmp_path / 'out').exists()
+
+
+def test_an_antenna_away_from_the_imu_is_told(tmp_path):
+    def move(message):
+        return replace(message, header=replace(message.header, frame_id='cam_left_optical'))
+
+    path = hostile(tmp_path, '/gps/fix', None, move)
+    report = convert(path, tmp_path / 'out', Layout.RAW)
+    (note,) = (note for note in report.notes if 'its antenna' in note)
+    assert note.startswith('/gps/fix: its antenna (cam_left_optical) is ')
+    assert 'not moved to it' in note
