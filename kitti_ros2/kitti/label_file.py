@@ -26,18 +26,18 @@ from typing import TYPE_CHECKING
 from ..model.boxes import DONT_CARE, Box, is_absurd
 from ..model.errors import BadFileError
 from ..model.samples import FrameLabels
-from .text_file import Lines, check_count, parse_lines, parse_numbers
+from .text_file import Lines, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     from ..model.samples import TextFile
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
-_EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
+EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
 
 _OBJECT_COLUMNS = 15
-_TRACK_COLUMNS = (17, 18)
+TRACK_COLUMNS = (17, 18)
 _TRACKS = 2**31  # ids of markers are int32
 
 
@@ -60,25 +60,7 @@ def parse_track(line: str, path: Path | str, number: int) -> Box | BadFileError:
     try:
         return _parse_tracked(line)
     except ValueError as error:
-        return BadFileError(path, str(error), _EXPECTED_TRACKS, line=number)
-
-
-def check_tracks(lines: Iterable[tuple[int, Sequence[str]]], path: Path | str) -> None:
-    """Refuse a file most of whose lines are no tracks, before they are parsed.
-
-    Args:
-        lines: The number of each, from 1, and its words.
-        path: For the error.
-
-    Raises:
-        BadFileError: More than a thousand have another number of columns.
-    """
-    errors: list[BadFileError] = []
-    for number, words in lines:
-        if len(words) not in _TRACK_COLUMNS:
-            found = f'{len(words)} columns'
-            errors.append(BadFileError(path, found, _EXPECTED_TRACKS, line=number))
-            check_count(errors, path, _EXPECTED_TRACKS)
+        return BadFileError(path, str(error), EXPECTED_TRACKS, line=number)
 
 
 def frame_labels(
@@ -118,7 +100,7 @@ def parse_box(line: str) -> Box:
     words = line.split()
     frame: int | None = None
     track_id: int | None = None
-    if len(words) in _TRACK_COLUMNS:
+    if len(words) in TRACK_COLUMNS:
         frame, track_id = _parse_integer(words[0]), _parse_integer(words[1])
         if abs(track_id) >= _TRACKS:
             raise ValueError(f'track id {words[1]}')

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError
 from ..model.samples import OxtsPacket
-from .text_file import check_count, parse_numbers
+from .text_file import check_columns, parse_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -69,12 +69,7 @@ def packet_lines(text: str, path: Path | str) -> list[str]:
     lines = text.splitlines(keepends=True)
     while lines and not lines[-1].strip():
         lines.pop()
-    errors: list[BadFileError] = []
-    for row, line in enumerate(lines):
-        count = len(line.split())
-        if count != len(COLUMNS):
-            errors.append(BadFileError(path, f'{count} values', _EXPECTED, line=row + 1))
-            check_count(errors, path, _EXPECTED)
+    check_columns(enumerate(lines, 1), (len(COLUMNS),), path, _EXPECTED)
     return lines
 
 

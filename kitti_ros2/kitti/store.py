@@ -145,7 +145,7 @@ class FileStore:
         """Read a whole file.
 
         Raises:
-            BadFileError: It is a pipe or a device, which may have no end.
+            BadFileError: It is a pipe or a device, which may have no end, or beyond MOST_BYTES.
             OSError: The file cannot be read.
         """
         if isinstance(path, RemotePath):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from ..model.errors import BadFileError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Container, Iterable
     from pathlib import Path
 
 T = TypeVar('T')
@@ -70,6 +70,28 @@ def parse_lines(text: str, path: Path | str, expected: str, parse: Callable[[str
             errors[index] = BadFileError(path, str(error), expected, line=index + 1)
             check_count(errors.values(), path, expected)
     return Lines(values, errors)
+
+
+def check_columns(
+    lines: Iterable[tuple[int, str]], counts: Container[int], path: Path | str, expected: str
+) -> None:
+    """Refuse a file of another kind, before its lines are parsed.
+
+    Args:
+        lines: The number of each, from 1, and its text.
+        counts: How many columns a line may have.
+        path: For the error.
+        expected: The expected content of a line, for the error.
+
+    Raises:
+        BadFileError: More than a thousand have another number of columns.
+    """
+    errors: list[BadFileError] = []
+    for number, line in lines:
+        found = len(line.split())
+        if found not in counts:
+            errors.append(BadFileError(path, f'{found} columns', expected, line=number))
+            check_count(errors, path, expected)
 
 
 def check_count(errors: Collection[BadFileError], path: Path | str, expected: str) -> None:

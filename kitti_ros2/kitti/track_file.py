@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from ..model.errors import BadFileError
 from ..model.samples import TextFile
 from . import names
-from .label_file import check_tracks, frame_labels, parse_track
-from .text_file import BOM, check_count
+from .label_file import EXPECTED_TRACKS, TRACK_COLUMNS, frame_labels, parse_track
+from .text_file import BOM, check_columns, check_count
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,8 +45,8 @@ class TrackFile:
                 found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
                 self.errors.append(BadFileError(path, found, expected, line=row + 1))
                 check_count(self.errors, path, expected)
-        framed = (row for rows in self.rows.values() for row in rows)
-        check_tracks(((row + 1, self._lines[row].split()) for row in framed), path)
+        framed = ((row + 1, self._lines[row]) for rows in self.rows.values() for row in rows)
+        check_columns(framed, TRACK_COLUMNS, path, EXPECTED_TRACKS)
 
     def _rows(self, number: int) -> dict[int, Box | BadFileError]:
         return {
