@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..checksums import adler32, crc32
+from ..picture_headers import PNG_SIGNATURE
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _NUMBER = struct.Struct('>I')
 _HEADER = struct.Struct('>IIBBBBB')
 _GREY, _RGB = 0, 2
@@ -75,7 +75,7 @@ def _file(rows: npt.NDArray[np.uint8], colour: int, channels: int, value_bytes: 
     filtered = _filtered(rows, pixel_bytes)
     header = _HEADER.pack(row_bytes // pixel_bytes, height, value_bytes * 8, colour, 0, 0, 0)
     data = [_ZLIB_HEAD, _deflated(filtered), _NUMBER.pack(adler32(filtered))]
-    parts = [_SIGNATURE]
+    parts = [PNG_SIGNATURE]
     for kind, body in ((b'IHDR', [header]), (b'IDAT', data), (b'IEND', [])):
         crc = crc32(kind)
         for part in body:

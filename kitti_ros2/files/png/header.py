@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 from ...model.errors import BadFileError
 from ...model.samples import Image
 from ..checksums import crc32
+from ..picture_headers import PNG_SIGNATURE
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
 _CHUNK = struct.Struct('>I4s')
@@ -44,7 +44,7 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
     """
     if not data:
         raise BadFileError(path, 'the file is empty', 'a PNG image', remedy=_REMEDY)
-    if len(data) < _HEADER.size or not data.startswith(_SIGNATURE):
+    if len(data) < _HEADER.size or not data.startswith(PNG_SIGNATURE):
         raise BadFileError(path, 'no PNG signature and header', 'a PNG image', remedy=_REMEDY)
     _, _, kind, width, height, _, colour = _HEADER.unpack_from(data)
     if kind != b'IHDR' or colour not in _CHANNELS or not width or not height:
@@ -71,7 +71,7 @@ def _find_damage(data: bytes) -> str:
         data: A PNG file that ends with IEND and at most TRAILING_BYTES.
     """
     view = memoryview(data)
-    offset, head, unpack = len(_SIGNATURE), _CHUNK.size, _CRC_AND_CHUNK.unpack_from
+    offset, head, unpack = len(PNG_SIGNATURE), _CHUNK.size, _CRC_AND_CHUNK.unpack_from
     last = len(data) - _CRC_AND_CHUNK.size
     length, kind = _CHUNK.unpack_from(data, offset)
     kinds = set()

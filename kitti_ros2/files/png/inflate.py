@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..checksums import adler32, crc32
+from ..picture_headers import PNG_SIGNATURE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +32,6 @@ except ImportError:
 else:
     _LIBRARY = isal_zlib
 
-_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _CHUNK = struct.Struct('>I4s')
 _NUMBER = struct.Struct('>I')
 _CRC_BYTES = 4
@@ -90,7 +90,7 @@ def inflated(png: bytes) -> bytes:
         raise ValueError(f'a PNG of {width} x {height} pixels')
     raw = _inflate(parts, size)
     _check_filters(raw, passes)
-    made = [_SIGNATURE, *_chunk(b'IHDR', _HEADER.pack(*header))]
+    made = [PNG_SIGNATURE, *_chunk(b'IHDR', _HEADER.pack(*header))]
     if colour == _PALETTE:
         # All entries that pixels may name: libpng complains about others.
         most = _ENTRY_BYTES << depth
@@ -131,7 +131,7 @@ def _chunks(png: bytes) -> Iterator[tuple[bytes, memoryview]]:
     Raises:
         ValueError: One is longer than the file: OpenCV would allocate what it declares.
     """
-    view, offset = memoryview(png), len(_SIGNATURE)
+    view, offset = memoryview(png), len(PNG_SIGNATURE)
     while offset + _CHUNK.size <= len(png):
         length, kind = _CHUNK.unpack_from(png, offset)
         body = offset + _CHUNK.size
