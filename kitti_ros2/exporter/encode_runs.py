@@ -118,7 +118,7 @@ def encoding(
     if jobs == 1 or not can_fork():
         workers, batch = (worker_count(), 1) if decodes else (1, _RUN)
         outcomes = ordered_map(encoder.encode, schedule, workers, batch)
-        with closing(outcomes):  # type: ignore[type-var]
+        with closing(outcomes):
             yield EncodedSamples(outcomes, lambda: recording.late_losses)
         return
     encode_run = RunEncoder(encoder, recording, schedule)

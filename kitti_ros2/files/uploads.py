@@ -69,7 +69,7 @@ def send(uploads: Iterable[Upload]) -> Iterator[Sent]:
                 yield result
     finally:
         # Threads first: a part that arrives after the abort would stay.
-        results.close()  # type: ignore[attr-defined]
+        results.close()
         for each in pending:
             each.abort()
 

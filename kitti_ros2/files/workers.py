@@ -11,8 +11,10 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from .signal_hold import deferred_signals
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable, Iterator
     from concurrent.futures import Future
 
     from typing_extensions import ParamSpec, Self
@@ -54,7 +56,7 @@ class OrderedPool(Generic[R]):
     """
 
     def __init__(self, workers: int, ahead: int) -> None:
-        self._threads = ThreadPoolExecutor(workers)
+        self._threads = ThreadPoolExecutor(workers, 'worker')
         self._most_pending = workers + ahead
         self._pending: deque[Future[R]] = deque()
 
@@ -71,9 +73,10 @@ class OrderedPool(Generic[R]):
             yield self._pending.popleft().result()
 
     def close(self) -> None:
-        """Cancel pending tasks and wait for the threads to end."""
+        """Cancel pending tasks and wait for the threads to end, whatever signal arrives."""
         self._pending.clear()
-        self._threads.shutdown(cancel_futures=True)
+        with deferred_signals():
+            self._threads.shutdown(cancel_futures=True)
 
     def __enter__(self) -> Self:
         return self
@@ -90,7 +93,7 @@ class SpareThreads:
 
     def __init__(self) -> None:
         workers = worker_count()
-        self._threads = ThreadPoolExecutor(workers) if workers > 1 else None
+        self._threads = ThreadPoolExecutor(workers, 'spare') if workers > 1 else None
 
     def submit(self, task: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R] | None:
         """Start a task on a thread; None if there is no thread for it."""
@@ -109,8 +112,11 @@ class SpareThreads:
 
 def ordered_map(
     function: Callable[[T], R], items: Iterable[T], workers: int, batch: int = 1
-) -> Iterator[R]:
+) -> Generator[R, None, None]:
     """Map in order on a pool of threads, at most a few batches ahead.
+
+    Close what it returns, as contextlib.closing does, where the function writes: the threads go on
+    after an exception of the caller's until then.
 
     Args:
         function: Called in the pool.

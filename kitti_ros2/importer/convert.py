@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from ..bags.decoding import Decoder
@@ -77,9 +78,10 @@ def build(
             outcomes = ordered_map(
                 carry_out, builder.jobs(read, Decoder(messages.typestore)), worker_count()
             )
-            for count, (job, outcome) in enumerate(outcomes, 1):
-                builder.take(job, outcome)
-                progress(count, builder.size_bytes)
+            with closing(outcomes):
+                for count, (job, outcome) in enumerate(outcomes, 1):
+                    builder.take(job, outcome)
+                    progress(count, builder.size_bytes)
             damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
         builder.write_packets()
         if motion.track is not None and Stream.POSE in writer.accepts:

@@ -9,6 +9,7 @@ same numbers.
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePosixPath
@@ -124,9 +125,10 @@ def _restore(
     ):
         writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
         files = ordered_map(writer.write, writer.files(), worker_count())
-        for done, written in enumerate(files, 1):
-            writer.take(written)
-            progress(done, writer.size_bytes)
+        with closing(files):
+            for done, written in enumerate(files, 1):
+                writer.take(written)
+                progress(done, writer.size_bytes)
         report = writer.report()
         damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
     return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))

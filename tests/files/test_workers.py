@@ -3,6 +3,7 @@
 """The ordered pool and map: the same results as map, whatever the workers; never far ahead."""
 
 import os
+import signal
 import threading
 from functools import partial
 
@@ -55,6 +56,36 @@ def test_a_closed_pool_cancels_what_has_not_begun():
     pool.close()
     assert begun == [0]
     assert list(pool.drain()) == []
+
+
+def test_a_signal_does_not_cut_the_wait_for_its_threads():
+    begun, go, handled, ended = *(threading.Event() for _ in range(3)), []
+
+    def task():
+        begun.set()
+        go.wait(10)
+        ended.append(True)
+
+    def handle(*_):
+        handled.set()
+        raise KeyboardInterrupt
+
+    def interrupt():
+        os.kill(os.getpid(), signal.SIGINT)
+        handled.wait(0.3)
+        go.set()
+
+    pool = OrderedPool(1, ahead=1)
+    pool.put(task)
+    begun.wait(10)
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        threading.Timer(0.2, interrupt).start()
+        with pytest.raises(KeyboardInterrupt):
+            pool.close()
+        assert ended
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_workers_are_as_many_as_the_processors_up_to_a_bound(monkeypatch):
