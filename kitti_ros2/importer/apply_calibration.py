@@ -82,7 +82,7 @@ class Rigging:
             if camera.info and topic_of(survey, camera.info).changes
         ]
         self.imu_t_topic = self._unit_transforms(survey)
-        self._antenna = list(self._lever_arm(survey))
+        self._lever_arm = list(self._lever_arm_notes(survey))
         self.labels = BoxConversion(
             plan,
             survey,
@@ -104,12 +104,24 @@ class Rigging:
 
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
         found = {}
+        target = self._plan.imu_frame
         for topic in (self._plan.imu, self._plan.velocity):
             frame = _body_of(topic_of(survey, topic)) if topic else ''
-            target = self._plan.imu_frame
             if frame and target and frame != target:
                 found[topic] = self._tree.transform(target, frame)
+        antenna = self._antenna(survey)
+        if antenna is not None:
+            found[self._plan.fix] = antenna
         return found
+
+    def _antenna(self, survey: Survey) -> Transform | None:
+        """Return imu_T_antenna, None where static transforms do not connect them."""
+        fix, target = self._plan.fix, self._plan.imu_frame
+        frame = topic_of(survey, fix).frame if fix else ''
+        if not (frame and target):
+            return None
+        known = frame == target or {frame, target} <= self._tree.frames
+        return self._tree.find(target, frame) if known else None
 
     def body_t_rect(self) -> Transform:
         """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
@@ -158,22 +170,27 @@ class Rigging:
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         found += self._nominal_places() if first is None else ()
         found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
-        return [*found, *self._antenna, *self._changing, *self.calibrations.notes]
+        return [*found, *self._lever_arm, *self._changing, *self.calibrations.notes]
 
-    def _lever_arm(self, survey: Survey) -> Iterator[str]:
-        """Yield a note where a NavSatFix is of an antenna away from KITTI's imu frame."""
+    def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:
+        """Yield a note on the place of a NavSatFix's antenna, where the imu's is known."""
         plan = self._plan
-        frame = topic_of(survey, plan.fix).frame if plan.fix else ''
-        known = self._tree.frames
-        if frame not in known or plan.imu_frame not in known:
+        if not (plan.fix and plan.imu_frame):
             return
-        place = self._tree.find(plan.imu_frame, frame)
-        away_m = 0.0 if place is None else float(np.linalg.norm(place.translation))
-        if away_m > _REPORTED_LEVER_M:
+        frame, place = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
+        if place is None:
             yield (
-                f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
-                f' places are written as they are, not moved to it'
+                f'{plan.fix}: no static transform joins its frame {frame!r} to {plan.imu_frame}, so'
+                f' its places are taken as those of {plan.imu_frame}'
             )
+            return
+        away_m = float(np.linalg.norm(place.translation))
+        if away_m > _REPORTED_LEVER_M:
+            told = f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
+            if plan.imu:
+                yield f'{told} places are moved there, by the orientation of {plan.imu}'
+            else:
+                yield f'{told} places are written as they are, for no Imu tells the attitude'
 
     def _nominal_places(self) -> Iterator[str]:
         """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""

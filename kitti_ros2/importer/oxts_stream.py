@@ -224,13 +224,17 @@ class PacketMaker:
         lying = imu_message is not None and pose is None and not has_orientation(imu_message)
         if lying and not self._levelled:
             self._levelled = True
-            self._notes.append(f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0')
+            fix = f', and the places those of {self._topics["fix"]}' if fixes else ''
+            self._notes.append(
+                f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0{fix}'
+            )
         packet = make_packet(
             imu_message,
             self._fix(frame, fixes) if fixes else None,
             as_velocity(velocity[0][1]) if velocity else None,
             imu_t_frame=self._turns.get(self._topics['imu'], _IDENTITY),
             imu_t_velocity=self._turns.get(self._topics['velocity'], _IDENTITY),
+            imu_t_antenna=self._turns.get(self._topics['fix'], _IDENTITY),
             pose=pose,
         )
         still = self._unit.place

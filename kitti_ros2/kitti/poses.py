@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model.geographic import EARTH_RADIUS_M
 from ..model.geometry import Transform, rotation_from_rpy
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..model.samples import Pose
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, OxtsPacket
 
-EARTH_RADIUS_M = 6378137.0
 _SCALE_ROUNDS = 12  # each adds a digit at least up to 500 km from the origin
 
 

@@ -7,8 +7,8 @@ A packet of any Imu, NavSatFix and TwistStamped of one moment:
 ======================  ============================================================================
 columns                 from
 ======================  ============================================================================
-lat lon                 NavSatFix; 0 without one
-alt                     NavSatFix; 0 where that is NaN (a fix in two dimensions), and without one
+lat lon                 NavSatFix, moved from its antenna to the unit; 0 without one
+alt                     the same; 0 where that is NaN (a fix in two dimensions), and without one
 roll pitch yaw          Imu (east-north-up, REP-103); 0 where it has no orientation
 vn ve                   TwistStamped turned by the attitude; 0 without one
 vf vl vu                the same, levelled; vl positive to the right, as the files have it
@@ -34,11 +34,12 @@ to the right, to 0.03 and 0.08 m/s.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..model.geographic import GeoOrigin
 from ..model.geometry import (
     Transform,
     quaternion_to_rotation,
@@ -57,6 +58,8 @@ from .oxts_covariance import (
 from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ..model.geometry import Float64Array
     from .ros_types import Vector3
 
@@ -170,17 +173,20 @@ def make_packet(
     *,
     imu_t_frame: Transform = _IDENTITY,
     imu_t_velocity: Transform = _IDENTITY,
+    imu_t_antenna: Transform = _IDENTITY,
     pose: UnitPose | None = None,
 ) -> OxtsPacket | None:
     """Make the packet of messages of one moment; None where the NavSatFix has no fix.
 
     Args:
         imu: None where the recording has no such stream, as are the others.
-        fix: Of the imu unit; an antenna's offset is ignored.
+        fix: The place of its frame, which is the antenna's (NavSatFix.msg).
         velocity: Along the axes of its frame, as encode_velocity writes it.
         imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
             orientation, rates and accelerations are transformed to it.
         imu_t_velocity: The same of the TwistStamped; the lever arm is compensated.
+        imu_t_antenna: The same of the NavSatFix; the lever arm is compensated where the attitude is
+            known.
         pose: Place and attitude from another source, which replace those of the messages; rates
             are then those of the velocity, if it has any.
     """
@@ -205,6 +211,8 @@ def make_packet(
         columns |= _velocity_columns(attitude @ body, yaw)
     if fix is not None:
         columns |= _fix_columns(fix)
+        if imu is not None and has_orientation(imu):
+            columns |= _moved(fix, columns, attitude @ -imu_t_antenna.translation)
     if pose is not None:
         columns |= {'lat': pose.lat, 'lon': pose.lon, 'alt': pose.alt}
     unsigned_zeros = {name: value + 0.0 for name, value in columns.items()}
@@ -279,6 +287,14 @@ def _fix_columns(fix: NavSatFix) -> dict[str, float]:
         'pos_accuracy': accuracy,
     }
     return {name: value if np.isfinite(value) else 0.0 for name, value in columns.items()}
+
+
+def _moved(
+    fix: NavSatFix, columns: Mapping[str, float], east_north_up: Float64Array
+) -> dict[str, float]:
+    east, north, up = east_north_up.tolist()
+    place = GeoOrigin(columns['lat'], columns['lon'], columns['alt'])
+    return asdict(place.moved(east, north, up if np.isfinite(fix.altitude) else 0.0))
 
 
 def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Array | None:

@@ -7,6 +7,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+EARTH_RADIUS_M = 6378137.0
+"""Of KITTI's sphere: latlonToMercator.m of the raw devkit."""
+
 _MAX_LAT_DEG = 85.0  # Mercator stretches without bound towards the poles
 _MAX_LON_DEG = 180.0
 _MAX_ALT_M = 1e4
@@ -49,3 +52,15 @@ class GeoOrigin:
                 f' (latitude -{_MAX_LAT_DEG:g} to {_MAX_LAT_DEG:g}, longitude -180 to 180)'
             )
         return cls(*numbers)
+
+    def moved(self, east: float, north: float, up: float) -> GeoOrigin:
+        """Return the place that lies some metres away, on KITTI's sphere.
+
+        Along the tangent plane: to 5e-5 m up to 10 m away and 70 degrees of latitude.
+        """
+        radius_m = EARTH_RADIUS_M * math.cos(math.radians(self.lat))
+        return GeoOrigin(
+            self.lat + math.degrees(north / EARTH_RADIUS_M),
+            self.lon + math.degrees(east / radius_m),
+            self.alt + up,
+        )

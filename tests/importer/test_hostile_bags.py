@@ -19,6 +19,7 @@ from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan_text import parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.oxts_file import parse_packet
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
@@ -462,12 +463,34 @@ def test_files_beside_the_bag_that_are_no_text_are_refused(option, kind, tmp_pat
     assert not (tmp_path / 'out').exists()
 
 
-def test_an_antenna_away_from_the_imu_is_told(tmp_path):
-    def move(message):
-        return replace(message, header=replace(message.header, frame_id='cam_left_optical'))
+@pytest.mark.parametrize('frame', ['cam_left_optical', 'imu_sensor', 'roof'])
+def test_a_fix_is_of_its_antenna_and_a_packet_of_the_imu(frame, tmp_path):
+    places = {'cam_left_optical': foreign.BASE_T_CAMERA, 'imu_sensor': foreign.BASE_T_IMU}
+    base_t_antenna = places.get(frame, foreign.BASE_T_IMU)
 
-    path = hostile(tmp_path, '/gps/fix', None, move)
+    def of_its_antenna(message):
+        stamp = message.header.stamp
+        pose = foreign.base_pose(stamp.sec * 10**9 + stamp.nanosec) @ base_t_antenna
+        east, north, _ = np.degrees(pose.translation / 6378137.0)
+        header = replace(message.header, frame_id=frame)
+        alt = 110.0 + pose.translation[2]
+        return replace(message, header=header, latitude=north, longitude=east, altitude=alt)
+
+    path = hostile(tmp_path, '/gps/fix', None, of_its_antenna)
     report = convert(path, tmp_path / 'out', Layout.RAW)
-    (note,) = (note for note in report.notes if 'its antenna' in note)
-    assert note.startswith('/gps/fix: its antenna (cam_left_optical) is ')
-    assert 'not moved to it' in note
+    texts = sorted((tmp_path / 'out').rglob('oxts/data/*.txt'))
+    packets = [parse_packet(each.read_text(), each) for each in texts]
+    degrees = np.array([[each.lon, each.lat] for each in packets])
+    stamps = open_recording(texts[0].parents[2]).streams[Stream.OXTS].stamps_ns
+    poses = [foreign.base_pose(at) @ foreign.BASE_T_IMU for at in stamps.tolist()]
+    truth = np.array([pose.translation[:2] for pose in poses])
+    # Places between two fixes lie on a straight line.
+    np.testing.assert_allclose(np.radians(degrees) * 6378137.0, truth, atol=0.01)
+    notes = [note for note in report.notes if note.startswith('/gps/fix')]
+    told = {
+        'cam_left_optical': ['its antenna (cam_left_optical) is ', 'moved there'],
+        'imu_sensor': [],
+        'roof': ["no static transform joins its frame 'roof'", 'taken as those of imu_sensor'],
+    }
+    assert len(notes) == bool(told[frame])
+    assert all(words in notes[0] for words in told[frame])

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
+from kitti_ros2.kitti.poses import MercatorWorld, geographic_places
 from kitti_ros2.messages.header import make_quaternion
 from kitti_ros2.messages.oxts import (
     encode_fix,
@@ -23,6 +24,7 @@ from kitti_ros2.messages.oxts import (
 )
 from kitti_ros2.messages.oxts_covariance import encode_velocity_with_covariance
 from kitti_ros2.messages.ros_types import NavSatFix, Quaternion, Vector3
+from kitti_ros2.model.geographic import GeoOrigin
 from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
 
 STAMP = 1317042145951199337
@@ -139,6 +141,30 @@ def test_sensors_mounted_otherwise_tell_the_same(source, imu_t_frame, imu_t_velo
     np.testing.assert_allclose(attitude, enu_r_imu, atol=1e-9)
     alone = make_packet(None, None, velocity, **mounted)
     assert_same(alone, source, ('wx', 'wy', 'wz'), 1e-9)
+
+
+@given(PACKETS, MOUNTINGS)
+def test_an_antenna_away_from_the_unit_tells_the_same(source, imu_t_antenna):
+    assume(abs(source.lat) < 70)
+    imu, fix, velocity = messages(source)
+    world = MercatorWorld.at(source)
+    antenna = (world.pose(source) @ imu_t_antenna).translation
+    here = GeoOrigin(source.lat, source.lon, source.alt)
+    there = GeoOrigin(*geographic_places(np.array([np.zeros(3), antenna]), here)[1])
+    fix = replace(fix, latitude=there.lat, longitude=there.lon, altitude=there.alt)
+    made = make_packet(imu, fix, velocity, imu_t_antenna=imu_t_antenna)
+    np.testing.assert_allclose(world.pose(made).translation, np.zeros(3), atol=1e-3)
+    for lacking in (None, replace(imu, orientation_covariance=np.array([-1.0, *[0.0] * 8]))):
+        made = make_packet(lacking, fix, velocity, imu_t_antenna=imu_t_antenna)
+        assert (made.lat, made.lon, made.alt) == (there.lat, there.lon, there.alt)
+
+
+def test_a_fix_in_two_dimensions_is_moved_in_two():
+    imu, fix, velocity = messages(PACKET)
+    roof = Transform.from_translation((-1.0, 0.0, 1.5))
+    made = make_packet(imu, replace(fix, altitude=np.nan), velocity, imu_t_antenna=roof)
+    assert made.alt == 0
+    assert made.lat != PACKET.lat
 
 
 def test_an_imu_that_looks_up_is_as_good_as_any():
