@@ -22,6 +22,7 @@ from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
 from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame
+from .named_frames import NamedFrames, moving_pairs
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
 from .scan_frame import face_forward
@@ -110,12 +111,25 @@ def guess_plan(
         velocity=unit.get('velocity', ''),
         camera_sets=sets,
     )
-    plan, offsets = estimate_offsets(survey, plan)
+    plan, offsets = _with_offsets(survey, plan)
     if offsets:
         stamps, _ = clocked(survey, plan).topics[topic].stamps()
         plan = replace(plan, name=_name(layout, int(stamps[0]), extract=extract))
         notes += offsets
     return Guess(plan, tuple(notes), _unreadable(survey, layout, scans=plan.scan is None))
+
+
+def _with_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
+    """Set the offsets of clocks; scans and boxes in frames that move need that of the links, too.
+
+    It is the offset of the plan's poses, which a plan may have for this alone.
+    """
+    links = None
+    if plan.pose is None and moving_pairs(plan, survey, NamedFrames(survey)):
+        links = guess_pose(survey, [])
+    found, notes = estimate_offsets(survey, replace(plan, pose=plan.pose or links))
+    needs_links = found.pose is not None and found.pose.offset_s
+    return (found if needs_links or links is None else replace(found, pose=None)), notes
 
 
 class _Sensors(NamedTuple):

@@ -109,6 +109,24 @@ def test_boxes_and_clouds_in_frames_that_move_are_where_they_were(robot, tmp_pat
         assert any('in which the vehicle moves' in note for note in guessed.notes)
 
 
+@pytest.mark.parametrize('ahead_s', [37, -3600])
+@pytest.mark.parametrize(
+    'robot', [Robot(), Robot(boxes='odom'), Robot(cloud='map'), Robot(boxes=None, cloud='odom')]
+)
+@pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING])
+def test_boxes_and_clouds_are_where_they_were_if_tf_has_a_clock_of_its_own(
+    layout, robot, ahead_s, tmp_path
+):
+    robot = replace(robot, tf_ahead_ns=ahead_s * 10**9)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', layout)
+    assert report.losses == ()
+    assert guessed.plan.pose.offset_s == -ahead_s
+    assert any('its clock is' in note for note in guessed.notes)
+    if layout is Layout.OBJECT and robot.boxes:
+        check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
 def test_a_chain_up_to_map_beats_odometry_and_the_plan_says_so(tmp_path):
     frames = wanderer.write(tmp_path / 'bag', Robot(odometry=('odom', 'base_link')))
     guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)

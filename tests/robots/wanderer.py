@@ -134,6 +134,7 @@ class Robot:
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
         stamped: Whether transforms have stamps, not 0.
+        tf_ahead_ns: How far their clock is ahead of the sensors'.
         log: When messages are recorded, by (topic, stamp).
     """
 
@@ -150,7 +151,12 @@ class Robot:
     broken: int = 0
     keep: Callable[[str, int], bool] = field(default=lambda _child, _stamp: True)
     stamped: bool = True
+    tf_ahead_ns: int = 0
     log: Callable[[str, int], int] = field(default=lambda _topic, stamp_ns: stamp_ns + MS)
+
+    def tf_stamp(self, moment_ns: int) -> int:
+        """Return what a transform of a moment is stamped."""
+        return (moment_ns + self.tf_ahead_ns) * self.stamped
 
 
 def header(stamp_ns, frame):
@@ -310,7 +316,7 @@ def moving(robot: Robot):
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
         pose = odom_t_base(stamp_ns)
         if robot.odom_tf and robot.keep('base_link', stamp_ns):
-            link = transform(stamp_ns * robot.stamped, 'odom', 'base_link', pose)
+            link = transform(robot.tf_stamp(stamp_ns), 'odom', 'base_link', pose)
             if broken > 0:
                 link.transform.rotation.w = link.transform.rotation.z = 0.0
             yield '/tf', stamp_ns, tf(link)
@@ -325,7 +331,8 @@ def moving(robot: Robot):
             yield '/imu', stamp_ns, imu(stamp_ns)
     for stamp_ns in range(START_NS - 190 * MS, end_ns + 200 * MS, 20 * MS):
         if robot.map_tf and robot.keep('odom', stamp_ns):
-            yield '/tf', stamp_ns, tf(transform(stamp_ns, 'map', 'odom', map_t_odom(stamp_ns)))
+            at = robot.tf_stamp(stamp_ns)
+            yield '/tf', stamp_ns, tf(transform(at, 'map', 'odom', map_t_odom(stamp_ns)))
 
 
 def write(path: Path, robot: Robot) -> list[Frame]:
