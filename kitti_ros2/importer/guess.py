@@ -150,7 +150,10 @@ def _find_sensors(
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, tree, heading, notes)
-    sets = guess_camera_sets(layout, rig, tree, heading, notes) if all_cameras else {}
+    sets: dict[str, CameraPlan] = {}
+    if all_cameras:
+        frame = None if scan is None else scan.frame
+        sets = guess_camera_sets(layout, rig, tree, heading, frame, notes)
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.

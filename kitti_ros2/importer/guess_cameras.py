@@ -71,9 +71,20 @@ def guess_camera_sets(
     rig: Sequence[RigCamera],
     tree: FrameTree,
     heading: Heading | None,
+    scan_frame: str | None,
     notes: list[str],
 ) -> dict[str, CameraPlan]:
-    """Return the plans of all cameras, by the names of their sets."""
+    """Return the plans of all cameras, by the names of their sets.
+
+    Args:
+        layout: Images of raw may stay distorted.
+        rig: The cameras of the bag.
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        scan_frame: That of the scans, None without scans. Cameras that are not joined to it, such
+            as those behind a joint that moves, have no calibration; unless none is joined.
+        notes: A note on each camera without a set is added.
+    """
     known = _with_info(rig, notes) if rig else []
     cameras = [each for each in known if each.focal] or known
     notes += [
@@ -81,6 +92,15 @@ def guess_camera_sets(
         for each in known
         if each not in cameras
     ]
+    if scan_frame is not None:
+        joined = [each for each in cameras if tree.find(scan_frame, each.frame) is not None]
+        notes += [
+            f'passed over: {each.topic.name}; no static transform joins {each.frame} to'
+            f' {scan_frame}'
+            for each in cameras
+            if joined and each not in joined
+        ]
+        cameras = joined or cameras
     notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
     names = _short_names([each.name for each in cameras])
     return {

@@ -117,6 +117,20 @@ def test_sets_that_cannot_be_made_are_refused(bag, words, change, complaint, tmp
     assert not out.exists()
 
 
+def test_a_camera_that_nothing_joins_is_passed_over_by_name(tmp_path, capsys):
+    links = tuple(link for link in ROBOT.links if link[1] != ROBOT.cameras[1].frame)
+    path = camera_rigs.write(replace(ROBOT, links=links), tmp_path / 'bag')
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(path), str(out), '--layout', 'object', '--all-cameras']) == 0
+    told = 'passed over: /Left/image_rect_color; no static transform joins Left_eye to lidar'
+    assert told in capsys.readouterr().out
+    assert sorted(each.name for each in out.glob('training*')) == [
+        'training_front',
+        'training_rear',
+    ]
+    assert_true(out / 'training_front', ROBOT.cameras[0])
+
+
 def test_all_cameras_needs_camera_infos(tmp_path, capsys):
     robot = replace(small_rigs.sides('front', 'left'), with_boxes=False)
     path = camera_rigs.write(
