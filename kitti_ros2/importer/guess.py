@@ -92,7 +92,8 @@ def guess_plan(
     imu_frame = _imu_frame(survey, layout, sensors, unit, notes)
     labels = None
     if Stream.LABELS in traits.streams:
-        labels = guess_labels(survey, viewed, notes, only_2d=not traits.tracklets)
+        tree = FrameTree(survey.static, survey.moving)
+        labels = guess_labels(survey, tree, viewed, notes, only_2d=not traits.tracklets)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,

@@ -16,7 +16,7 @@ from .camera_topics import leaf
 from .plan import CameraPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from ..model.layouts import Layout
     from ..rig.heading import Heading
@@ -28,7 +28,7 @@ _PLUMB_BOB = frozenset({'plumb_bob', ''})
 _NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
 
 
-def main_camera(cameras: dict[int, CameraPlan]) -> int:
+def main_camera(cameras: Collection[int]) -> int:
     """Return the left colour camera, that of KITTI's labels, or else the first."""
     return 2 if 2 in cameras else min(cameras)
 

@@ -13,17 +13,24 @@ from ..model import msgtypes as types
 from .guess_cameras import main_camera
 from .guess_names import is_truth
 from .label_classes import default_classes, is_own, others_note, others_of
+from .pixel_frames import pixel_frames
 from .plan import LabelPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
+    from ..rig.tf_tree import FrameTree
     from .plan import CameraPlan
     from .survey import Survey
     from .topic_survey import TopicSurvey
 
 
 def guess_labels(
-    survey: Survey, cameras: dict[int, CameraPlan], notes: list[str], *, only_2d: bool = True
+    survey: Survey,
+    tree: FrameTree,
+    cameras: dict[int, CameraPlan],
+    notes: list[str],
+    *,
+    only_2d: bool = True,
 ) -> LabelPlan | None:
     """Choose labels: detections, objects of Autoware, markers, then 2D boxes if only_2d.
 
@@ -39,7 +46,7 @@ def guess_labels(
     markers = [each for each in _of_labels(survey, types.MARKERS) if _has_cubes(each)]
     topics = detections or (markers if survey.calibrations else objects)
     topics = topics or objects or markers
-    flat = _of_camera(survey, cameras)
+    flat = _of_camera(survey, tree, cameras)
     topics = topics or (flat if only_2d else [])
     if not topics or not cameras:
         notes.append(
@@ -61,12 +68,13 @@ def guess_labels(
     return replace(plan, classes=default_classes(best.classes))
 
 
-def _of_camera(survey: Survey, cameras: dict[int, CameraPlan]) -> list[TopicSurvey]:
+def _of_camera(
+    survey: Survey, tree: FrameTree, cameras: dict[int, CameraPlan]
+) -> list[TopicSurvey]:
     """Return the topics of 2D boxes in the pixels of the labels' camera."""
     if not cameras:
         return []
-    camera = cameras[main_camera(cameras)]
-    frames = {survey.topics[name].frame for name in (camera.topic, camera.info) if name}
+    frames = pixel_frames(survey, tree, cameras[main_camera(cameras)])
     found = _of_labels(survey, types.DETECTIONS_2D)
     return [each for each in found if each.frame in frames and each.name not in own_topics()]
 

@@ -14,6 +14,9 @@ from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.text import one_line, some_of
+from ..rig.tf_tree import FrameTree
+from .guess_cameras import main_camera
+from .pixel_frames import pixel_frames
 from .pose_ends import link_topics
 
 if TYPE_CHECKING:
@@ -28,7 +31,9 @@ _RADAR = 'KITTI has no radar'
 _OBJECTS = (
     '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic'
 )
-_BOXES_2D = '2D boxes: name the topic in labels.boxes_2d'
+_BOXES_2D = '2D boxes: labels need a Detection2DArray'
+_LABELS_2D = '2D boxes: for labels of layouts object and tracking: name the topic in labels.topic'
+_JOINED_2D = '2D boxes: name the topic in labels.boxes_2d'
 _POSES = 'poses: for the layouts odometry, raw and tracking: name the topic in pose.topic'
 _UNIT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
 _VIDEO = 'video: record Image or CompressedImage, or decode it to them'
@@ -64,7 +69,6 @@ _ADVICE = {
     'ars40x_msgs/ObjectList': _RADAR,
     'vision_msgs/Detection3DArray': _OBJECTS,
     'vision_msgs/Detection3D': 'one 3D box: labels need a Detection3DArray',
-    'vision_msgs/Detection2DArray': _BOXES_2D,
     'vision_msgs/Detection2D': _BOXES_2D,
     'autoware_perception_msgs/DetectedObjects': _OBJECTS,
     'autoware_perception_msgs/TrackedObjects': _OBJECTS,
@@ -171,7 +175,8 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
     groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
     for topic in sorted(survey.topics.values(), key=lambda each: each.name):
         if topic.count and topic.name not in left_out and topic.msgtype not in types.TF_TYPES:
-            groups[_short(topic.msgtype), _advice(topic)].append((topic.name, topic.count))
+            advice = _advice(topic, survey, plan)
+            groups[_short(topic.msgtype), advice].append((topic.name, topic.count))
     for channel, loss in survey.left_out:
         if loss.count and channel.topic not in left_out:
             kind = _short(channel.msgtype)
@@ -234,11 +239,29 @@ def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401 - of dataclasses
             yield from _texts(each)
 
 
-def _advice(topic: TopicSurvey) -> str:
+def _advice(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
     kind = _short(topic.msgtype)
     if kind in _BACKGROUND:
         return ''
+    if topic.msgtype == types.DETECTIONS_2D:
+        return _advice_2d(topic, survey, plan)
     return _DEPTH_ADVICE if _is_depth(topic) else _ADVICE.get(kind, _ANY_ADVICE)
+
+
+def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
+    labels = plan.labels
+    number = -1 if not plan.cameras else main_camera(plan.cameras)
+    number = number if labels is None else labels.camera
+    if number in plan.cameras:
+        tree = FrameTree(survey.static, survey.moving)
+        frames = pixel_frames(survey, tree, plan.cameras[number])
+        if topic.frame not in frames:
+            return (
+                f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
+                f' {number} have {some_of(sorted(frames - {""}), _SHOWN)}'
+            )
+    solid = labels is not None and survey.topics[labels.topic].msgtype != types.DETECTIONS_2D
+    return _JOINED_2D if solid else _LABELS_2D
 
 
 def _is_depth(topic: TopicSurvey) -> bool:

@@ -148,11 +148,20 @@ def picture(frame: int, encoding: str) -> np.ndarray:
     return np.stack([ramp, ramp[::-1], ramp[:, ::-1]], -1)
 
 
-def said(kinds: set[str], encoding: str = 'rgb8') -> list[bags.Said]:
-    """Messages; kinds of boxes: solid, flat, markers. encoding may be webp."""
-    link = bags.transform('lidar', 'camera_optical', LIDAR_T_CAMERA)
+def said(
+    kinds: set[str], encoding: str = 'rgb8', flat_frame: str = 'camera_optical'
+) -> list[bags.Said]:
+    """Messages; kinds of boxes: solid, flat, markers. encoding may be webp.
+
+    camera_link is the camera's frame with x forward, and base_link another place.
+    """
+    links = [
+        bags.transform('base_link', 'lidar', bags.place(0.0, 0.0, 1.7)),
+        bags.transform('lidar', 'camera_link', bags.place(0.3, 0.0, -0.2)),
+        bags.transform('camera_link', 'camera_optical', bags.place(0.0, 0.0, 0.0, bags.OPTICAL)),
+    ]
     found = [
-        bags.Said(bags.TF_STATIC, START_NS - 1, 'tf2_msgs/msg/TFMessage', {'transforms': [link]})
+        bags.Said(bags.TF_STATIC, START_NS - 1, 'tf2_msgs/msg/TFMessage', {'transforms': links})
     ]
     for frame in range(FRAMES):
         stamp = START_NS + frame * PERIOD_NS
@@ -170,7 +179,7 @@ def said(kinds: set[str], encoding: str = 'rgb8') -> list[bags.Said]:
             message = solid_message(stamp)
             found.append(bags.Said('/boxes', stamp, 'vision_msgs/msg/Detection3DArray', message))
         if 'flat' in kinds:
-            message = flat_message(stamp)
+            message = flat_message(stamp, flat_frame)
             found.append(bags.Said('/boxes_2d', stamp, 'vision_msgs/msg/Detection2DArray', message))
         for word, name in (('tracked', 'TrackedObjects'), ('detected', 'DetectedObjects')):
             if word in kinds:

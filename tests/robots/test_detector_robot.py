@@ -91,6 +91,42 @@ class Test2D:
         assert np.abs(np.array([box.box_2d for box in found]) - true).max() < 1e-3
         assert all(box.location == (-1000, -1000, -1000) for box in found)
 
+    @pytest.mark.parametrize('kinds', [{'flat'}, {'solid', 'flat'}])
+    def test_a_frame_at_the_place_of_the_camera_is_the_cameras(self, kinds, tmp_path):
+        said = robot.said(kinds, flat_frame='camera_link')
+        plan, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        assert '/boxes_2d' in {plan.labels.topic, plan.labels.boxes_2d}
+        assert report.losses == ()
+        assert not any('another camera' in note for note in report.notes)
+        found = labels(tmp_path / 'out', 1)
+        assert [box.class_name for box in found if box.size_hwl[0] == -1][-1] == 'Cyclist'
+
+    @pytest.mark.parametrize(
+        ('kinds', 'layout', 'frame', 'said'),
+        [
+            (
+                {'flat'},
+                Layout.OBJECT,
+                'base_link',
+                'is base_link; those of camera 2 have camera_link, camera_optical',
+            ),
+            (
+                {'solid', 'flat'},
+                Layout.OBJECT,
+                'base_link',
+                'is base_link; those of camera 2 have camera_link, camera_optical',
+            ),
+            ({'flat'}, Layout.RAW, 'camera_link', 'for labels of layouts object and tracking'),
+        ],
+    )
+    def test_those_that_are_not_used_are_named_with_what_could_be_done(
+        self, kinds, layout, frame, said, tmp_path
+    ):
+        bag = bags.write(tmp_path / 'bag', robot.said(kinds, flat_frame=frame))
+        notes = guess([bag], look([bag]), ImportOptions(layout=layout)).notes
+        (note,) = (each for each in notes if 'not used: /boxes_2d' in each)
+        assert said in note
+
     def test_raw_says_that_tracklets_have_no_2d_boxes(self, tmp_path):
         bag = bags.write(tmp_path / 'bag', robot.said({'solid', 'flat'}))
         _, report = convert(bag, tmp_path / 'out', layout=Layout.RAW)
