@@ -1,24 +1,27 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The oxts packets of a plan: one a frame, from the Imu, fix and velocity near its stamp."""
+"""The oxts packets of a plan: one a frame, from the Imu, fix and velocity around its stamp."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.oxts import has_fix, has_orientation, make_packet
+from ..messages.oxts import has_orientation, make_packet
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
+from .between_messages import fix_between, imu_between, velocity_between
 from .oxts_poses import as_velocity
 from .planned_topics import topic_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import TypeAlias
 
     from ..kitti.writer import LayoutWriter
     from ..model.samples import Int64Array, OxtsPacket
@@ -27,19 +30,25 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .survey import Survey
 
+    _Between: TypeAlias = Callable[[Any, Any, float], Any]
+
 _MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 """Receivers send their position once a second or more often; one lost fix is bridged."""
 
-_HALF_TURN_DEG = 180.0
+_BRIDGED_PERIODS = 2.5
+"""The same of the other messages: one that is lost is bridged."""
+
 _OR = ', or messages that cannot be decoded,'
 _IDENTITY = Transform.identity()
+_BETWEEN: tuple[_Between, ...] = (imu_between, fix_between, velocity_between)
 
 
 class PacketMaker:
     """Makes packets while a bag is read; keeps only a few frames of messages in memory.
 
-    Imu and velocity are those nearest to the frame's stamp, within the plan's tolerance or their
-    own period; a position is interpolated linearly between the fixes before and after it.
+    Imu, position and velocity are interpolated between the messages before and after the frame's
+    stamp. Where one of these is missing, the nearest counts, within the plan's tolerance or its own
+    period.
     """
 
     def __init__(
@@ -74,11 +83,10 @@ class PacketMaker:
         }
         named = {role: topic for role, topic in self._topics.items() if topic}
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
-        tolerance_ns = round(plan.tolerance_s * NS_PER_S)
+        self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
+        self._far: dict[str, list[int]] = {}
         wanted = [
-            self._wanted_fixes(tolerance_ns)
-            if role == 'fix'
-            else self._nearest(topic, tolerance_ns)
+            self._around(topic, _MAX_FIX_GAP_NS if role == 'fix' else 0)
             for role, topic in named.items()
         ]
         self._wanted = self._parts_of_frames(wanted)
@@ -125,9 +133,14 @@ class PacketMaker:
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the packets so far."""
+        told = [
+            f'oxts: {topic} has no message within the tolerance of {len(away)} frames, which take'
+            f' the nearest: up to {max(away) / NS_PER_S:.2f} s away'
+            for topic, away in self._far.items()
+        ]
         if self._lacking and not self._gapless:
-            return [*self._notes, f'{self._lacking} frames have no fix{_OR} and get no packet']
-        return self._notes
+            told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
+        return [*self._notes, *told]
 
     def wants(self, topic: str, place: int) -> bool:
         """Whether a message, by its place in its topic, is part of a packet."""
@@ -138,7 +151,7 @@ class PacketMaker:
         part = (topic, place)
         for frame in self._frames_of.pop(part):
             found = self._pending.setdefault(frame, {})
-            found[part] = message
+            found[part] = message if message is None else as_velocity(message)
             if found.keys() == self._wanted[frame]:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame))
 
@@ -173,30 +186,24 @@ class PacketMaker:
             self._wanted.clear()
             self._frames_of.clear()
 
-    def _nearest(self, topic: str, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
+    def _around(self, topic: str, most_ns: int) -> list[set[tuple[str, int]] | None]:
+        """Return the messages of a topic that each frame needs: two, one, or None for none near."""
         stamps = self._stamps[topic]
         period = int(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0
+        most_ns = max(most_ns, round(_BRIDGED_PERIODS * period))
         places = _nearest(stamps, self._frames_ns)
-        far = np.abs(stamps[places] - self._frames_ns) > max(tolerance_ns, period)
-        return [
-            None if beyond else {(topic, place)}
-            for place, beyond in zip(places.tolist(), far.tolist(), strict=True)
-        ]
-
-    def _wanted_fixes(self, tolerance_ns: int) -> list[set[tuple[str, int]] | None]:
-        topic = self._topics['fix']
-        stamps = self._stamps[topic]
+        away = np.abs(stamps[places] - self._frames_ns)
+        far = away > max(self._tolerance_ns, period)
         order = np.argsort(stamps, kind='stable')
         ranked = stamps[order]
         after = np.searchsorted(ranked, self._frames_ns)
-        nearest = self._nearest(topic, tolerance_ns)
         wanted: list[set[tuple[str, int]] | None] = []
         for frame, place in enumerate(after.tolist()):
-            between = 0 < place < len(stamps)
-            if between and ranked[place] - ranked[place - 1] <= _MAX_FIX_GAP_NS:
+            between = away[frame] > 0 and 0 < place < len(stamps)
+            if between and ranked[place] - ranked[place - 1] <= most_ns:
                 wanted.append({(topic, int(each)) for each in order[place - 1 : place + 1]})
             else:
-                wanted.append(nearest[frame])
+                wanted.append(None if far[frame] else {(topic, int(places[frame]))})
         return wanted
 
     def _forbid_gaps(self) -> None:
@@ -213,25 +220,28 @@ class PacketMaker:
             self._notes.append(which)
 
     def _make(self, frame: int, found: Mapping[tuple[str, int], Any]) -> OxtsPacket | None:
-        by_topic: dict[str, list[tuple[int, Any]]] = {}
-        for (topic, place), message in sorted(found.items(), key=lambda item: item[0]):
-            by_topic.setdefault(topic, []).append((place, message))
-        if any(message is None for message in found.values()):
+        by_topic: dict[str, list[tuple[int, Any]]] = {topic: [] for topic, _ in found}
+        for (topic, place), message in found.items():
+            if message is not None:
+                by_topic[topic].append((place, message))
+        if not all(by_topic.values()):
             return None
-        imu, fixes, velocity = (by_topic.get(topic) for topic in self._topics.values())
-        imu_message = imu[0][1] if imu else None
+        imu, fix, velocity = (
+            self._at(frame, topic, by_topic[topic], between) if topic in by_topic else None
+            for topic, between in zip(self._topics.values(), _BETWEEN, strict=True)
+        )
         pose = None if self._unit.poses is None else self._unit.poses[frame]
-        lying = imu_message is not None and pose is None and not has_orientation(imu_message)
+        lying = imu is not None and pose is None and not has_orientation(imu)
         if lying and not self._levelled:
             self._levelled = True
-            fix = f', and the places those of {self._topics["fix"]}' if fixes else ''
+            places = f', and the places those of {self._topics["fix"]}' if fix else ''
             self._notes.append(
-                f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0{fix}'
+                f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0{places}'
             )
         packet = make_packet(
-            imu_message,
-            self._fix(frame, fixes) if fixes else None,
-            as_velocity(velocity[0][1]) if velocity else None,
+            imu,
+            fix,
+            velocity,
             imu_t_frame=self._turns.get(self._topics['imu'], _IDENTITY),
             imu_t_velocity=self._turns.get(self._topics['velocity'], _IDENTITY),
             imu_t_antenna=self._turns.get(self._topics['fix'], _IDENTITY),
@@ -242,26 +252,22 @@ class PacketMaker:
             return packet
         return replace(packet, lat=still.lat, lon=still.lon, alt=still.alt)
 
-    def _fix(self, frame: int, fixes: list[tuple[int, Any]]) -> Any:  # noqa: ANN401 - of the bag
-        stamps = self._stamps[self._topics['fix']]
-        fixes = sorted(fixes, key=lambda each: int(stamps[each[0]]))
-        (before, first), (after, last) = fixes[0], fixes[-1]
-        if before == after or not has_fix(last):
-            return first
-        if not has_fix(first):
-            return last
-        span = max(int(stamps[after] - stamps[before]), 1)
-        share = float(self._frames_ns[frame] - stamps[before]) / span
-        near = last if share > 0.5 else first
-        if abs(last.longitude - first.longitude) > _HALF_TURN_DEG:
-            return near
-        return replace(
-            near,
-            **{
-                name: getattr(first, name) + share * (getattr(last, name) - getattr(first, name))
-                for name in ('latitude', 'longitude', 'altitude')
-            },
-        )
+    def _at(
+        self, frame: int, topic: str, messages: list[tuple[int, Any]], between: _Between
+    ) -> Any:  # noqa: ANN401 - of the bag
+        """Return what lies between the two messages around a frame, or the only one."""
+        stamps = self._stamps[topic]
+        known = sorted(((int(stamps[each[0]]), each[1]) for each in messages), key=itemgetter(0))
+        frame_ns = int(self._frames_ns[frame])
+        (found_ns, found), (end_ns, last) = known[0], known[-1]
+        if found_ns != end_ns:
+            mixed = between(found, last, (frame_ns - found_ns) / (end_ns - found_ns))
+            if mixed is not found and mixed is not last:
+                return mixed
+            found_ns, found = (found_ns, found) if mixed is found else (end_ns, last)
+        if abs(frame_ns - found_ns) > self._tolerance_ns:
+            self._far.setdefault(topic, []).append(abs(frame_ns - found_ns))
+        return found
 
 
 def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The GPS/IMU unit between two of its messages, and what a frame takes where one is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import foreign
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.between_messages import fix_between, imu_between, velocity_between
+from kitti_ros2.importer.survey import look
+from kitti_ros2.kitti.oxts_file import parse_packet
+from kitti_ros2.messages.header import make_header, make_quaternion, make_vector3, vector_of
+from kitti_ros2.messages.ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
+from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.importing import ImportOptions
+
+SHARES = st.floats(0, 1)
+YAWS = st.floats(-3, 3)
+TRUTH = foreign.make_truth()
+UNKNOWN = np.array([-1.0, *[0.0] * 8])
+
+
+def imu(yaw, rate=(0.0, 0.0, 0.1), sensed=(0.1, 0.0, 9.8)):
+    turn = Transform(rotation_from_rpy(0.01, -0.02, yaw), np.zeros(3))
+    nothing = np.zeros(9)
+    return Imu(
+        make_header(0, 'imu'), make_quaternion(turn.quaternion()), nothing,
+        make_vector3(rate), nothing, make_vector3(sensed), nothing,
+    )  # fmt: skip
+
+
+def fix(latitude, longitude, altitude=100.0, status=0):
+    place = latitude, longitude, altitude
+    return NavSatFix(make_header(0, 'gps'), NavSatStatus(status, 1), *place, np.zeros(9), 0)
+
+
+def rotation(message):
+    q = message.orientation
+    return quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w]))
+
+
+@given(YAWS, st.floats(-3, 3), SHARES)
+def test_a_steady_turn_is_met(yaw, turn, share):
+    first, last = imu(yaw, (0, 0, 1), (1, 2, 9)), imu(yaw + turn, (0, 0, 3), (2, 0, 10))
+    made = imu_between(first, last, share)
+    expected = rotation_from_rpy(0, 0, share * turn) @ rotation(first)
+    np.testing.assert_allclose(rotation(made), expected, atol=1e-9)
+    np.testing.assert_allclose(vector_of(made.angular_velocity), [0, 0, 1 + 2 * share], atol=1e-12)
+    sensed = [1 + share, 2 - 2 * share, 9 + share]
+    np.testing.assert_allclose(vector_of(made.linear_acceleration), sensed, atol=1e-12)
+
+
+@given(SHARES)
+def test_what_one_does_not_tell_is_that_of_the_nearer(share):
+    first = replace(imu(0.0), orientation_covariance=UNKNOWN)
+    last = replace(imu(1.0, (np.nan, 0, 0)), linear_acceleration_covariance=UNKNOWN)
+    made, near = imu_between(first, last, share), last if share > 0.5 else first
+    assert made.orientation == near.orientation
+    assert made.angular_velocity is near.angular_velocity
+    assert made.linear_acceleration == near.linear_acceleration
+
+
+@given(SHARES, st.floats(-80, 80), st.floats(-170, 170))
+def test_places_lie_on_the_line(share, latitude, longitude):
+    first, last = fix(latitude, longitude), fix(latitude + 0.01, longitude - 0.02, 110.0)
+    made = fix_between(first, last, share)
+    assert made.latitude == pytest.approx(latitude + 0.01 * share)
+    assert made.longitude == pytest.approx(longitude - 0.02 * share)
+    assert made.altitude == pytest.approx(100 + 10 * share)
+
+
+@pytest.mark.parametrize(
+    ('first', 'last', 'share', 'taken'),
+    [
+        (fix(1, 2), fix(1, 3, status=-1), 0.9, 0),
+        (fix(1, 2, status=-1), fix(1, 3), 0.1, 1),
+        (fix(1, 179.99), fix(1, -179.99), 0.4, 0),
+        (fix(1, 179.99), fix(1, -179.99), 0.6, 1),
+    ],
+)
+def test_a_place_without_a_line_is_that_of_one(first, last, share, taken):
+    assert fix_between(first, last, share) is (first, last)[taken]
+
+
+@given(SHARES)
+def test_velocities_are_mixed(share):
+    slow, fast = (
+        TwistStamped(make_header(0, 'imu'), Twist(make_vector3((x, 0, 1)), make_vector3((0, x, 0))))
+        for x in (1.0, 3.0)
+    )
+    made = velocity_between(slow, fast, share)
+    np.testing.assert_allclose(vector_of(made.twist.linear), [1 + 2 * share, 0, 1])
+    np.testing.assert_allclose(vector_of(made.twist.angular), [0, 1 + 2 * share, 0])
+
+
+def converted(tmp_path, change):
+    """Report, and the packets by frame."""
+    bag = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, change=change)
+    options, survey = ImportOptions(layout=Layout.RAW), look([bag])
+    plan = guess([bag], survey, options).plan
+    report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
+    texts = sorted((tmp_path / 'out').rglob('oxts/data/*.txt'))
+    return report, {int(each.stem): parse_packet(each.read_text(), each) for each in texts}
+
+
+def test_a_message_that_cannot_be_decoded_is_bridged(tmp_path):
+    """Every fourth Imu is cut short: no frame has two such beside it."""
+
+    def change(topic, place, message):
+        return (b'\0\1\0\0',) if topic == '/imu/data' and place % 4 == 0 else message
+
+    report, packets = converted(tmp_path, change)
+    assert len(packets) == foreign.FRAMES
+    assert {loss.stream for loss in report.losses} == {'/imu/data'}
+    assert all(packet.wz == pytest.approx(0.2) for packet in packets.values())
+
+
+def test_places_that_are_not_around_a_frame_are_told(tmp_path):
+    """No fix between the fourth and the last one but two."""
+
+    def change(topic, place, message):
+        lost = topic == '/gps/fix' and 3 < place < 8
+        return replace(message, status=replace(message.status, status=-1)) if lost else message
+
+    report, packets = converted(tmp_path, change)
+    (note,) = (each for each in report.notes if each.startswith('oxts: /gps/fix has no message'))
+    assert 'take the nearest: up to 0.' in note
+    assert len(packets) < foreign.FRAMES
