@@ -7,9 +7,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model import msgtypes as types
+from ..rig.heading import find_body
 from ..rig.tf_tree import FrameTree
 from .named_frames import child_of
 from .report import pass_over
+from .scan_frame import describe_axes, is_forward, near_frame
 
 if TYPE_CHECKING:
     from .plan import PosePlan, ScanPlan
@@ -67,19 +69,36 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
 
 
 def guess_imu_frame(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> str:
-    """Return the frame of the Imu if static transforms connect it to the scans'."""
+    """Return the frame of the Imu if static transforms connect it to the scans'.
+
+    It is one with x forward, y left and z up, as KITTI's.
+    """
     frames = [each.frame for each in survey.of_type(types.IMU)]
     if not frames or scan is None:
         return ''
     tree = FrameTree(survey.static, survey.moving)
     for frame in frames:
         if tree.find(scan.frame, frame) is not None:
-            return frame
+            return _forward_frame(frame, tree, notes)
     notes.append(
         f'missing: a static transform from {frames[0]} to {scan.frame}; the imu frame is'
         f' nominal until imu_frame names a frame that is joined'
     )
     return ''
+
+
+def _forward_frame(frame: str, tree: FrameTree, notes: list[str]) -> str:
+    """Return the frame of the Imu, or one near it or the body's where its x is not forward."""
+    heading = find_body(tree, [frame])
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    if heading is None or axes is None or is_forward(axes):
+        return frame
+    found = near_frame(frame, tree, heading) or heading.frame
+    notes.append(
+        f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward: imu_frame is'
+        f' {found}, and oxts is turned to it'
+    )
+    return found
 
 
 def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:

@@ -138,17 +138,15 @@ def face_forward(
         )
         return scan
     axes = None if heading is None else heading.axes_of(tree, scan.frame)
-    if heading is None or axes is None or _is_forward(axes):
+    if heading is None or axes is None or is_forward(axes):
         return scan
     looks = f'{scan.topic} is in {scan.frame}, '
     if is_optical(scan.frame):
         looks += 'z forward'
     else:
-        looks += f'whose x looks {describe_direction(axes[:, 0])}'
-        looks += '' if _is_up(axes) else ' and z not up'
-        looks += f' (forward is {heading.source})'
+        looks += describe_axes(axes, heading)
     looks += '; KITTI has x forward'
-    near = _near_frame(scan.frame, tree, heading)
+    near = near_frame(scan.frame, tree, heading)
     if near:
         notes.append(f'{looks}: scan.frame is {near}')
         return replace(scan, frame=near)
@@ -160,7 +158,14 @@ def face_forward(
     return replace(scan, forward=forward)
 
 
-def _is_forward(axes: Float64Array) -> bool:
+def describe_axes(axes: Float64Array, heading: Heading) -> str:
+    """Describe the axes of a frame, as columns in forward, left, up, that is not forward."""
+    up = '' if _is_up(axes) else ' and z not up'
+    return f'whose x looks {describe_direction(axes[:, 0])}{up} (forward is {heading.source})'
+
+
+def is_forward(axes: Float64Array) -> bool:
+    """Whether the axes of a frame, as columns in forward, left, up, are about these."""
     return bool(axes[0, 0] >= _FORWARD and _is_up(axes))
 
 
@@ -168,12 +173,12 @@ def _is_up(axes: Float64Array) -> bool:
     return bool(axes[2, 2] >= _FORWARD)
 
 
-def _near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     """Return a parent or child of a frame with its origin and x forward, '' without one."""
     found = []
     for other in tree.neighbours(frame):
         place, axes = tree.find(frame, other), heading.axes_of(tree, other)
-        if place is None or axes is None or not _is_forward(axes):
+        if place is None or axes is None or not is_forward(axes):
             continue
         distance = float(np.linalg.norm(place.translation))
         if distance <= _SAME_ORIGIN_M:

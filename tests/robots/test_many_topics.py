@@ -49,7 +49,10 @@ def test_every_topic_that_is_not_used_is_named_once(command, bag, tmp_path, caps
         ('/velodyne_packets', 'scan.from: velodyne'),
         ('/depth/image_raw', 'scan.from: depth'),
         ('/radar', 'KITTI has no radar'),
-        ('/yolo/detections', '2D boxes: name the topic in labels.boxes_2d'),
+        (
+            '/yolo/detections',
+            '2D boxes whose frame is there; those of camera 2 have camera_optical',
+        ),
         ('/particles', 'poses without sizes'),
         ('/widget', 'no stream of KITTI is made of this type'),
     ],

@@ -416,6 +416,31 @@ def test_raw_of_an_imu_alone_has_its_attitude(tmp_path):
     assert any('no NavSatFix and no poses' in note for note in report.notes)
 
 
+@pytest.mark.parametrize(
+    ('turn', 'said'),
+    [
+        (wanderer.matrix(yaw=np.pi / 2), 'whose x looks 90 degrees to the left (forward is x of'),
+        (np.diag([1.0, -1, -1, 1]), 'whose x looks forward and z not up (forward is x of'),
+        (wanderer.matrix(yaw=0.1), ''),
+    ],
+)
+def test_an_imu_that_is_turned_tells_of_the_body(turn, said, tmp_path):
+    robot = Robot(map_tf=False, odom_tf=False, boxes=None, imu=True, base_t_imu=BASE_T_IMU @ turn)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert guessed.plan.imu_frame == ('base_link' if said else 'imu')
+    assert said in ' '.join(note for note in guessed.notes if 'the Imu is in imu' in note)
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, poses = oxts_poses(drive / 'oxts' / 'data')
+    base_t_unit = np.eye(4) if said else robot.base_t_imu
+    true = [(wanderer.map_t_base(frame.stamp_ns) @ base_t_unit)[:3, :3] for frame in frames]
+    assert np.abs(poses[:, :3, :3] - true).max() < 1e-6
+    sensed = base_t_unit[:3, :3].T @ (0.1, wanderer.SPEED * wanderer.RATE, 9.81)
+    for packet in packets:
+        assert (packet.ax, packet.ay, packet.az) == pytest.approx(tuple(sensed))
+        assert (packet.wx, packet.wy, packet.wz) == pytest.approx((0, 0, wanderer.RATE))
+
+
 def test_pykitti_opens_a_raw_drive_without_gps(tmp_path):
     pykitti = pytest.importorskip('pykitti', reason='pykitti is not installed')
     robot = Robot(odometry=('odom', 'base_link'), imu=True, boxes=None)

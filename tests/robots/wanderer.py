@@ -130,6 +130,7 @@ class Robot:
         markers: Whether they are markers, instead of a Detection3DArray.
         cloud: Frame of the clouds.
         imu: Whether there is an Imu.
+        base_t_imu: (4, 4) its place.
         static: Whether the sensors are joined to base_link.
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
@@ -146,6 +147,7 @@ class Robot:
     markers: bool = False
     cloud: str = 'lidar'
     imu: bool = False
+    base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
     camera: bool = True
     static: bool = True
     broken: int = 0
@@ -170,10 +172,14 @@ def quaternion(pose):
 
 
 def full_quaternion(pose):
-    w = np.sqrt(max(0.0, 1 + np.trace(pose[:3, :3]))) / 2
+    """The main axis of Bar-Itzhack's matrix, which has no special cases."""
     r = pose[:3, :3]
-    x, y, z = (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]) / (4 * w)
-    return T['geometry_msgs/msg/Quaternion'](float(x), float(y), float(z), float(w))
+    skew = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    k = np.zeros((4, 4))
+    k[:3, :3] = r + r.T - np.trace(r) * np.eye(3)
+    k[3, :3] = k[:3, 3] = skew
+    k[3, 3] = np.trace(r)
+    return T['geometry_msgs/msg/Quaternion'](*np.linalg.eigh(k)[1][:, -1].tolist())
 
 
 def vector(xyz):
@@ -218,11 +224,11 @@ def odometry(stamp_ns, frames, pose, twist):
     )
 
 
-def imu(stamp_ns):
+def imu(stamp_ns, base_t_imu):
     unknown = np.zeros(9)
-    rate = T['geometry_msgs/msg/Vector3'](0.0, 0.0, RATE)
-    sensed = vector((0.1, SPEED * RATE, 9.81))
-    turn = quaternion(map_t_base(stamp_ns) @ BASE_T_IMU)
+    turned = base_t_imu[:3, :3].T
+    rate, sensed = vector(turned @ (0.0, 0.0, RATE)), vector(turned @ (0.1, SPEED * RATE, 9.81))
+    turn = full_quaternion(map_t_base(stamp_ns) @ base_t_imu)
     return T['sensor_msgs/msg/Imu'](
         header(stamp_ns, 'imu'), turn, unknown, rate, unknown, sensed, unknown
     )
@@ -287,7 +293,7 @@ def still(robot: Robot):
         links = [
             transform(0, 'base_link', 'lidar', BASE_T_LIDAR),
             transform(0, 'base_link', 'camera', BASE_T_CAMERA, full_quaternion),
-            transform(0, 'base_link', 'imu', BASE_T_IMU),
+            transform(0, 'base_link', 'imu', robot.base_t_imu, full_quaternion),
         ]
         yield '/tf_static', START_NS - 10**9, tf(*links)
 
@@ -328,7 +334,7 @@ def moving(robot: Robot):
             yield '/odom', stamp_ns, message
             broken -= 1
         if robot.imu:
-            yield '/imu', stamp_ns, imu(stamp_ns)
+            yield '/imu', stamp_ns, imu(stamp_ns, robot.base_t_imu)
     for stamp_ns in range(START_NS - 190 * MS, end_ns + 200 * MS, 20 * MS):
         if robot.map_tf and robot.keep('odom', stamp_ns):
             at = robot.tf_stamp(stamp_ns)
