@@ -23,7 +23,7 @@ from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
 from .frames_at import MovingBase
 from .named_frames import child_of
-from .plan import TF
+from .plan import TF, VelocityAxes
 from .planned_topics import topic_of
 from .report import undecoded
 from .scan_frame import made_frame
@@ -105,19 +105,22 @@ class Rigging:
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
         found = {}
         target = self._plan.imu_frame
-        for topic in (self._plan.imu, self._plan.velocity):
+        receiver = {self._plan.fix}
+        if self._plan.velocity_axes is VelocityAxes.ENU:
+            receiver.add(self._plan.velocity)
+        for topic in {self._plan.imu, self._plan.velocity} - receiver:
             frame = _body_of(topic_of(survey, topic)) if topic else ''
             if frame and target and frame != target:
                 found[topic] = self._tree.transform(target, frame)
-        antenna = self._antenna(survey)
-        if antenna is not None:
-            found[self._plan.fix] = antenna
+        for topic in receiver:
+            antenna = self._place_of(topic_of(survey, topic).frame if topic else '')
+            if antenna is not None:
+                found[topic] = antenna
         return found
 
-    def _antenna(self, survey: Survey) -> Transform | None:
-        """Return imu_T_antenna, None where static transforms do not connect them."""
-        fix, target = self._plan.fix, self._plan.imu_frame
-        frame = topic_of(survey, fix).frame if fix else ''
+    def _place_of(self, frame: str) -> Transform | None:
+        """Return imu_T_frame, None where static transforms do not connect them."""
+        target = self._plan.imu_frame
         if not (frame and target):
             return None
         known = frame == target or {frame, target} <= self._tree.frames

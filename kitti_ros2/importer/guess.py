@@ -21,7 +21,7 @@ from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, m
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
-from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame
+from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame, guess_velocity_axes
 from .named_frames import NamedFrames, moving_pairs
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
@@ -110,6 +110,7 @@ def guess_plan(
         imu=unit.get('imu', ''),
         fix=unit.get('fix', ''),
         velocity=unit.get('velocity', ''),
+        velocity_axes=guess_velocity_axes(survey, unit, notes),
         camera_sets=sets,
     )
     plan, offsets = _with_offsets(survey, plan)

@@ -10,12 +10,18 @@ from ..model import msgtypes as types
 from ..rig.heading import find_body
 from ..rig.tf_tree import FrameTree
 from .named_frames import child_of
+from .plan import VelocityAxes
 from .report import pass_over
 from .scan_frame import describe_axes, is_forward, near_frame
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
+
+
+_FIXED = frozenset({'map', 'odom', 'world', 'earth', 'enu', 'utm', 'local', 'local_origin'})
 
 
 def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -> dict[str, str]:
@@ -66,6 +72,28 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
     if not topics:
         return {}
     return {'velocity': max(topics, key=lambda each: (each.name == pose.topic, each.count)).name}
+
+
+def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str]) -> VelocityAxes:
+    """Choose the axes of a TwistStamped by its frame.
+
+    Receivers with one antenna do not know where it looks: the velocity of nmea_navsat_driver and
+    others, in the frame of their NavSatFix, is along east and north. That in a fixed frame (mavros'
+    velocity_local, in map) is along its axes, which REP 103 has as east, north, up.
+    """
+    topic = survey.topics.get(unit.get('velocity', ''))
+    if topic is None or topic.msgtype != types.TWIST or not topic.frame:
+        return VelocityAxes.FRAME
+    fixed = topic.frame.rpartition('/')[2].lower() in _FIXED
+    fix, imu = (survey.topics[unit[key]].frame if key in unit else '' for key in ('fix', 'imu'))
+    if not fixed and (topic.frame != fix or topic.frame == imu):
+        return VelocityAxes.FRAME
+    why = 'which does not move' if fixed else f'that of {unit["fix"]}'
+    notes.append(
+        f'{topic.name}: its frame is {topic.frame}, {why}, so it is taken as along east, north and'
+        f' up (velocity_axes)'
+    )
+    return VelocityAxes.ENU
 
 
 def guess_imu_frame(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> str:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.oxts import has_orientation, make_packet
+from ..messages.oxts import Mounting, has_orientation, make_packet
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .between_messages import fix_between, imu_between, velocity_between
 from .oxts_poses import as_velocity
+from .plan import VelocityAxes
 from .planned_topics import topic_of
 
 if TYPE_CHECKING:
@@ -74,13 +75,19 @@ class PacketMaker:
         self._notes: list[str] = [*unit.notes]
         self._lacking = 0
         self._frames_ns = frames.stamps_ns
-        self._turns = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
+        placed = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
         self._unit = unit
         self._topics = {
             'imu': plan.imu,
             'fix': plan.fix,
             'velocity': plan.velocity or unit.velocity,
         }
+        self._mounting = Mounting(
+            placed.get(plan.imu, _IDENTITY),
+            placed.get(self._topics['velocity'], _IDENTITY),
+            placed.get(plan.fix, _IDENTITY),
+            plan.velocity_axes is VelocityAxes.ENU,
+        )
         named = {role: topic for role, topic in self._topics.items() if topic}
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
@@ -242,9 +249,7 @@ class PacketMaker:
             imu,
             fix,
             velocity,
-            imu_t_frame=self._turns.get(self._topics['imu'], _IDENTITY),
-            imu_t_velocity=self._turns.get(self._topics['velocity'], _IDENTITY),
-            imu_t_antenna=self._turns.get(self._topics['fix'], _IDENTITY),
+            mounting=self._mounting,
             pose=pose,
         )
         still = self._unit.place

@@ -40,6 +40,13 @@ class StampSource(str, Enum):
     LOG = 'log'
 
 
+class VelocityAxes(str, Enum):
+    """The axes of a velocity: those of its frame, or east, north, up."""
+
+    FRAME = 'frame'
+    ENU = 'enu'
+
+
 @dataclass(frozen=True)
 class ScanPlan:
     """The source of the scans.
@@ -164,6 +171,8 @@ class Plan:
         imu: Topic of an Imu for the packets of the GPS/IMU unit, empty for none.
         fix: Topic of a NavSatFix for the same, empty for none.
         velocity: Topic of a TwistStamped or an Odometry for the same, empty for none.
+        velocity_axes: Those of its frame (frame), or east, north, up (enu): a receiver with one
+            antenna does not know where it looks.
         imu_frame: The frame that becomes KITTI's imu frame (x forward, y left, z up).
         calibration: tf (CameraInfo and static transforms), source (the files in a bag written by
             to-bag), none, or a KITTI calibration file or folder.
@@ -191,6 +200,7 @@ class Plan:
     imu: str = ''
     fix: str = ''
     velocity: str = ''
+    velocity_axes: VelocityAxes = field(default=VelocityAxes.FRAME, metadata={QUIET: True})
     imu_frame: str = ''
     calibration: str = TF
     stamps: StampSource = field(default=StampSource.HEADER, metadata={QUIET: True})

@@ -26,6 +26,7 @@ from .plan import (
     PosePlan,
     ScanPlan,
     StampSource,
+    VelocityAxes,
 )
 from .plan_classes import check_classes
 from .plan_numbers import as_number, check_numbers
@@ -91,7 +92,7 @@ def parse_plan(text: str, path: Path) -> Plan:
         if made.get(name) is not None:
             made[name] = _make(kind, made[name], path, name)
     _check_parts(made, path)
-    for name, choice in (('layout', Layout), ('incomplete', Incomplete), ('stamps', StampSource)):
+    for name, choice in _CHOICES.items():
         if name in made:
             made[name] = _choose(choice, made[name], f'{path}: {name}')
     plan: Plan = _make(Plan, made, path, '')
@@ -200,4 +201,10 @@ def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: AN
         raise UsageError(f'{place}missing {", ".join(missing)}') from None
 
 
+_CHOICES: dict[str, type[Enum]] = {
+    'layout': Layout,
+    'incomplete': Incomplete,
+    'stamps': StampSource,
+    'velocity_axes': VelocityAxes,
+}
 _WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}

@@ -10,7 +10,7 @@ columns                 from
 lat lon                 NavSatFix, moved from its antenna to the unit; 0 without one
 alt                     the same; 0 where that is NaN (a fix in two dimensions), and without one
 roll pitch yaw          Imu (east-north-up, REP-103); 0 where it has no orientation
-vn ve                   TwistStamped turned by the attitude; 0 without one
+vn ve                   TwistStamped turned by the attitude, or as it is; 0 without one
 vf vl vu                the same, levelled; vl positive to the right, as the files have it
 ax ay az, af al au      Imu, gravity included; levelled, al positive to the left; 0 without one
 wx wy wz, wf wl wu      Imu, else TwistStamped; levelled, wl about the left; 0 without either
@@ -88,6 +88,27 @@ _NOT_KNOWN = -1.0
 # Beyond, kitti/oxts_file.py refuses a packet.
 _IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
+
+
+class Mounting(NamedTuple):
+    """How the sensors of a packet are mounted on the unit; lever arms are compensated.
+
+    Attributes:
+        imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
+            orientation, rates and accelerations are transformed to it.
+        imu_t_velocity: The same of the TwistStamped.
+        imu_t_antenna: The same of the NavSatFix, used where the attitude is known.
+        velocity_is_enu: Whether the velocity is along east, north, up instead of the axes of its
+            frame, as receivers with one antenna tell it; its rates are not used then.
+    """
+
+    imu_t_frame: Transform = _IDENTITY
+    imu_t_velocity: Transform = _IDENTITY
+    imu_t_antenna: Transform = _IDENTITY
+    velocity_is_enu: bool = False
+
+
+_ON_THE_UNIT = Mounting()
 
 
 class UnitPose(NamedTuple):
@@ -171,9 +192,7 @@ def make_packet(
     fix: NavSatFix | None,
     velocity: TwistStamped | None,
     *,
-    imu_t_frame: Transform = _IDENTITY,
-    imu_t_velocity: Transform = _IDENTITY,
-    imu_t_antenna: Transform = _IDENTITY,
+    mounting: Mounting = _ON_THE_UNIT,
     pose: UnitPose | None = None,
 ) -> OxtsPacket | None:
     """Make the packet of messages of one moment; None where the NavSatFix has no fix.
@@ -182,23 +201,21 @@ def make_packet(
         imu: None where the recording has no such stream, as are the others.
         fix: The place of its frame, which is the antenna's (NavSatFix.msg).
         velocity: Along the axes of its frame, as encode_velocity writes it.
-        imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
-            orientation, rates and accelerations are transformed to it.
-        imu_t_velocity: The same of the TwistStamped; the lever arm is compensated.
-        imu_t_antenna: The same of the NavSatFix; the lever arm is compensated where the attitude is
-            known.
+        mounting: Of the sensors.
         pose: Place and attitude from another source, which replace those of the messages; rates
             are then those of the velocity, if it has any.
     """
     if fix is not None and not has_fix(fix):
         return None
+    imu_t_frame, imu_t_velocity, imu_t_antenna, velocity_is_enu = mounting
     attitude = _attitude(imu, imu_t_frame) if pose is None else pose.attitude
     roll, pitch, yaw = rotation_to_rpy(attitude)
     columns = {'roll': roll, 'pitch': pitch, 'yaw': yaw}
     level = rotation_from_rpy(roll, pitch, 0.0)
-    turning = velocity is not None and bool(vector_of(velocity.twist.angular).any())
+    turns = None if velocity_is_enu else velocity
+    turning = turns is not None and bool(vector_of(turns.twist.angular).any())
     sensing = None if pose is not None and turning else imu
-    rates = _rates(sensing, velocity, imu_t_frame, imu_t_velocity)
+    rates = _rates(sensing, turns, imu_t_frame, imu_t_velocity)
     columns |= _named(('wx', 'wy', 'wz'), rates) | _named(('wf', 'wl', 'wu'), level @ rates)
     if imu is not None:
         sensed = _known(imu.linear_acceleration, imu.linear_acceleration_covariance)
@@ -207,8 +224,9 @@ def make_packet(
         columns |= _named(('af', 'al', 'au'), level @ acceleration)
     linear = None if velocity is None else _known(velocity.twist.linear)
     if linear is not None:
-        body = imu_t_velocity.rotation @ linear - np.cross(rates, imu_t_velocity.translation)
-        columns |= _velocity_columns(attitude @ body, yaw)
+        moving = linear if velocity_is_enu else attitude @ imu_t_velocity.rotation @ linear
+        lever = attitude @ np.cross(rates, imu_t_velocity.translation)
+        columns |= _velocity_columns(moving - lever, yaw)
     if fix is not None:
         columns |= _fix_columns(fix)
         if imu is not None and has_orientation(imu):

@@ -15,6 +15,7 @@ from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
 from kitti_ros2.kitti.poses import MercatorWorld, geographic_places
 from kitti_ros2.messages.header import make_quaternion
 from kitti_ros2.messages.oxts import (
+    Mounting,
     encode_fix,
     encode_imu,
     encode_velocity,
@@ -133,13 +134,13 @@ def test_sensors_mounted_otherwise_tell_the_same(source, imu_t_frame, imu_t_velo
     there = source.body_velocity() + np.cross(rates, imu_t_velocity.translation)
     velocity.twist.linear = Vector3(*(imu_t_velocity.rotation.T @ there))
     velocity.twist.angular = Vector3(*(imu_t_velocity.rotation.T @ rates))
-    mounted = {'imu_t_frame': imu_t_frame, 'imu_t_velocity': imu_t_velocity}
-    made = make_packet(imu, fix, velocity, **mounted)
+    mounting = Mounting(imu_t_frame, imu_t_velocity)
+    made = make_packet(imu, fix, velocity, mounting=mounting)
     # A frame that looks straight up in the world is no trouble: only the imu's own pitch counts.
     assert_same(made, source, set(FLOATS) - {'roll', 'pitch', 'yaw'}, 1e-6)
     attitude = rotation_from_rpy(made.roll, made.pitch, made.yaw)
     np.testing.assert_allclose(attitude, enu_r_imu, atol=1e-9)
-    alone = make_packet(None, None, velocity, **mounted)
+    alone = make_packet(None, None, velocity, mounting=mounting)
     assert_same(alone, source, ('wx', 'wy', 'wz'), 1e-9)
 
 
@@ -152,17 +153,31 @@ def test_an_antenna_away_from_the_unit_tells_the_same(source, imu_t_antenna):
     here = GeoOrigin(source.lat, source.lon, source.alt)
     there = GeoOrigin(*geographic_places(np.array([np.zeros(3), antenna]), here)[1])
     fix = replace(fix, latitude=there.lat, longitude=there.lon, altitude=there.alt)
-    made = make_packet(imu, fix, velocity, imu_t_antenna=imu_t_antenna)
+    made = make_packet(imu, fix, velocity, mounting=Mounting(imu_t_antenna=imu_t_antenna))
     np.testing.assert_allclose(world.pose(made).translation, np.zeros(3), atol=1e-3)
     for lacking in (None, replace(imu, orientation_covariance=np.array([-1.0, *[0.0] * 8]))):
-        made = make_packet(lacking, fix, velocity, imu_t_antenna=imu_t_antenna)
+        made = make_packet(lacking, fix, velocity, mounting=Mounting(imu_t_antenna=imu_t_antenna))
         assert (made.lat, made.lon, made.alt) == (there.lat, there.lon, there.alt)
+
+
+@given(PACKETS, MOUNTINGS)
+def test_a_velocity_along_east_and_north_tells_the_same(source, imu_t_velocity):
+    imu, fix, velocity = messages(source)
+    rates = np.array([source.wx, source.wy, source.wz])
+    attitude = rotation_from_rpy(source.roll, source.pitch, source.yaw)
+    lever = attitude @ np.cross(rates, imu_t_velocity.translation)
+    velocity.twist.linear = Vector3(*(np.array([source.ve, source.vn, source.vu]) + lever))
+    velocity.twist.angular = Vector3(9.0, 9.0, 9.0)
+    mounting = Mounting(imu_t_velocity=imu_t_velocity, velocity_is_enu=True)
+    assert_same(make_packet(imu, fix, velocity, mounting=mounting), source, FLOATS, 1e-6)
 
 
 def test_a_fix_in_two_dimensions_is_moved_in_two():
     imu, fix, velocity = messages(PACKET)
     roof = Transform.from_translation((-1.0, 0.0, 1.5))
-    made = make_packet(imu, replace(fix, altitude=np.nan), velocity, imu_t_antenna=roof)
+    made = make_packet(
+        imu, replace(fix, altitude=np.nan), velocity, mounting=Mounting(imu_t_antenna=roof)
+    )
     assert made.alt == 0
     assert made.lat != PACKET.lat
 
@@ -174,7 +189,7 @@ def test_an_imu_that_looks_up_is_as_good_as_any():
     q = imu.orientation
     there = quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w])) @ frame.rotation
     imu.orientation = make_quaternion(Transform(there, np.zeros(3)).quaternion())
-    made = make_packet(imu, fix, velocity, imu_t_frame=frame)
+    made = make_packet(imu, fix, velocity, mounting=Mounting(frame))
     assert_same(made, PACKET, ('roll', 'pitch', 'yaw'))
 
 

@@ -15,7 +15,7 @@ from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.importer.plan import PosePlan
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.oxts_file import parse_packet
@@ -439,6 +439,35 @@ def test_an_imu_that_is_turned_tells_of_the_body(turn, said, tmp_path):
     for packet in packets:
         assert (packet.ax, packet.ay, packet.az) == pytest.approx(tuple(sensed))
         assert (packet.wx, packet.wy, packet.wz) == pytest.approx((0, 0, wanderer.RATE))
+
+
+@pytest.mark.parametrize(
+    ('frame', 'said'),
+    [
+        (
+            '',
+            '/vel: its frame is antenna, that of /fix, so it is taken as along east, north and up',
+        ),
+        ('map', '/vel: its frame is map, which does not move, so it is taken as along east,'),
+    ],
+)
+def test_velocities_of_a_receiver_are_along_east_and_north(frame, said, tmp_path):
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes=None, imu=True, receiver='antenna', velocity_frame=frame
+    )
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert said in ' '.join(guessed.notes)
+    assert parse_plan(format_plan(guessed.plan), 'plan') == guessed.plan
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, poses = oxts_poses(drive / 'oxts' / 'data')
+    true = [(wanderer.map_t_base(frame.stamp_ns) @ BASE_T_IMU)[:3, 3] for frame in frames]
+    assert np.abs(poses[:, :3, 3] - (true - true[0])).max() < 2e-4
+    for packet, each in zip(packets, frames, strict=True):
+        # Of one in map the place on the robot is not known.
+        place = wanderer.BASE_T_ANTENNA if frame else BASE_T_IMU
+        moving = wanderer.velocity(each.stamp_ns, place)
+        assert (packet.ve, packet.vn, packet.vu) == pytest.approx(tuple(moving), abs=1e-4)
 
 
 def test_pykitti_opens_a_raw_drive_without_gps(tmp_path):

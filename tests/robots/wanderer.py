@@ -49,6 +49,9 @@ BASE_T_LIDAR = matrix(0.4, 0.1, 1.2, 0.2)
 OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 BASE_T_CAMERA = matrix(0.5, 0.0, 1.0, 0.02) @ OPTICAL
 BASE_T_IMU = matrix(-0.2, 0.05, 0.3, 0.0)
+BASE_T_ANTENNA = matrix(-0.7, 0.3, 1.6, 0.4)
+ORIGIN = (49.0, 8.4, 110.0)
+EARTH_M = 6378137.0
 
 
 def seconds(stamp_ns):
@@ -71,6 +74,13 @@ def map_t_odom(stamp_ns):
 
 def map_t_base(stamp_ns):
     return map_t_odom(stamp_ns) @ odom_t_base(stamp_ns)
+
+
+def velocity(stamp_ns, base_t_point):
+    """(3,) of a point of the robot in map."""
+    map_r_base = map_t_base(stamp_ns)[:3, :3]
+    turning = np.cross([0.0, 0.0, RATE], base_t_point[:3, 3])
+    return map_r_base @ (np.array([SPEED, 0.0, 0.0]) + turning)
 
 
 @dataclass(frozen=True)
@@ -131,6 +141,8 @@ class Robot:
         cloud: Frame of the clouds.
         imu: Whether there is an Imu.
         base_t_imu: (4, 4) its place.
+        receiver: Frame of /fix, of an antenna, and of /vel along east and north; empty for none.
+        velocity_frame: Of /vel where it is another.
         static: Whether the sensors are joined to base_link.
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
@@ -148,6 +160,8 @@ class Robot:
     cloud: str = 'lidar'
     imu: bool = False
     base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
+    receiver: str = ''
+    velocity_frame: str = ''
     camera: bool = True
     static: bool = True
     broken: int = 0
@@ -224,6 +238,22 @@ def odometry(stamp_ns, frames, pose, twist):
     )
 
 
+def fix(stamp_ns, frame):
+    east, north, up = (map_t_base(stamp_ns) @ BASE_T_ANTENNA)[:3, 3]
+    lat, lon, alt = ORIGIN
+    radius = EARTH_M * np.cos(np.radians(lat))
+    place = lat + np.degrees(north / EARTH_M), lon + np.degrees(east / radius), alt + up
+    status = T['sensor_msgs/msg/NavSatStatus'](0, 1)
+    covariance = np.diag([0.01] * 3).ravel()
+    return T['sensor_msgs/msg/NavSatFix'](header(stamp_ns, frame), status, *place, covariance, 2)
+
+
+def twist(stamp_ns, frame):
+    moved = vector(velocity(stamp_ns, BASE_T_ANTENNA))
+    said = T['geometry_msgs/msg/Twist'](moved, vector((0.0, 0.0, 0.0)))
+    return T['geometry_msgs/msg/TwistStamped'](header(stamp_ns, frame), said)
+
+
 def imu(stamp_ns, base_t_imu):
     unknown = np.zeros(9)
     turned = base_t_imu[:3, :3].T
@@ -281,7 +311,7 @@ def camera_info(stamp_ns):
 
 def messages(robot: Robot, frames: list[Frame]):
     """(topic, stamp, message) in order of stamps."""
-    found = [*still(robot), *moving(robot)]
+    found = [*still(robot), *moving(robot), *unit(robot)]
     for frame in frames:
         found += sensed(robot, frame)
     return sorted(found, key=lambda each: each[1])
@@ -293,6 +323,7 @@ def still(robot: Robot):
         links = [
             transform(0, 'base_link', 'lidar', BASE_T_LIDAR),
             transform(0, 'base_link', 'camera', BASE_T_CAMERA, full_quaternion),
+            transform(0, 'base_link', 'antenna', BASE_T_ANTENNA),
             transform(0, 'base_link', 'imu', robot.base_t_imu, full_quaternion),
         ]
         yield '/tf_static', START_NS - 10**9, tf(*links)
@@ -316,7 +347,7 @@ def sensed(robot: Robot, frame: Frame):
 
 
 def moving(robot: Robot):
-    """Transforms, Odometry and Imu."""
+    """Transforms and Odometry."""
     end_ns = START_NS + FRAMES * PERIOD_NS
     broken = robot.broken
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
@@ -333,12 +364,22 @@ def moving(robot: Robot):
                 message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
             yield '/odom', stamp_ns, message
             broken -= 1
-        if robot.imu:
-            yield '/imu', stamp_ns, imu(stamp_ns, robot.base_t_imu)
     for stamp_ns in range(START_NS - 190 * MS, end_ns + 200 * MS, 20 * MS):
         if robot.map_tf and robot.keep('odom', stamp_ns):
             at = robot.tf_stamp(stamp_ns)
             yield '/tf', stamp_ns, tf(transform(at, 'map', 'odom', map_t_odom(stamp_ns)))
+
+
+def unit(robot: Robot):
+    """Imu, fix and velocity."""
+    end_ns = START_NS + FRAMES * PERIOD_NS
+    for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
+        if robot.imu:
+            yield '/imu', stamp_ns, imu(stamp_ns, robot.base_t_imu)
+        if robot.receiver:
+            yield '/fix', stamp_ns, fix(stamp_ns, robot.receiver)
+            moving_in = robot.velocity_frame or robot.receiver
+            yield '/vel', stamp_ns, twist(stamp_ns, moving_in)
 
 
 def write(path: Path, robot: Robot) -> list[Frame]:
