@@ -159,7 +159,7 @@ def _find_sensors(
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.
-    placed = Stream.OXTS in streams and not survey.of_type(types.FIX)
+    placed = Stream.OXTS in streams and not any(each.has_fix for each in survey.of_type(types.FIX))
     pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
     return _Sensors(scan, cameras, sets, pose)
 
@@ -168,7 +168,7 @@ def _imu_frame(
     survey: Survey, layout: Layout, sensors: _Sensors, unit: Mapping[str, str], notes: list[str]
 ) -> str:
     """Return the frame of the GPS/IMU unit, that of the poses in place of one; empty without."""
-    frame = guess_imu_frame(survey, sensors.scan, notes)
+    frame = guess_imu_frame(survey, unit.get('imu', ''), sensors.scan, notes)
     if frame or unit.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
         return frame
     return guess_unit_frame(survey, sensors.scan, sensors.pose)

@@ -22,6 +22,7 @@ BODIES = ('base_link', 'base_footprint')
 _SHORT = 2
 _GLOBAL = ('map', 'earth', 'world')
 """The frames above odom (REP 105), in order of preference: poses in map do not drift."""
+_FIXED = (*_GLOBAL, 'odom', 'vision')
 
 
 def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
@@ -48,7 +49,7 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
             for each in survey.of_type(*types.TF_TYPES)
             if (found.world, found.body) in survey.moving and 'static' not in each.name
         ]
-    found = found or _link(survey)
+    found = found or _link(survey) or _link_to_world(survey)
     if found is None:
         notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
     return found
@@ -106,6 +107,16 @@ def _link(survey: Survey) -> PosePlan | None:
         return None
     parent, child = next((link for link in links if link[0] in _GLOBAL), links[0])
     return PosePlan(tf[0].name, child, parent)
+
+
+def _link_to_world(survey: Survey) -> PosePlan | None:
+    """Return the poses of a body that is the parent of its fixed frame, as Spot's driver has it."""
+    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    links = [link for link in survey.moving if link[1] in _FIXED]
+    if not tf or not links:
+        return None
+    body, world = min(links, key=lambda link: _FIXED.index(link[1]))
+    return PosePlan(tf[0].name, body, world)
 
 
 def _moving_body(survey: Survey, names: NamedFrames, found: PosePlan | None) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
 from ..rig.heading import find_body
 from ..rig.tf_tree import FrameTree
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 
 _FIXED = frozenset({'map', 'odom', 'world', 'earth', 'enu', 'utm', 'local', 'local_origin'})
@@ -34,17 +36,20 @@ def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -
     """
     posed = pose is not None
     found: dict[str, str] = {}
-    for key, msgtype, avoid in (
-        ('imu', types.IMU, 'raw'),
-        ('fix', types.FIX, 'raw'),
-        ('velocity', types.TWIST, 'cmd'),
+    for key, msgtype, rank in (
+        ('imu', types.IMU, _imu_rank),
+        ('fix', types.FIX, _fix_rank),
+        ('velocity', types.TWIST, _velocity_rank),
     ):
         topics = survey.of_type(msgtype)
-        plain = [each for each in topics if avoid not in each.name] or topics
-        if plain:
-            best = max(plain, key=lambda each: each.count)
-            notes += pass_over(key, best, topics)
-            found[key] = best.name
+        if not topics:
+            continue
+        best = max(topics, key=rank)
+        notes += pass_over(key, best, topics)
+        if key == 'fix' and not best.has_fix:
+            notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
+            continue
+        found[key] = best.name
     if 'fix' not in found and not posed and 'imu' not in found:
         notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
         return {}
@@ -57,6 +62,19 @@ def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -
         if key not in found:
             notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
     return found
+
+
+def _imu_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Rank an Imu: with an orientation, not raw, of most messages."""
+    return any(map(has_orientation, topic.looks)), 'raw' not in topic.name, topic.count
+
+
+def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    return topic.has_fix, 'raw' not in topic.name, topic.count
+
+
+def _velocity_rank(topic: TopicSurvey) -> tuple[bool, int]:
+    return 'cmd' not in topic.name, topic.count
 
 
 def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
@@ -96,12 +114,14 @@ def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str
     return VelocityAxes.ENU
 
 
-def guess_imu_frame(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> str:
+def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list[str]) -> str:
     """Return the frame of the Imu if static transforms connect it to the scans'.
 
-    It is one with x forward, y left and z up, as KITTI's.
+    It is one with x forward, y left and z up, as KITTI's. The Imu is the plan's, if that has one.
     """
-    frames = [each.frame for each in survey.of_type(types.IMU)]
+    topics = sorted(survey.of_type(types.IMU), key=_imu_rank, reverse=True)
+    topics.sort(key=lambda each: each.name != imu)
+    frames = [each.frame for each in topics]
     if not frames or scan is None:
         return ''
     tree = FrameTree(survey.static, survey.moving)

@@ -17,11 +17,12 @@ from ..bags.forward_stamps import ForwardStamps
 from ..bags.pieces import MessageStart, size_of
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
+from ..messages.oxts import has_fix
 from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import classes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import CAMERA_INFO, CLOUD, MARKERS, STRING, TF_TYPES
+from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
 from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
@@ -207,6 +208,10 @@ class _Pass:
                 topic.changes += changed and bool(topic.looks)
                 topic.looks = [*topic.looks, look][:_LOOKS]
                 _count_classes(topic, look)
+                topic.has_fix |= topic.msgtype == FIX and has_fix(look)
+        elif topic.msgtype == FIX and not topic.has_fix:
+            look = self._decoded(topic, message)
+            topic.has_fix = look is not None and has_fix(look)
         elif topic.msgtype in SOLID and _is_sampled(topic):
             look = self._decoded(topic, message)
             if look is not None:

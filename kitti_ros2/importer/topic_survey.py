@@ -34,6 +34,7 @@ class TopicSurvey:
         changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
         links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
+        has_fix: Of NavSatFix: whether one has a fix.
         markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
@@ -56,6 +57,7 @@ class TopicSurvey:
     changes: int = 0
     size_bytes: int = 0
     links_ns: list[int] = field(default_factory=list)
+    has_fix: bool = False
     markers_ns: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)

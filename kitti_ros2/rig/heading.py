@@ -33,7 +33,7 @@ forward it is -y, as in an optical frame."""
 
 _BODIES = (
     *('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base'),
-    *('chassis', 'chassis_link', 'ego', 'car', 'trunk'),
+    *('chassis', 'chassis_link', 'ego', 'car', 'trunk', 'body'),
 )
 _ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
 _SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)

@@ -25,7 +25,9 @@ PATH = Path('bag.mcap')
 
 def topic(name, msgtype, *looks, frame='', count=5):
     stamps = [(index + 1) * 100_000_000 for index in range(count)]
-    return TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
+    found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
+    found.has_fix = msgtype == types.FIX
+    return found
 
 
 def image(name, encoding='bgr8', frame=''):

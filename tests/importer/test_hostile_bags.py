@@ -180,10 +180,13 @@ def test_positions_without_a_fix_leave_their_frames_without_a_packet(tmp_path):
         return replace(message, status=replace(message.status, status=-1))
 
     path = hostile(tmp_path, '/gps/fix', None, lose)
-    report = convert(path, tmp_path / 'out', Layout.RAW)
+    def name(plan):
+        return replace(plan, fix='/gps/fix')
+
+    report = convert(path, tmp_path / 'out', Layout.RAW, name)
     assert 'oxts' not in report.counts
     assert any('no fix' in note for note in report.notes)
-    tracking = convert(path, tmp_path / 'tracking', Layout.TRACKING)
+    tracking = convert(path, tmp_path / 'tracking', Layout.TRACKING, name)
     assert any('oxts' in note for note in tracking.notes)
 
 

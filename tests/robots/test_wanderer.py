@@ -282,6 +282,19 @@ def test_transforms_of_the_same_frames_as_an_odometry_are_named(tmp_path):
     assert 'passed over for poses: /tf, which joins odom to base_link, too' in guessed.notes
 
 
+def test_a_body_above_its_fixed_frame_has_poses(tmp_path):
+    frames = wanderer.write(tmp_path / 'bag', Robot(map_tf=False, boxes='odom', inverted=True))
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert report.losses == ()
+    assert (guessed.plan.pose.world, guessed.plan.pose.body) == ('odom', 'base_link')
+    found = numbers(tmp_path / 'out' / 'poses' / '00.txt').reshape(-1, 3, 4)
+    true = relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]
+    assert np.abs(found - true).max() < 1e-4
+    _, report = convert(tmp_path / 'bag', tmp_path / 'object', Layout.OBJECT)
+    assert report.losses == ()
+    check_boxes(tmp_path / 'object', frames, range(len(frames)))
+
+
 def in_gap(stamp_ns):
     """From 0.65 s to 2.45 s: scans 7 to 24."""
     return START_NS + 650 * MS < stamp_ns < START_NS + 2450 * MS
@@ -468,6 +481,26 @@ def test_velocities_of_a_receiver_are_along_east_and_north(frame, said, tmp_path
         place = wanderer.BASE_T_ANTENNA if frame else BASE_T_IMU
         moving = wanderer.velocity(each.stamp_ns, place)
         assert (packet.ve, packet.vn, packet.vu) == pytest.approx(tuple(moving), abs=1e-4)
+
+
+def test_an_imu_with_an_orientation_is_taken(tmp_path):
+    robot = Robot(map_tf=False, odom_tf=False, boxes=None, imu=True, bare_imu=True)
+    wanderer.write(tmp_path / 'bag', robot)
+    guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert (guessed.plan.imu, guessed.plan.imu_frame) == ('/imu', 'imu')
+    assert any('passed over for imu: /camera/imu' in note for note in guessed.notes)
+
+
+def test_poses_take_the_place_of_a_receiver_that_never_has_a_fix(tmp_path):
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes=None, imu=True, receiver='antenna', indoors=True,
+        odometry=('odom', 'base_link'),
+    )  # fmt: skip
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert any('passed over for fix: /fix' in note for note in guessed.notes)
+    assert (guessed.plan.fix, guessed.plan.pose.topic) == ('', '/odom')
+    assert report.counts['oxts'] == len(frames)
 
 
 def test_pykitti_opens_a_raw_drive_without_gps(tmp_path):

@@ -143,9 +143,12 @@ class Robot:
         base_t_imu: (4, 4) its place.
         receiver: Frame of /fix, of an antenna, and of /vel along east and north; empty for none.
         velocity_frame: Of /vel where it is another.
+        indoors: Whether /fix never has a fix.
+        bare_imu: Whether there is another Imu, of a camera, without an orientation.
         static: Whether the sensors are joined to base_link.
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
+        inverted: Whether odom is a child of base_link, as Spot has it.
         stamped: Whether transforms have stamps, not 0.
         tf_ahead_ns: How far their clock is ahead of the sensors'.
         log: When messages are recorded, by (topic, stamp).
@@ -162,10 +165,13 @@ class Robot:
     base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
     receiver: str = ''
     velocity_frame: str = ''
+    indoors: bool = False
+    bare_imu: bool = False
     camera: bool = True
     static: bool = True
     broken: int = 0
     keep: Callable[[str, int], bool] = field(default=lambda _child, _stamp: True)
+    inverted: bool = False
     stamped: bool = True
     tf_ahead_ns: int = 0
     log: Callable[[str, int], int] = field(default=lambda _topic, stamp_ns: stamp_ns + MS)
@@ -238,12 +244,12 @@ def odometry(stamp_ns, frames, pose, twist):
     )
 
 
-def fix(stamp_ns, frame):
+def fix(stamp_ns, frame, status_code):
     east, north, up = (map_t_base(stamp_ns) @ BASE_T_ANTENNA)[:3, 3]
     lat, lon, alt = ORIGIN
     radius = EARTH_M * np.cos(np.radians(lat))
     place = lat + np.degrees(north / EARTH_M), lon + np.degrees(east / radius), alt + up
-    status = T['sensor_msgs/msg/NavSatStatus'](0, 1)
+    status = T['sensor_msgs/msg/NavSatStatus'](status_code, 1)
     covariance = np.diag([0.01] * 3).ravel()
     return T['sensor_msgs/msg/NavSatFix'](header(stamp_ns, frame), status, *place, covariance, 2)
 
@@ -354,6 +360,9 @@ def moving(robot: Robot):
         pose = odom_t_base(stamp_ns)
         if robot.odom_tf and robot.keep('base_link', stamp_ns):
             link = transform(robot.tf_stamp(stamp_ns), 'odom', 'base_link', pose)
+            if robot.inverted:
+                way = np.linalg.inv(pose)
+                link = transform(robot.tf_stamp(stamp_ns), 'base_link', 'odom', way)
             if broken > 0:
                 link.transform.rotation.w = link.transform.rotation.z = 0.0
             yield '/tf', stamp_ns, tf(link)
@@ -376,8 +385,15 @@ def unit(robot: Robot):
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
         if robot.imu:
             yield '/imu', stamp_ns, imu(stamp_ns, robot.base_t_imu)
+        if robot.bare_imu:
+            bare = imu(stamp_ns, BASE_T_CAMERA)
+            bare.orientation.w = bare.orientation.x = 0.0
+            bare.orientation.y = bare.orientation.z = 0.0
+            bare.header.frame_id = 'camera'
+            yield '/camera/imu', stamp_ns, bare
+            yield '/camera/imu', stamp_ns + MS, bare
         if robot.receiver:
-            yield '/fix', stamp_ns, fix(stamp_ns, robot.receiver)
+            yield '/fix', stamp_ns, fix(stamp_ns, robot.receiver, -1 if robot.indoors else 0)
             moving_in = robot.velocity_frame or robot.receiver
             yield '/vel', stamp_ns, twist(stamp_ns, moving_in)
 
