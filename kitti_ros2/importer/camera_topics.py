@@ -14,6 +14,8 @@ import numpy as np
 from ..model import msgtypes as types
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ..model.geometry import Float64Array
     from .survey import Survey
     from .topic_survey import TopicSurvey
@@ -115,12 +117,21 @@ def find_cameras(survey: Survey) -> list[RigCamera]:
     for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
         if topic.looks and not _is_depth(topic):
             groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
-    cameras = []
-    for folder, topics in sorted(groups.items()):
-        for name, own in _apart(folder, topics).items():
-            best = min(own, key=_image_rank)
-            cameras.append(RigCamera(name, best, _info_of(survey, name, best)))
-    return cameras
+    infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
+    found = [
+        (name, min(own, key=_image_rank))
+        for folder, topics in sorted(groups.items())
+        for name, own in _apart(folder, topics).items()
+    ]
+    owners = {name: _own_info(infos, name, topic) for name, topic in found}
+    taken = {info.name for info in owners.values() if info is not None}
+    for name, topic in sorted(found, key=lambda each: (_image_rank(each[1]), each[0])):
+        # Nodes that draw on images publish them with the frame of the camera.
+        info = owners[name] or _info_of_frame(infos, topic)
+        if owners[name] is None and info is not None:
+            owners[name] = None if info.name in taken else info
+            taken.add(info.name)
+    return [RigCamera(name, topic, owners[name]) for name, topic in found]
 
 
 def leaf(topic: str) -> str:
@@ -142,11 +153,16 @@ def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey
     return found
 
 
-def _info_of(survey: Survey, name: str, topic: TopicSurvey) -> TopicSurvey | None:
-    infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
-    for candidate in (f'{name}/camera_info', f'{_base(topic.name)}/camera_info'):
-        if candidate in infos:
-            return infos[candidate]
+def _own_info(
+    infos: Mapping[str, TopicSurvey], name: str, topic: TopicSurvey
+) -> TopicSurvey | None:
+    """Return the CameraInfo beside an image (image_transport/camera_common.h)."""
+    names = f'{name}/camera_info', f'{_base(topic.name)}/camera_info'
+    return next((infos[each] for each in names if each in infos), None)
+
+
+def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> TopicSurvey | None:
+    """Return the only CameraInfo of an image's frame."""
     same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
     return same[0] if len(same) == 1 else None
 

@@ -123,6 +123,24 @@ def test_camera_info_is_found_by_its_frame_where_names_do_not_tell():
     assert found.plan.calibration == TF
 
 
+@pytest.mark.parametrize(
+    'overlay', ['/detectnet/overlay', '/a_debug/image', '/tag_detections_image']
+)
+@pytest.mark.parametrize('camera', ['/usb_cam/image_raw', '/image_raw'])
+def test_images_with_drawings_are_not_the_camera_whose_frame_they_have(camera, overlay):
+    beside = camera.rpartition('/')[0] + '/camera_info'
+    topics = image(camera, frame='lens'), image(overlay, frame='lens'), info(beside, 'lens')
+    found = guess(*topics)
+    assert {each.topic for each in found.plan.cameras.values()} == {camera}
+    apart = camera.rpartition('/')[0] != overlay.rpartition('/')[0]
+    assert any(f'passed over: {overlay}' in note for note in found.notes) is apart
+
+
+def test_of_images_with_one_info_by_its_frame_one_is_the_camera():
+    topics = [image(name, frame='lens') for name in ('/a/overlay', '/b/image_raw')]
+    assert cameras_of(*topics, info('/calibration', 'lens')) == {2: '/b/image_raw'}
+
+
 def test_without_camera_info_there_is_no_calibration_and_that_is_said():
     found = guess(image('/c/image_raw'))
     assert found.plan.calibration == NONE

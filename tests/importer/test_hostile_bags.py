@@ -180,6 +180,7 @@ def test_positions_without_a_fix_leave_their_frames_without_a_packet(tmp_path):
         return replace(message, status=replace(message.status, status=-1))
 
     path = hostile(tmp_path, '/gps/fix', None, lose)
+
     def name(plan):
         return replace(plan, fix='/gps/fix')
 
