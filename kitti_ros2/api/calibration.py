@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..drawing.projection import Projection
-from ..importer.labels import TrackIds, make_boxes
+from ..importer.labels import ImageOf, TrackIds, make_boxes
 from ..messages.moment import LABELLED_CAMERA
 from ..messages.naming import base_t_imu as default_base_t_imu
 from ..messages.naming import make_frames
@@ -208,7 +208,12 @@ class CalibratedRig:
         cuboid = Cuboid(class_name, identity, pose, (length, width, height), score, track)
         self._projection(camera)
         (made,), _ = make_boxes(
-            [cuboid], self.model, camera, size, TrackIds(), out_of_view=True, occluded=occluded
+            [cuboid],
+            self.model,
+            ImageOf(camera, size),
+            TrackIds(),
+            out_of_view=True,
+            occluded=occluded,
         )
         return replace(made, track_id=track)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..bags.locate import is_bag
-from ..importer.labels import TrackIds, make_boxes
+from ..importer.labels import ImageOf, TrackIds, make_boxes
 from ..kitti.layouts import open_recording
 from ..kitti.names import OBJECT_LABELS, SPLITS, TRACKING_LABELS, TXT
 from ..kitti.result_files import find_frame_files
@@ -169,6 +169,5 @@ def _boxes_of(
     camera = calibration.cameras.get(_CAMERA)
     if camera is None or camera.size is None:
         raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
-    return make_boxes(labels.cuboids, calibration, _CAMERA, camera.size, tracks, occluded=_VISIBLE)[
-        0
-    ]
+    image = ImageOf(_CAMERA, camera.size)
+    return make_boxes(labels.cuboids, calibration, image, tracks, occluded=_VISIBLE)[0]

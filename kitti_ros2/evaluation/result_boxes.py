@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..importer.labels import TrackIds, make_boxes
+from ..importer.labels import ImageOf, TrackIds, make_boxes
 from ..kitti.image_size import image_size
 from ..messages.detections import boxes_of_detections_2d
 from ..messages.solid_boxes import cuboids_in, frames_in
@@ -114,8 +114,7 @@ class ResultBoxes:
         boxes, unseen = make_boxes(
             self._classified(self._cuboids(result, calibration)),
             calibration,
-            self._camera,
-            self._size(result.number),
+            ImageOf(self._camera, self._size(result.number)),
             self._tracks,
             occluded=_UNKNOWN,
         )

@@ -18,10 +18,12 @@ from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
+from ..model.nominal import NOMINAL_CAM0_T_VELO
+from ..rig.heading import find_body
 from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
-from .labels import OUT_OF_VIEW, TrackIds, boxes_of_lines, make_boxes, max_tilt
+from .labels import OUT_OF_VIEW, ImageOf, Standing, TrackIds, boxes_of_lines, leans, make_boxes
 from .pixel_frames import pixel_frames
 from .plan import UNKNOWN_OCCLUSION
 from .planned_topics import topic_of
@@ -35,11 +37,12 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 OTHER_CAMERA = 'in the pixels of another camera'
-_LOST = {ABSURD: ' (NaN, 0 or beyond 100 km)', UNPLACED: ''}
+LEANING = 'that lean by more than 45 degrees from the axis that labels turn about'
+_LOST = {ABSURD: ' (NaN, 0 or beyond 100 km)', UNPLACED: '', LEANING: ''}
 """Reasons for which boxes are lost, with what is added to each; the others are by the plan."""
 
 _FLAT = 'without a 3D box, which tracklets have no place for,'
-_REPORTED_TILT_RAD = np.radians(10)
+_REPORTED_LEAN_RAD, _MOST_LEAN_RAD = np.radians((3, 45))
 
 
 class BoxConversion:
@@ -47,6 +50,7 @@ class BoxConversion:
 
     Attributes:
         left_out: Number of boxes without a label so far, by reason.
+        standing: What the boxes are upright in.
     """
 
     def __init__(
@@ -78,7 +82,8 @@ class BoxConversion:
         self._base = base or MovingBase('', Transform.identity())
         self.left_out: Counter[str] = Counter()
         self._flat_absurd = 0
-        self._max_tilt = 0.0
+        self._max_lean = 0.0
+        self.standing = self._find_standing()
         self._tracks = TrackIds()
         labels = plan.labels
         self._only_flat = (
@@ -121,6 +126,19 @@ class BoxConversion:
                 )
         return any(has_scores(look) for look in topic_of(survey, plan.topic).looks)
 
+    def _find_standing(self) -> Standing:
+        """Return what boxes are upright in, by the robot's body where the tree has it.
+
+        Those that become tracklets are placed in a camera that is level in velo_link.
+        """
+        body = find_body(self._tree, [self._base.frame])
+        axes = None if body is None else body.axes_of(self._tree, self._base.frame)
+        up = None if axes is None else self._base.velo_T_frame.rotation @ axes[2]
+        labels = self._plan.labels
+        lines = labels is not None and labels.topic == LABEL_LINES
+        in_scans = self._plan.layout.traits.tracklets and not lines
+        return Standing(NOMINAL_CAM0_T_VELO if in_scans else None, up)
+
     @cached_property
     def _to_velo(self) -> StaticFrames:
         """velo_T_frame of every frame connected to the scans' (or to the camera's) frame."""
@@ -159,18 +177,21 @@ class BoxConversion:
         if self._classes is not None:
             find = self._classes.find
             cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
+        lean = leans(cuboids, calibration, self.standing)
+        cuboids = [cuboids[place] for place in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
+        self.left_out[LEANING] += len(lean) - len(cuboids)
+        self._max_lean = max([self._max_lean, *lean[lean <= _MOST_LEAN_RAD]])
         boxes, unseen = make_boxes(
             cuboids,
             calibration,
-            plan.camera,
-            size,
+            ImageOf(plan.camera, size),
             self._tracks,
             out_of_view=plan.out_of_view,
             occluded=plan.occluded,
+            standing=self.standing,
         )
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
-        self._max_tilt = max(self._max_tilt, max_tilt(cuboids, calibration))
         return boxes if flat is None else self._joined(boxes, flat, size)
 
     def _joined(self, boxes: list[Box], flat: Any, size: tuple[int, int]) -> list[Box]:  # noqa: ANN401
@@ -232,10 +253,11 @@ class BoxConversion:
             for reason, count in self.left_out.items()
             if count and reason not in _LOST
         ]
-        if self._max_tilt > _REPORTED_TILT_RAD:
+        if self._max_lean > _REPORTED_LEAN_RAD:
+            axis = "the camera's y" if self.standing.frame_T_velo is None else "the scans' z"
             found.append(
-                f"boxes lean by up to {np.degrees(self._max_tilt):.0f} degrees from the camera's y"
-                f' axis, about which alone labels turn: their heading was kept'
+                f'boxes lean by up to {np.degrees(self._max_lean):.0f} degrees from {axis} axis,'
+                f' about which alone labels turn: their heading was kept'
             )
         return found if self._classes is None else [*found, *self._classes.notes()]
 

@@ -3,15 +3,16 @@
 """Boxes in velo_link -> KITTI labels.
 
 A label's box is upright in the rectified camera 0 and turns about its y axis alone: the heading is
-kept, a tilt is lost. Its 2D box is the projection of its corners clipped to the image, truncated is
-the part outside of the image; occluded is set by the plan, since boxes have none.
+kept, a lean is lost. That of a tracklet is upright in velo_link. Its 2D box is the projection of
+its corners clipped to the image, truncated is the part outside of the image; occluded is set by the
+plan, since boxes have none.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -43,6 +44,44 @@ _OTHERS = 'Misc'
 _UNSEEN = (-1.0, -1.0, -1.0, -1.0)
 _BLANKS = re.compile(r'\s+')
 _LONGEST_NUMBER = 9  # ids of markers are int32
+
+
+class ImageOf(NamedTuple):
+    """An image with boxes.
+
+    Attributes:
+        camera: KITTI index.
+        size: (width, height) of the rectified image.
+    """
+
+    camera: int
+    size: tuple[int, int]
+
+
+class Standing(NamedTuple):
+    """What boxes are upright in.
+
+    Attributes:
+        frame_T_velo: velo_link in the frame of the labels, which turn about its y axis; None for
+            the rectified camera 0.
+        velo_up: (3,) up in velo_link; None for that of the frame.
+    """
+
+    frame_T_velo: Transform | None = None
+    velo_up: Float64Array | None = None
+
+    def of(self, calibration: Calibration) -> tuple[Transform, Float64Array]:
+        """Return both for a calibration.
+
+        Raises:
+            ValueError: A required part of the calibration is missing.
+        """
+        frame_t_velo = self.frame_T_velo or rect_from_velo(calibration)
+        up = -frame_t_velo.rotation[1] if self.velo_up is None else self.velo_up
+        return frame_t_velo, up
+
+
+_IN_THE_CAMERA = Standing()
 
 
 def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
@@ -98,30 +137,33 @@ class TrackIds:
         return number
 
 
-def max_tilt(cuboids: Sequence[Cuboid], calibration: Calibration) -> float:
-    """Return the maximum tilt of boxes against the camera's y axis, radians, 0 without a box.
+def leans(
+    cuboids: Sequence[Cuboid], calibration: Calibration, standing: Standing = _IN_THE_CAMERA
+) -> Float64Array:
+    """Return (N,) radians by which boxes lean from the axis that their labels turn about.
 
     Raises:
         ValueError: A required part of the calibration is missing.
     """
-    if not cuboids:
-        return 0.0
-    rotations = np.array([cuboid.velo_T_box.rotation for cuboid in cuboids])
-    down = rect_from_velo(calibration).rotation[1] @ rotations
-    return float(np.arccos(np.clip(np.abs(down).max(axis=1).min(), 0.0, 1.0)))
+    frame_t_velo, up = standing.of(calibration)
+    found = [
+        abs(frame_t_velo.rotation[1] @ _upright(each, up).velo_T_box.rotation[:, 2])
+        for each in cuboids
+    ]
+    return np.arccos(np.clip(np.array(found, np.float64), 0.0, 1.0))
 
 
-def _upright(cuboid: Cuboid, velo_down: Float64Array) -> Cuboid:
+def _upright(cuboid: Cuboid, velo_up: Float64Array) -> Cuboid:
     """Reorder the axes of a box so that z points up or down.
 
     Its x axis stays the heading unless that is the vertical one.
 
     Args:
         cuboid: In velo_link.
-        velo_down: (3,) the camera's y axis in velo_link.
+        velo_up: (3,) up in velo_link.
     """
     rotation = cuboid.velo_T_box.rotation
-    vertical = int(np.argmax(np.abs(velo_down @ rotation)))
+    vertical = int(np.argmax(np.abs(velo_up @ rotation)))
     if vertical == 2:
         return cuboid
     order = (1, 2, 0) if vertical == 0 else (0, 2, 1)
@@ -135,23 +177,23 @@ def _upright(cuboid: Cuboid, velo_down: Float64Array) -> Cuboid:
 def make_boxes(
     cuboids: Sequence[Cuboid],
     calibration: Calibration,
-    camera: int,
-    size: tuple[int, int],
+    image: ImageOf,
     tracks: TrackIds,
     *,
     out_of_view: bool = False,
     occluded: int = UNKNOWN_OCCLUSION,
+    standing: Standing = _IN_THE_CAMERA,
 ) -> tuple[list[Box], int]:
     """Make labels of boxes; also return how many were skipped because they are out of view.
 
     Args:
         cuboids: In velo_link.
         calibration: Contains the camera and the place of the scanner.
-        camera: KITTI index of the camera whose pixels the 2D boxes are.
-        size: (width, height) of its rectified image.
+        image: Whose pixels the 2D boxes are.
         tracks: Gives track ids.
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
         occluded: The occlusion of all labels, 0 to 3 (readme.txt of the object devkit).
+        standing: What they are upright in.
 
     Raises:
         ValueError: A required part of the calibration is missing.
@@ -159,14 +201,16 @@ def make_boxes(
     if not cuboids:
         return [], 0
     rect_t_velo = rect_from_velo(calibration)
-    velo_down = rect_t_velo.rotation[1]
-    boxes = [box_of(_upright(cuboid, velo_down), rect_t_velo) for cuboid in cuboids]
+    frame_t_velo, up = standing.of(calibration)
+    boxes = [box_of(_upright(cuboid, up), frame_t_velo) for cuboid in cuboids]
     locations, sizes, headings = (np.array(column) for column in zip(*boxes, strict=True))
     corners = box_corners(locations, sizes, headings)
-    seen_by = calibration.cameras[camera]
+    seen_by = calibration.cameras[image.camera]
+    if standing.frame_T_velo is not None:
+        corners = (rect_t_velo @ frame_t_velo.inverse()).apply(corners)
     if seen_by.cam_T_velo is not None:
         corners = (seen_by.cam_T_velo @ rect_t_velo.inverse()).apply(corners)
-    bounds, truncated = clip_bounds(project_corners(corners, seen_by.p_rect), size)
+    bounds, truncated = clip_bounds(project_corners(corners, seen_by.p_rect), image.size)
     seen = [bool(np.isfinite(four).all()) for four in bounds]
     kept = [place for place in range(len(cuboids)) if seen[place] or out_of_view]
     alphas = alpha_of(locations, headings)

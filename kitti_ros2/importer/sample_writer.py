@@ -45,6 +45,9 @@ class SampleWriter:
         self.writer = writer
         self.first = first
         self.empty_labels = 0
+        labels_t_velo = rigging.labels.standing.frame_T_velo
+        if labels_t_velo is not None:
+            writer.place_labels(labels_t_velo)
         self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
         self._lock = Lock()  # for the counts of scans
         self._points_dropped: Counter[str] = Counter()

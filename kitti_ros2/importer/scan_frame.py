@@ -40,6 +40,7 @@ CAMERA = 'camera'
 """The value of scan.forward that turns the scans to camera 2."""
 
 _FORWARD = np.cos(np.radians(30))
+_LEVEL = np.cos(np.radians(3))
 _SAME_ORIGIN_M = 0.1
 LEVEL = np.sin(np.radians(15))
 """Cameras that look up or down more steeply than its complement have no direction on the ground."""
@@ -138,14 +139,17 @@ def face_forward(
         )
         return scan
     axes = None if heading is None else heading.axes_of(tree, scan.frame)
-    if heading is None or axes is None or is_forward(axes):
+    if heading is None or axes is None or (is_forward(axes) and not _leans(axes, heading)):
         return scan
     looks = f'{scan.topic} is in {scan.frame}, '
     if is_optical(scan.frame):
         looks += 'z forward'
+    elif is_forward(axes):
+        lean = np.degrees(np.arccos(np.clip(axes[2, 2], -1, 1)))
+        looks += f'whose z leans by {lean:.0f} degrees (up is z of {heading.frame})'
     else:
         looks += describe_axes(axes, heading)
-    looks += '; KITTI has x forward'
+    looks += '; KITTI has x forward and z up'
     near = near_frame(scan.frame, tree, heading)
     if near:
         notes.append(f'{looks}: scan.frame is {near}')
@@ -169,6 +173,11 @@ def is_forward(axes: Float64Array) -> bool:
     return bool(axes[0, 0] >= _FORWARD and _is_up(axes))
 
 
+def _leans(axes: Float64Array, heading: Heading) -> bool:
+    """Whether boxes that are upright on the ground are not in the scans: see TrackletPose."""
+    return heading.body and bool(axes[2, 2] < _LEVEL)
+
+
 def _is_up(axes: Float64Array) -> bool:
     return bool(axes[2, 2] >= _FORWARD)
 
@@ -178,7 +187,7 @@ def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     found = []
     for other in tree.neighbours(frame):
         place, axes = tree.find(frame, other), heading.axes_of(tree, other)
-        if place is None or axes is None or not is_forward(axes):
+        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
             continue
         distance = float(np.linalg.norm(place.translation))
         if distance <= _SAME_ORIGIN_M:

@@ -106,11 +106,16 @@ class RawWriter(LayoutWriter):
         self._tracks: dict[int, dict[int, Box]] = {}
         self._labelled = False
         self._rect_T_velo: Transform | None = None
+        self._labels_T_velo: Transform | None = None
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write the three calibration files of DATE; the last ones are kept."""
         self._rect_T_velo = rect_from_velo(calibration)
         self.write_calibration_text(0, format_raw(calibration))
+
+    def place_labels(self, rect_T_velo: Transform) -> None:
+        """Take boxes in another frame; tracklets are in the scanner's."""
+        self._labels_T_velo = rect_T_velo
 
     def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:
         """Write calibration files of DATE, verbatim."""
@@ -198,12 +203,13 @@ class RawWriter(LayoutWriter):
         return tracklets
 
     def _tracklet_pose(self, box: Box) -> TrackletPose:
-        if self._rect_T_velo is None:
+        labels_t_velo = self._labels_T_velo or self._rect_T_velo
+        if labels_t_velo is None:
             raise UsageError('tracklets are in the scanner frame: write_calibration comes first')
         # Tracklets are upright in the scanner's frame, labels in the camera's: the middle agrees.
         half = box.size_hwl[0] / 2
         middle = np.array(box.location) - [0.0, half, 0.0]
-        (x, y, z), yaw = box_to_velo(middle, box.rotation_y, self._rect_T_velo)
+        (x, y, z), yaw = box_to_velo(middle, box.rotation_y, labels_t_velo)
         truncation = TRUNCATION_CUT if box.truncated > 0 else TRUNCATION_IN_IMAGE
         occlusion = box.occluded if box.occluded <= _MOST_OCCLUDED else _UNKNOWN
         return TrackletPose((x, y, z - half), yaw, occlusion, truncation)

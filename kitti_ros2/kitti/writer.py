@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..model.boxes import Box
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Float64Array, Transform
     from ..model.layouts import Layout
     from ..model.samples import Calibration, OxtsPacket, Scan
 
@@ -100,6 +100,14 @@ class LayoutWriter:
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write the labelled objects of a frame, or its label lines verbatim."""
         raise self._no_place(Stream.LABELS)
+
+    def place_labels(self, rect_T_velo: Transform) -> None:
+        """Take boxes in another frame than that of the rectified camera 0.
+
+        Only for a layout that stores them in the scanner's frame, which boxes that are upright on
+        the ground may be upright in while the camera leans.
+        """
+        raise NotImplementedError
 
     def leave_out(self, number: int) -> None:
         """Keep an incomplete frame out of lists of frames; other layouts have none."""
