@@ -23,6 +23,7 @@ from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
 from .frames_at import MovingBase
 from .named_frames import child_of
+from .optical_frames import LINK_T_OPTICAL, frame_of, made_optical_frames
 from .plan import TF, VelocityAxes
 from .planned_topics import topic_of
 from .report import undecoded
@@ -69,11 +70,16 @@ class Rigging:
         tree = FrameTree(survey.static, survey.moving, lost)
         scan_frame = '' if plan.scan is None else plan.scan.frame
         self._models = camera_models(plan, survey)
+        optical = made_optical_frames(plan, survey)
+        if optical:
+            tree = FrameTree([*survey.static, *optical], survey.moving, lost)
         plan, made = made_frame(plan, tree, self._models)
-        self._tree = FrameTree([*survey.static, *made], survey.moving, lost) if made else tree
+        if made:
+            tree = FrameTree([*survey.static, *optical, *made], survey.moving, lost)
+        self._tree = tree
         self._plan = plan
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
-        base = self._moving_base(scan_frame, moving)
+        base = self._moving_base(survey, scan_frame, moving)
         self.scans = ScanConversion(plan.scan, survey, self._tree, base)
         self.images = ImageConversion(plan, survey, self._models)
         self._changing = [
@@ -92,15 +98,21 @@ class Rigging:
             base if base is None or self.scans.move else _before_middle(base, plan, survey),
         )
 
-    def _moving_base(self, scan_frame: str, moving: MovingTree | None) -> MovingBase | None:
+    def _moving_base(
+        self, survey: Survey, scan_frame: str, moving: MovingTree | None
+    ) -> MovingBase | None:
         """Return the frame that boxes are brought to: that of the scans, else that of a camera."""
         if self._plan.scan is not None:
             velo_t_frame = self._tree.transform(self._plan.scan.frame, scan_frame)
             return MovingBase(scan_frame, velo_t_frame, moving)
         if not self._models:
             return None
-        frame = self._models[min(self._models)].frame
-        return MovingBase(frame, NOMINAL_CAM0_T_VELO.inverse(), moving)
+        camera = self._plan.cameras[min(self._models)]
+        frame = frame_of(camera, survey)
+        velo_t_frame = NOMINAL_CAM0_T_VELO.inverse()
+        if camera.forward:
+            velo_t_frame = velo_t_frame @ LINK_T_OPTICAL.inverse()
+        return MovingBase(frame, velo_t_frame, moving)
 
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
         found = {}

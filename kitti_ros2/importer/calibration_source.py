@@ -16,6 +16,7 @@ from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from .calibration import make_calibration
+from .optical_frames import optical_name
 from .plan import NONE, SOURCE, TF
 from .planned_topics import camera_of
 
@@ -190,4 +191,4 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
             f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
             f' rectify: false where its images are rectified)'
         ) from None
-    return replace(model, frame=camera.frame) if camera.frame else model
+    return replace(model, frame=optical_name(camera.frame or model.frame, camera.forward))

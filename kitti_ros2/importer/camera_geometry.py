@@ -9,15 +9,24 @@ transforms, or by the P of the right one (sensor_msgs/CameraInfo.msg).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..rig.heading import AXES, Heading, describe_direction, find_body, known_heading, nearest_axis
+from ..rig.heading import (
+    AXES,
+    Heading,
+    describe_direction,
+    find_body,
+    is_optical,
+    known_heading,
+    nearest_axis,
+)
 from ..rig.stereo import angle_of
+from .optical_frames import X_FORWARD
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,6 +55,43 @@ class Choice:
 
     cameras: dict[int, RigCamera]
     by_name: bool = False
+
+
+def with_frames(
+    rig: Sequence[RigCamera], tree: FrameTree, heading: Heading | None, notes: list[str]
+) -> list[RigCamera]:
+    """Return the cameras with frames of the tree that are optical ones, and note changes."""
+    return [_with_optical(_with_known(each, tree, notes), tree, heading, notes) for each in rig]
+
+
+def _with_known(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
+    """Take the frame of the images where the tree has not that of the CameraInfo."""
+    named = '' if camera.info is None else camera.info.frame
+    if not named or named in tree.frames or camera.topic.frame not in tree.frames:
+        return camera
+    notes.append(
+        f'{camera.topic.name}: no transform names {named}, the frame of its camera_info; that of'
+        f' its images, {camera.topic.frame}, is taken'
+    )
+    return replace(camera, own_frame=camera.topic.frame)
+
+
+def _with_optical(
+    camera: RigCamera, tree: FrameTree, heading: Heading | None, notes: list[str]
+) -> RigCamera:
+    """Take a frame with z up, unless it is named optical, as one with x forward.
+
+    A camera that looks up in such a frame is not told apart.
+    """
+    frame = camera.bag_frame
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    if camera.info is None or is_optical(frame) or axes is None or axes[2, 2] < _STEEP:
+        return camera
+    notes.append(
+        f'{camera.topic.name}: z of {frame} is up, so it is taken as a frame with x forward, in'
+        f' which the optical one is made (forward of the camera)'
+    )
+    return replace(camera, forward=X_FORWARD)
 
 
 def find_heading(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model import msgtypes as types
+from .optical_frames import optical_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,16 +41,26 @@ class RigCamera:
         name: The common part of its topics, such as /CAM_FRONT.
         topic: Its best image topic.
         info: Its CameraInfo, None without one.
+        own_frame: Its frame where it is not that of the CameraInfo.
+        forward: As in CameraPlan.
     """
 
     name: str
     topic: TopicSurvey
     info: TopicSurvey | None = None
+    own_frame: str = ''
+    forward: str = ''
 
     @property
     def frame(self) -> str:
-        """Its optical frame."""
-        return (self.info.frame if self.info is not None else '') or self.topic.frame
+        """Its optical frame, which may be made."""
+        return optical_name(self.bag_frame, self.forward)
+
+    @property
+    def bag_frame(self) -> str:
+        """Its frame in the bag."""
+        of_info = self.info.frame if self.info is not None else ''
+        return self.own_frame or of_info or self.topic.frame
 
     @cached_property
     def r(self) -> Float64Array:

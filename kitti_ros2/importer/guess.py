@@ -13,7 +13,7 @@ from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
-from .camera_geometry import find_heading
+from .camera_geometry import find_heading, with_frames
 from .camera_topics import find_cameras
 from .clock_offsets import estimate_offsets
 from .clocks import clocked
@@ -23,6 +23,7 @@ from .guess_pose import guess_pose
 from .guess_scan import guess_scan
 from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame, guess_velocity_axes
 from .named_frames import NamedFrames, moving_pairs
+from .optical_frames import optical_link
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
 from .report import undecoded
 from .scan_frame import face_forward
@@ -152,6 +153,9 @@ def _find_sensors(
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, tree, heading, notes)
+    rig = with_frames(rig, tree, heading, notes)
+    links = [optical_link(each.bag_frame, each.forward) for each in rig if each.forward]
+    tree = FrameTree([*survey.static, *links], survey.moving) if links else tree
     sets: dict[str, CameraPlan] = {}
     if all_cameras:
         frame = None if scan is None else scan.frame

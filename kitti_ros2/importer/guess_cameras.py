@@ -146,8 +146,9 @@ def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
 def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
     if camera.info is None:
         return CameraPlan(camera.topic.name)
-    frame = '' if camera.info.frame else camera.topic.frame
-    return CameraPlan(camera.topic.name, camera.info.name, _rectify(layout, camera), frame)
+    frame = camera.own_frame or ('' if camera.info.frame else camera.topic.frame)
+    rectify = _rectify(layout, camera)
+    return CameraPlan(camera.topic.name, camera.info.name, rectify, frame, camera.forward)
 
 
 def _rectify(layout: Layout, camera: RigCamera) -> bool:

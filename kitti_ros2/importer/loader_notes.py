@@ -20,6 +20,7 @@ from ..rig.heading import describe_direction
 from ..rig.tf_tree import FrameTree
 from .calibration_source import camera_models
 from .camera_sets import plans_of
+from .optical_frames import made_optical_frames
 from .plan import TF
 from .scan_frame import CAMERA, LEVEL, made_frame, optical_axis
 
@@ -77,13 +78,13 @@ def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
 
 def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
     """Return (3,) the direction of camera 2 in the scans as written, None if it is not known."""
-    tree = FrameTree(survey.static, survey.moving)
     try:
         models = camera_models(plan, survey)
         if not models:
             return None
-        plan, made = made_frame(plan, tree, models)
-        tree = FrameTree([*survey.static, *made], survey.moving)
+        static = [*survey.static, *made_optical_frames(plan, survey)]
+        plan, made = made_frame(plan, FrameTree(static, survey.moving), models)
+        tree = FrameTree([*static, *made], survey.moving)
         return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models)
     except KittiRos2Error:  # it stops the conversion, which reports it
         return None

@@ -16,6 +16,7 @@ from ..messages.source import LABEL_LINES
 from ..model import msgtypes as types
 from ..model.errors import MissingDataError
 from ..rig.tf_tree import FrameTree
+from .optical_frames import frame_of
 from .planned_topics import topic_of
 from .survey_types import SOLID
 
@@ -141,7 +142,7 @@ def base_frame(plan: Plan, survey: Survey) -> str:
     if not with_info:
         return ''
     first = plan.cameras[with_info[0]]
-    return first.frame or topic_of(survey, first.info).frame
+    return frame_of(first, survey)
 
 
 def _frames_of_boxes(name: str, survey: Survey) -> set[str]:

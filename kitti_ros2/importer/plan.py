@@ -93,6 +93,8 @@ class CameraPlan:
         info: Its CameraInfo, empty for none.
         rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
+        forward: x where the frame is no optical one but has x forward and z up, as those of many
+            simulators: the optical frame is made in it.
         offset_s: As of the scan.
     """
 
@@ -100,6 +102,7 @@ class CameraPlan:
     info: str = ''
     rectify: bool = False
     frame: str = ''
+    forward: str = _quiet('')
     offset_s: float = _quiet(0.0)
 
 

@@ -16,6 +16,7 @@ from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
 from ..model.spelling import did_you_mean
 from ..model.text import one_line, shown
+from .optical_frames import X_FORWARD
 from .plan import (
     QUIET,
     UNKNOWN_OCCLUSION,
@@ -114,9 +115,17 @@ def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
         raise UsageError(
             f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {shown(cameras)}'
         )
-    return {
-        key: _make(CameraPlan, value, path, f'cameras: {key}') for key, value in cameras.items()
-    }
+    return {key: _camera(value, path, f'cameras: {key}') for key, value in cameras.items()}
+
+
+def _camera(value: object, path: Path, place: str) -> CameraPlan:
+    camera: CameraPlan = _make(CameraPlan, value, path, place)
+    if camera.forward not in {'', X_FORWARD}:
+        raise UsageError(
+            f'{path}: {place}: forward: {camera.forward}; expected {X_FORWARD}, or nothing for an'
+            f' optical frame'
+        )
+    return camera
 
 
 def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
@@ -130,9 +139,7 @@ def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
             )
     if len({name.lower() for name in sets}) < len(sets):
         raise UsageError(f'{place}: names of sets must differ by more than case')
-    return {
-        name: _make(CameraPlan, value, path, f'camera_sets: {name}') for name, value in sets.items()
-    }
+    return {name: _camera(value, path, f'camera_sets: {name}') for name, value in sets.items()}
 
 
 def _check_parts(made: dict[str, Any], path: Path) -> None:

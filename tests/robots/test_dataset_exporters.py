@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import argoverse2_mcap
 import cv2
-import foxglove_robot as robot
 import numpy as np
 import nuscenes_mcap
 import pytest
@@ -183,14 +182,16 @@ def test_argoverse2_with_a_written_calibration_is_true(tmp_path):
             np.testing.assert_allclose(values[:3], size[::-1], atol=1e-4)
 
 
-def test_waymo_with_optical_frames_is_true(tmp_path):
+@pytest.mark.parametrize('optical', [False, True])
+def test_waymo_is_true_with_and_without_optical_frames(optical, tmp_path):
     out = tmp_path / 'out'
 
     def front(plan):
         camera = next(each for each in plan.cameras.values() if '/FRONT/' in each.topic)
         return replace(plan, cameras={2: camera})
 
-    report, found = convert([waymo_mcap.write(tmp_path / 'segment.mcap')], out, front)
+    bag = waymo_mcap.write(tmp_path / 'segment.mcap', optical=optical)
+    report, found = convert([bag], out, front)
     assert found.plan.labels.topic == '/perception/boxes_3d'
     assert report.losses == ()
     assert report.frames == waymo_mcap.FRAMES
@@ -222,9 +223,3 @@ def test_waymo_classes_are_the_texts(tmp_path):
             made = messages.typestore.deserialize_cdr(message.data, message.msgtype)
             assert [marker.action for marker in made.markers] == [3, 0, 0]
             assert [marker.text for marker in made.markers[1:]] == ['Car', 'Ped']
-
-
-def test_the_axes_of_the_waymo_page_are_optical():
-    """docs/howto/waymo.md multiplies by this matrix."""
-    optical = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    np.testing.assert_array_equal(optical, robot.AXES)

@@ -125,14 +125,22 @@ def test_a_right_camera_by_p_alone_is_of_the_left_one_of_its_name(convert):
     assert_true(split, front)
 
 
-def test_a_camera_in_a_frame_with_x_forward_is_pointed_out(convert):
+def test_a_camera_in_a_frame_with_x_forward_is_told(convert):
     robot = small_rigs.sides('front')
     links = tuple(
         (parent, child, small_rigs.LIDAR if child == 'front_eye' else place)
         for parent, child, place in robot.links
     )
-    _, notes, _ = convert(replace(robot, links=links, with_boxes=False))
-    assert 'z of front_eye, the direction the camera looks in, is 89 degrees up' in notes
+    plan, notes, _ = convert(replace(robot, links=links, with_boxes=False))
+    assert 'z of front_eye is up, so it is taken as a frame with x forward' in notes
+    assert plan.cameras[2].forward == 'x'
+
+
+def test_a_camera_that_looks_down_is_told(convert):
+    down = camera_rigs.Camera('/front', 'eye', camera_rigs.looking(0.0, (0.5, 0.0, 1.0), 90.0))
+    robot = replace(small_rigs.joined(down), with_boxes=False)
+    _, notes, _ = convert(robot)
+    assert 'z of eye, the direction the camera looks in, is 90 degrees down' in notes
     assert 'if it is no optical frame' in notes
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import camera_rigs
 import pytest
 import small_rigs
-from camera_rigs import pose, turned
+from camera_rigs import OPTICAL, assert_true, pose, turned
 from test_surround_rigs import convert, topics  # noqa: F401 - a fixture
 
 from kitti_ros2.cli import main
@@ -29,15 +29,31 @@ def robot():
     return small_rigs.joined(*cameras)
 
 
-def test_front_is_camera_2_and_its_frame_is_told(convert, robot):  # noqa: F811
-    plan, notes, _ = convert(robot)
+def test_front_is_camera_2_and_an_optical_frame_is_made(convert, robot):  # noqa: F811
+    plan, notes, split = convert(robot)
     assert topics(plan) == {2: '/camera/FRONT/image_rect_color'}
-    assert '/camera/FRONT/image_rect_color: z of FRONT, the direction the camera looks in' in notes
-    assert 'if it is no optical frame, name one as frame' in notes
+    assert plan.cameras[2].forward == 'x'
+    assert '/camera/FRONT/image_rect_color: z of FRONT is up, so it is taken as a frame' in notes
     assert 'turn boxes by that angle' not in notes
+    optical = replace(
+        robot.cameras[1], base_T_camera=robot.cameras[1].base_T_camera @ pose(OPTICAL, (0, 0, 0))
+    )
+    assert_true(split, optical)
 
 
 def test_each_camera_of_the_sets_is_told_of(robot, tmp_path, capsys):
     bag = camera_rigs.write(robot, tmp_path / 'bag')
     assert main(['to-kitti', str(bag), '--layout', 'object', '--all-cameras', '--plan']) == 0
-    assert capsys.readouterr().out.count('the direction the camera looks in') == len(SIDES)
+    said = capsys.readouterr().out
+    assert said.count('is up, so it is taken as a frame with x forward') == len(SIDES)
+    assert said.count('forward: x') == len(SIDES)
+
+
+def test_a_forward_that_cannot_be_meant_is_refused(robot, tmp_path, capsys):
+    bag = camera_rigs.write(robot, tmp_path / 'bag')
+    assert main(['to-kitti', str(bag), '--layout', 'object', '--plan']) == 0
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(capsys.readouterr().out.replace('forward: x', 'forward: y'))
+    words = ['to-kitti', str(bag), str(tmp_path / 'out'), '--plan-file', str(plan)]
+    assert main(words) == 2
+    assert 'cameras: 2: forward: y; expected x, or nothing' in capsys.readouterr().err
