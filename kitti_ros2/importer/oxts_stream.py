@@ -19,6 +19,7 @@ from .between_messages import fix_between, imu_between, velocity_between
 from .oxts_poses import as_velocity
 from .plan import VelocityAxes
 from .planned_topics import topic_of
+from .unit_checks import UnitChecks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -107,6 +108,7 @@ class PacketMaker:
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
         self._levelled = False
+        self._checks = UnitChecks()
 
     def _parts_of_frames(
         self, wanted: Sequence[Sequence[set[tuple[str, int]] | None]]
@@ -147,6 +149,8 @@ class PacketMaker:
         ]
         if self._lacking and not self._gapless:
             told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
+        attitude = self._topics['imu'] if self._unit.poses is None and not self._levelled else ''
+        told += self._checks.notes(attitude, self._topics['velocity'])
         return [*self._notes, *told]
 
     def wants(self, topic: str, place: int) -> bool:
@@ -175,6 +179,7 @@ class PacketMaker:
             if packet is not None:
                 stamp_ns = int(self._frames_ns[self._next])
                 writer.write_oxts(first + self._next, stamp_ns, packet)
+                self._checks.take(stamp_ns, packet)
                 count += 1
             elif self._wanted[self._next] is not None:
                 self._lack()
