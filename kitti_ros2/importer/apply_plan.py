@@ -45,6 +45,11 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
     if options.all_cameras and survey.calibrations:
         raise UsageError('--all-cameras is for bags of other programs; to-bag wrote this one')
+    for (parent, child), topics in survey.clashes.items():
+        raise UsageError(
+            f'{path_of(bags[0])}: {topics[0]} and {topics[1]} differ in {parent} -> {child}, so'
+            f' they are of two robots; expected one: leave the topics of the other out of the bag'
+        )
     found = guess_plan(
         survey,
         options.layout,

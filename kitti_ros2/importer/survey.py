@@ -57,6 +57,7 @@ class Survey:
         notes: Non-fatal remarks of the bag's reader.
         losses: Damage, and the number of messages lost by each; None: unknown.
         left_out: Topics that cannot be read.
+        clashes: Links that are of several robots, each with the topics of two.
     """
 
     topics: Mapping[str, TopicSurvey]
@@ -67,6 +68,7 @@ class Survey:
     notes: Sequence[str] = ()
     losses: Mapping[str, int | None] = field(default_factory=dict)
     left_out: Sequence[tuple[StoredChannel, Loss]] = ()
+    clashes: Mapping[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
         """Return the topics of some types with messages that can be decoded, by name."""
@@ -163,7 +165,7 @@ class _Pass:
         }
         losses = {**losses, **invalid}
         found = *self._links.sorted(), self._calibrations, notes, losses, left_out
-        return Survey(self._topics, *found)
+        return Survey(self._topics, *found, self._links.clashes)
 
     def _take(self, message: BagMessage) -> None:
         topic = self._topics[message.topic]
@@ -172,7 +174,7 @@ class _Pass:
         if topic.msgtype in TF_TYPES:
             decoded = self._decoded(topic, message)
             if decoded is not None:
-                self._links.add(decoded, still='static' in topic.name)
+                self._links.add(decoded, still='static' in topic.name, topic=topic.name)
             first_ns = stamp_ns_of(decoded.transforms[0].header) if _has_links(decoded) else 0
             topic.links_ns.append(first_ns or message.stamp_ns)
         elif topic.msgtype in READ:

@@ -30,12 +30,22 @@ class LinkTally:
         self._static: set[tuple[str, str]] = set()
         self._changing: set[tuple[str, str]] = set()
         self._invalid: Counter[tuple[str, str]] = Counter()
+        self._topics: dict[tuple[str, str], str] = {}
+        self.clashes: dict[tuple[str, str], tuple[str, str]] = {}
+        """Links that topics of two namespaces have otherwise, with these: see add."""
 
-    def add(self, message: Any, *, still: bool) -> None:  # noqa: ANN401 - of the bag's types
-        """Add the transforms of a TFMessage; still for those of /tf_static."""
+    def add(self, message: Any, *, still: bool, topic: str = '') -> None:  # noqa: ANN401
+        """Add the transforms of a TFMessage of the bag's types.
+
+        Args:
+            message: The message.
+            still: Whether it is of /tf_static.
+            topic: Its topic. Those of robots with the same names of frames differ by a namespace.
+        """
         for stamped in message.transforms:
             key = (plain(stamped.header.frame_id), plain(stamped.child_frame_id))
             if key in self._moving and not still:
+                self._check_robot(key, topic)
                 continue  # known to move
             ((_, _, transform),) = decode_static(TFMessage([stamped]))
             if not still and not _is_finite(transform):
@@ -46,14 +56,22 @@ class LinkTally:
             if not still and not self._seen[key]:  # those before were invalid
                 self._first[key] = first = transform
             self._seen[key] += 1
+            self._topics.setdefault(key, topic)
             if still:
                 # The last value of a static link is valid, as for late subscribers.
                 if differ(first, transform, _STILL_M):
                     self._changing.add(key)
+                    self._check_robot(key, topic)
                 self._first[key] = transform
                 self._static.add(key)
             elif key not in self._moving and differ(first, transform, _STILL_M):
                 self._moving.add(key)
+                self._check_robot(key, topic)
+
+    def _check_robot(self, key: tuple[str, str], topic: str) -> None:
+        known = self._topics[key]
+        if known != topic and known.rpartition('/')[0] != topic.rpartition('/')[0]:
+            self.clashes.setdefault(key, (known, topic))
 
     def invalid(self) -> dict[tuple[str, str], int]:
         """Return the links on /tf without a valid transform, each with the number of the others."""

@@ -10,14 +10,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from kitti_ros2.importer import apply_plan
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.importer.topic_survey import TopicSurvey
+from kitti_ros2.messages.ros_types import TFMessage
+from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model import msgtypes as types
-from kitti_ros2.model.errors import MissingDataError
+from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.rig.link_tally import LinkTally
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 PATH = Path('bag.mcap')
@@ -209,6 +214,33 @@ def test_an_imu_that_is_joined_gives_the_imu_frame_and_one_that_is_not_a_remark(
     apart = guess(*topics)
     assert apart.plan.imu_frame == ''
     assert any('static transform from imu to lidar' in note for note in apart.notes)
+
+
+def tallied(*topics, moves=False, other=''):
+    """Links of base_link to lidar on topics, in order; that of another robot is elsewhere."""
+    tally = LinkTally()
+    for place, name in enumerate(topics):
+        there = Transform.from_translation(((name == other) + moves * place, 0, 0))
+        link = make_transform(there, place, 'base_link', 'lidar')
+        tally.add(TFMessage([link]), still=not moves, topic=name)
+    return tally
+
+
+@pytest.mark.parametrize('moves', [False, True])
+@pytest.mark.parametrize('other', ['/robot2/tf', '/tf'])
+def test_transforms_of_two_robots_are_refused(moves, other):
+    """Frames of both have the same names."""
+    tally = tallied('/robot1/tf', '/robot1/tf', other, moves=moves, other=other)
+    assert tally.clashes == {('base_link', 'lidar'): ('/robot1/tf', other)}
+    survey = Survey({}, [], [], clashes=tally.clashes)
+    with pytest.raises(
+        UsageError, match=r'differ in base_link -> lidar, so they are of two robots'
+    ):
+        apply_plan.guess([PATH], survey, ImportOptions(layout=Layout.OBJECT))
+
+
+def test_transforms_that_two_topics_repeat_are_of_one_robot():
+    assert tallied('/tf_static', '/relay/tf_static').clashes == {}
 
 
 def test_a_command_is_no_velocity():
