@@ -253,6 +253,8 @@ class BoxConversion:
             for reason, count in self.left_out.items()
             if count and reason not in _LOST
         ]
+        if self._tracks.unnamed and self._plan.layout.traits.common_labels:
+            found.append(f'{self._tracks.unnamed} boxes have no id: each is a track of its own')
         if self._max_lean > _REPORTED_LEAN_RAD:
             axis = "the camera's y" if self.standing.frame_T_velo is None else "the scans' z"
             found.append(

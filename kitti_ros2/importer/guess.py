@@ -94,7 +94,7 @@ def guess_plan(
     labels = None
     if Stream.LABELS in traits.streams:
         tree = FrameTree(survey.static, survey.moving)
-        labels = guess_labels(survey, tree, viewed, notes, only_2d=not traits.tracklets)
+        labels = guess_labels(survey, tree, viewed, notes, layout)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
         layout=layout,

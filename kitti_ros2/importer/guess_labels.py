@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..messages.source import LABEL_LINES
@@ -18,6 +19,7 @@ from .plan import LabelPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
+    from ..model.layouts import Layout
     from ..rig.tf_tree import FrameTree
     from .plan import CameraPlan
     from .survey import Survey
@@ -29,12 +31,12 @@ def guess_labels(
     tree: FrameTree,
     cameras: dict[int, CameraPlan],
     notes: list[str],
-    *,
-    only_2d: bool = True,
+    layout: Layout,
 ) -> LabelPlan | None:
-    """Choose labels: detections, objects of Autoware, markers, then 2D boxes if only_2d.
+    """Choose labels: detections, objects of Autoware, markers, then 2D boxes.
 
-    In a bag written by to-bag, markers have the classes of KITTI, and objects have not.
+    Those with tracks go before others in a layout that has tracks. In a bag written by to-bag,
+    markers have the classes of KITTI, and objects have not. Tracklets have no 2D boxes.
     """
     own = survey.topics.get(LABEL_LINES)
     if own is not None and own.count and survey.calibrations:
@@ -44,17 +46,19 @@ def guess_labels(
         survey, types.DETECTED_OBJECTS
     )
     markers = [each for each in _of_labels(survey, types.MARKERS) if _has_cubes(each)]
-    topics = detections or (markers if survey.calibrations else objects)
-    topics = topics or objects or markers
+    kinds = [detections, *([markers, objects] if survey.calibrations else [objects, markers])]
+    if layout.traits.common_labels:
+        kinds.sort(key=lambda kind: not any(each.has_tracks for each in kind))
+    topics = next(filter(None, kinds), [])
     flat = _of_camera(survey, tree, cameras)
-    topics = topics or (flat if only_2d else [])
+    topics = topics or ([] if layout.traits.tracklets else flat)
     if not topics or not cameras:
         notes.append(
             'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'
             ' in a MarkerArray)'
         )
         return None
-    best = max(topics, key=lambda each: (is_truth(each.name), each.count))
+    best = max(topics, key=partial(_rank, tracks=layout.traits.common_labels))
     notes += pass_over('labels', best, topics)
     boxes_2d = ''
     if flat and best not in flat:
@@ -66,6 +70,16 @@ def guess_labels(
         return plan
     notes += others_note(best.name, others_of(best.classes), 'of those looked at are written')
     return replace(plan, classes=default_classes(best.classes))
+
+
+def _rank(topic: TopicSurvey, *, tracks: bool) -> tuple[bool, bool, bool, int]:
+    """Rank: called ground truth, with tracks where they are wanted, with classes, of most."""
+    return (
+        is_truth(topic.name),
+        tracks and topic.has_tracks,
+        any(topic.classes),
+        topic.count,
+    )
 
 
 def _of_camera(

@@ -119,6 +119,8 @@ class TrackIds:
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
         self._taken: set[int] = set()
+        self.unnamed = 0
+        """Number of boxes without a name so far."""
 
     def find(self, identity: str) -> int | None:
         """Return the number of a track that has one already."""
@@ -134,6 +136,8 @@ class TrackIds:
         self._taken.add(number)
         if identity:
             self._numbers[identity] = number
+        else:
+            self.unnamed += 1
         return number
 
 

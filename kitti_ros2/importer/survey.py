@@ -19,7 +19,7 @@ from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.oxts import has_fix
 from ..messages.point_spans import turn_of
-from ..messages.solid_boxes import classes_in
+from ..messages.solid_boxes import boxes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
@@ -270,4 +270,6 @@ def _is_sampled(topic: TopicSurvey) -> bool:
 def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
     if topic.msgtype in SOLID:
         with suppress(ValueError):
-            topic.classes.update(classes_in(look))
+            boxes = boxes_in(look)
+            topic.classes.update(each.class_name for each in boxes)
+            topic.has_tracks |= any(each.identity for each in boxes)

@@ -38,6 +38,7 @@ class TopicSurvey:
         markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
+        has_tracks: Of topics with boxes: whether one of these names its track.
         turn_ns: Of clouds with a time for each point: when the first and the last point were
             measured, nanoseconds from the stamp; medians of a few.
         by_log: Whether log times are used, not stamps.
@@ -61,6 +62,7 @@ class TopicSurvey:
     markers_ns: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
+    has_tracks: bool = False
     turn_ns: tuple[int, int] | None = None
     by_log: bool = False
     offset_ns: int = 0

@@ -43,14 +43,14 @@ def cuboids_in(
     return cuboids_of_markers(message, to_velo, scores=scores)
 
 
-def classes_in(message: Any) -> list[str]:  # noqa: ANN401 - as above
-    """Return the class of each box that cuboids_in decodes, as it is in the message.
+def boxes_in(message: Any) -> list[Cuboid]:  # noqa: ANN401 - as above
+    """Return the boxes that cuboids_in decodes, each in its own frame.
 
     Raises:
         ValueError: They cannot be read.
     """
     here = dict.fromkeys(frames_in(message), Transform.identity())
-    return [each.class_name for each in cuboids_in(message, here, scores=False)[0]]
+    return cuboids_in(message, here, scores=False)[0]
 
 
 def frames_in(message: Any) -> set[str]:  # noqa: ANN401 - as above

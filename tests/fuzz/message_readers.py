@@ -24,7 +24,7 @@ from kitti_ros2.messages.point_spans import turn_of
 from kitti_ros2.messages.pose import decode_odometry, poses_of, poses_of_link
 from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.messages.scan_sources import SCAN_SOURCES, ScanNeeds
-from kitti_ros2.messages.solid_boxes import classes_in, cuboids_in, frames_in
+from kitti_ros2.messages.solid_boxes import boxes_in, cuboids_in, frames_in
 from kitti_ros2.messages.source import decode_text
 from kitti_ros2.messages.transforms import decode_static
 from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
@@ -129,7 +129,7 @@ def _compressed(message: Any) -> None:
 
 def _boxes(message: Any) -> None:
     with attempted():
-        classes_in(message)
+        boxes_in(message)
     with attempted():
         frames = frames_in(message)
         for names in (frames, [*frames][:1], ()):

@@ -243,6 +243,26 @@ def test_transforms_that_two_topics_repeat_are_of_one_robot():
     assert tallied('/tf_static', '/relay/tf_static').clashes == {}
 
 
+@pytest.mark.parametrize(
+    ('layout', 'taken'), [(Layout.OBJECT, '/detector'), (Layout.TRACKING, '/tracker')]
+)
+def test_labels_are_chosen_by_what_they_tell(layout, taken):
+    clusters, detector, tracker = (
+        topic(name, types.DETECTIONS_3D, count=count)
+        for name, count in (('/a_clusters', 30), ('/detector', 20), ('/tracker', 10))
+    )
+    clusters.classes[''] = 30
+    detector.classes['Car'] = tracker.classes['Car'] = 10
+    tracker.has_tracks = True
+    camera = image('/c/image_raw'), info('/c/camera_info')
+    found = guess(clusters, detector, tracker, *camera, layout=layout)
+    assert found.plan.labels.topic == taken
+    objects = topic('/objects', types.TRACKED_OBJECTS)
+    objects.has_tracks = True
+    found = guess(clusters, detector, objects, *camera, layout=layout)
+    assert found.plan.labels.topic == ('/objects' if layout is Layout.TRACKING else taken)
+
+
 def test_a_command_is_no_velocity():
     names = ('/cmd_vel', '/gps/vel')
     twists = [topic(name, types.TWIST, count=5 + 5 * (name == '/cmd_vel')) for name in names]
