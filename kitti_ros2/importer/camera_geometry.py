@@ -24,6 +24,7 @@ from ..rig.heading import (
     is_optical,
     known_heading,
     nearest_axis,
+    root_heading,
 )
 from ..rig.stereo import angle_of
 from .optical_frames import X_FORWARD
@@ -97,14 +98,17 @@ def _with_optical(
 def find_heading(
     tree: FrameTree, scan_frame: str | None, cameras: Sequence[RigCamera]
 ) -> Heading | None:
-    """Return the robot's forward: of its body, its scanner, its front camera, or its scans' x."""
+    """Return the robot's forward: of its body, its scanner, its cameras, or its scans' x."""
     sensors = [scan_frame or '', *(camera.frame for camera in cameras)]
     heading = find_body(tree, sensors)
     if heading is not None or scan_frame is None:
         return heading
+    joined = [each for each in cameras if tree.find(scan_frame, each.frame) is not None]
     return (
         known_heading(tree, scan_frame)
-        or _camera_heading(tree, scan_frame, cameras)
+        or _camera_heading(tree, scan_frame, [each for each in joined if each.name_rank == 0])
+        or root_heading(tree, sensors)
+        or _camera_heading(tree, scan_frame, joined)
         or Heading(scan_frame, AXES['x'], f'x of {scan_frame}', assumed=True)
     )
 
@@ -128,7 +132,11 @@ def choose_cameras(
         cameras: At least one, those with a CameraInfo.
     """
     directions = {each.name: direction_of(tree, heading, each) for each in cameras}
-    rights = {right.name for left, right in permutations(cameras, 2) if is_pair(tree, left, right)}
+    rights = {
+        right.name
+        for left, right in permutations(cameras, 2)
+        if left.is_grey == right.is_grey and is_pair(tree, left, right)
+    }
     joined = [each for each in cameras if directions[each.name] is not None]
     angles = {each.name: _angle(directions[each.name]) for each in joined}
     nearest = min(angles.values(), default=0.0)
@@ -210,27 +218,18 @@ def _angle(direction: Float64Array | None) -> float:
 def _camera_heading(
     tree: FrameTree, scan_frame: str, cameras: Sequence[RigCamera]
 ) -> Heading | None:
-    """Return the direction of the front camera, or of all if it is the same, as a scanner's axis.
+    """Return the direction of cameras, if all look the same way, as a scanner's axis.
 
-    A camera whose name says another side is no front camera.
+    A camera whose name says another side than front is no front camera.
     """
-    found = {}
-    for camera in cameras:
-        place = tree.find(scan_frame, camera.frame)
-        if place is not None:
-            found[camera.name] = place.rotation @ camera.r.T @ AXES['z']
-    fronts = [each for each in cameras if each.name in found and each.name_rank == 0]
-    alike = [each for each in cameras if each.name in found]
-    for group in (fronts, alike):
-        turns = [found[each.name] for each in group]
-        if not turns or any(angle_of(turns[0].T @ turn) > np.radians(30) for turn in turns):
-            continue
-        if len(group) == 1 and group[0].name_rank > _OWN_DIRECTION_RANK:
-            continue
-        return Heading(
-            scan_frame, AXES[nearest_axis(turns[0])], f'where {group[0].topic.name} looks'
-        )
-    return None
+    turns = [
+        tree.transform(scan_frame, each.frame).rotation @ each.r.T @ AXES['z'] for each in cameras
+    ]
+    if not turns or any(angle_of(turns[0].T @ turn) > np.radians(30) for turn in turns):
+        return None
+    if len(cameras) == 1 and cameras[0].name_rank > _OWN_DIRECTION_RANK:
+        return None
+    return Heading(scan_frame, AXES[nearest_axis(turns[0])], f'where {cameras[0].topic.name} looks')
 
 
 def describe_others(

@@ -35,6 +35,7 @@ _BODIES = (
     *('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base'),
     *('chassis', 'chassis_link', 'ego', 'car', 'trunk', 'body'),
 )
+_FIXED = frozenset({'map', 'odom', 'world', 'earth'})
 _ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
 _SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)
 _OPTICAL = re.compile(r'optical(_frame|_link)?$', re.IGNORECASE)
@@ -83,6 +84,16 @@ def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     for frame in named:
         if any(tree.find(frame, sensor) is not None for sensor in wanted):
             return Heading(frame, AXES['x'], f'x of {frame}', body=True)
+    return None
+
+
+def root_heading(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
+    """Return the heading of a root above several sensors, which is no sensor: it is the robot's."""
+    wanted = {frame for frame in sensors if frame in tree.frames}
+    for root in tree.roots:
+        known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in _FIXED
+        if not known and sum(tree.find(root, frame) is not None for frame in wanted) > 1:
+            return Heading(root, AXES['x'], f'x of {root}', body=True)
     return None
 
 

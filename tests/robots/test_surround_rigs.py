@@ -136,6 +136,40 @@ def test_a_camera_in_a_frame_with_x_forward_is_told(convert):
     assert plan.cameras[2].forward == 'x'
 
 
+def test_the_root_of_the_tree_tells_where_forward_is(convert):
+    """Neither names of cameras nor a body's frame do."""
+    cameras = [
+        camera_rigs.Camera(f'/cam_{name}', f'eye_{name}', camera_rigs.looking(yaw, (0.5, 0, 1.0)))
+        for name, yaw in (('a', 180.0), ('b', 0.0))
+    ]
+    robot = small_rigs.joined(*cameras, root='rig')
+    lidar = camera_rigs.pose(camera_rigs.turned(-115.0), (0.3, 0.0, 1.2))
+    links = tuple(
+        (parent, child, lidar if child == 'lidar' else place)
+        for parent, child, place in robot.links
+    )
+    robot = replace(robot, links=links, base_T_lidar=lidar)
+    plan, notes, split = convert(robot)
+    assert topics(plan) == {2: '/cam_b/image_rect_color'}
+    assert plan.scan.forward == 'rig'
+    assert '115 degrees to the right (forward is x of rig)' in notes
+    assert_true(split, cameras[1])
+
+
+def test_colour_right_of_grey_is_the_left_colour_camera(convert):
+    cameras = [
+        camera_rigs.Camera(
+            f'/{name}', name, camera_rigs.looking(0.0, (0.5, left, 1.0)), encoding=encoding
+        )
+        for name, left, encoding in (
+            ('gl', 0.30, 'mono8'), ('cl', 0.24, 'bgr8'), ('gr', -0.24, 'mono8'),
+            ('cr', -0.30, 'bgr8'),
+        )
+    ]  # fmt: skip
+    plan, *_ = convert(small_rigs.joined(*cameras))
+    assert [topics(plan)[index].split('/')[1] for index in range(4)] == ['gl', 'gr', 'cl', 'cr']
+
+
 def test_a_camera_that_looks_down_is_told(convert):
     down = camera_rigs.Camera('/front', 'eye', camera_rigs.looking(0.0, (0.5, 0.0, 1.0), 90.0))
     robot = replace(small_rigs.joined(down), with_boxes=False)
