@@ -16,7 +16,10 @@ from .plan import PosePlan
 from .report import pass_over
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 BODIES = ('base_link', 'base_footprint')
 _SHORT = 2
@@ -57,10 +60,11 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
 
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     """Choose an Odometry, PoseStamped or Path."""
+    known = FrameTree(survey.static, survey.moving).frames
     for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
         topics = survey.of_type(msgtype)
         if topics:
-            best = max(topics, key=lambda each: (is_truth(each.name), each.count))
+            best = max(topics, key=lambda each: _rank(each, known))
             if best.name not in own_topics():
                 topics = survey.of_type(types.ODOMETRY, types.POSE, types.PATH)
             notes += pass_over('poses', best, topics)
@@ -69,6 +73,11 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
                 body = ''
             return PosePlan(best.name, body or _body(survey), best.frame)
     return None
+
+
+def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, int]:
+    """Rank: called ground truth, of a body in the tree, of most messages."""
+    return is_truth(topic.name), child_of(topic) in frames, topic.count
 
 
 def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePlan | None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
 from ..rig.heading import find_body
@@ -34,7 +35,25 @@ def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -
         notes: Takes what is missing.
         pose: The plan's poses, which take the place of a fix.
     """
-    posed = pose is not None
+    found = _best_topics(survey, notes)
+    if 'fix' not in found and pose is None and 'imu' not in found:
+        notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
+        return {}
+    if 'fix' not in found:
+        if pose is not None:
+            found |= _odometry(survey, pose)
+        place = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
+        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
+    elif 'imu' in found and 'velocity' not in found:
+        found |= _odometry_of(survey, survey.topics[found['imu']].frame)
+    for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
+        if key not in found:
+            notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
+    return found
+
+
+def _best_topics(survey: Survey, notes: list[str]) -> dict[str, str]:
+    """Return the topics of the unit by their keys, and note those that are passed over."""
     found: dict[str, str] = {}
     for key, msgtype, rank in (
         ('imu', types.IMU, _imu_rank),
@@ -48,19 +67,8 @@ def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -
         notes += pass_over(key, best, topics)
         if key == 'fix' and not best.has_fix:
             notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
-            continue
-        found[key] = best.name
-    if 'fix' not in found and not posed and 'imu' not in found:
-        notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
-        return {}
-    if 'fix' not in found:
-        if pose is not None:
-            found |= _odometry(survey, pose)
-        place = 'the poses, from origin of the plan on' if posed else 'origin of the plan'
-        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
-    for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
-        if key not in found:
-            notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
+        else:
+            found[key] = best.name
     return found
 
 
@@ -90,6 +98,19 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
     if not topics:
         return {}
     return {'velocity': max(topics, key=lambda each: (each.name == pose.topic, each.count)).name}
+
+
+def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
+    """Return the Odometry with a twist whose body static transforms join to a frame."""
+    tree = FrameTree(survey.static, survey.moving)
+    topics = [
+        each
+        for each in survey.of_type(types.ODOMETRY)
+        if child_of(each) in tree.frames
+        and tree.find(frame, child_of(each)) is not None
+        and any(vector_of(look.twist.twist.linear).any() for look in each.looks)
+    ]
+    return {'velocity': max(topics, key=lambda each: each.count).name} if topics else {}
 
 
 def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str]) -> VelocityAxes:

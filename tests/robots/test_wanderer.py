@@ -483,6 +483,29 @@ def test_velocities_of_a_receiver_are_along_east_and_north(frame, said, tmp_path
         assert (packet.ve, packet.vn, packet.vu) == pytest.approx(tuple(moving), abs=1e-4)
 
 
+def test_the_twist_of_an_odometry_is_the_velocity_beside_a_fix(tmp_path):
+    robot = Robot(
+        map_tf=False, odom_tf=False, boxes=None, imu=True, receiver='antenna', with_velocity=False,
+        odometry=('odom', 'base_link'),
+    )  # fmt: skip
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, _ = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
+    assert (guessed.plan.fix, guessed.plan.velocity) == ('/fix', '/odom')
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    packets, _ = oxts_poses(drive / 'oxts' / 'data')
+    for packet, each in zip(packets, frames, strict=True):
+        moving = wanderer.velocity(each.stamp_ns, BASE_T_IMU)
+        assert (packet.ve, packet.vn, packet.vu) == pytest.approx(tuple(moving), abs=1e-6)
+
+
+def test_an_odometry_of_a_body_in_the_tree_is_taken(tmp_path):
+    robot = Robot(map_tf=False, boxes=None, odometry=('odom', 'base_link'), leader=True)
+    wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.ODOMETRY)
+    assert guessed.plan.pose.topic == '/odom'
+    assert report.frames == wanderer.FRAMES
+
+
 def test_an_imu_with_an_orientation_is_taken(tmp_path):
     robot = Robot(map_tf=False, odom_tf=False, boxes=None, imu=True, bare_imu=True)
     wanderer.write(tmp_path / 'bag', robot)

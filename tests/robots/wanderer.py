@@ -143,8 +143,10 @@ class Robot:
         base_t_imu: (4, 4) its place.
         receiver: Frame of /fix, of an antenna, and of /vel along east and north; empty for none.
         velocity_frame: Of /vel where it is another.
+        with_velocity: Whether /vel is there.
         indoors: Whether /fix never has a fix.
         bare_imu: Whether there is another Imu, of a camera, without an orientation.
+        leader: Whether /a_leader/odom tells the poses of another robot, more often.
         static: Whether the sensors are joined to base_link.
         broken: How many messages of /tf or /odom have a quaternion of zeros.
         keep: Which transforms and Odometry are written, by (child, stamp).
@@ -165,7 +167,9 @@ class Robot:
     base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
     receiver: str = ''
     velocity_frame: str = ''
+    with_velocity: bool = True
     indoors: bool = False
+    leader: bool = False
     bare_imu: bool = False
     camera: bool = True
     static: bool = True
@@ -317,7 +321,7 @@ def camera_info(stamp_ns):
 
 def messages(robot: Robot, frames: list[Frame]):
     """(topic, stamp, message) in order of stamps."""
-    found = [*still(robot), *moving(robot), *unit(robot)]
+    found = [*still(robot), *moving(robot), *unit(robot), *(leading() if robot.leader else ())]
     for frame in frames:
         found += sensed(robot, frame)
     return sorted(found, key=lambda each: each[1])
@@ -379,6 +383,13 @@ def moving(robot: Robot):
             yield '/tf', stamp_ns, tf(transform(at, 'map', 'odom', map_t_odom(stamp_ns)))
 
 
+def leading():
+    """The Odometry of another robot."""
+    for stamp_ns in range(START_NS, START_NS + FRAMES * PERIOD_NS, 5 * MS):
+        frames = 'odom', 'leader/base_link'
+        yield '/a_leader/odom', stamp_ns, odometry(stamp_ns, frames, odom_t_base(stamp_ns), False)
+
+
 def unit(robot: Robot):
     """Imu, fix and velocity."""
     end_ns = START_NS + FRAMES * PERIOD_NS
@@ -395,7 +406,8 @@ def unit(robot: Robot):
         if robot.receiver:
             yield '/fix', stamp_ns, fix(stamp_ns, robot.receiver, -1 if robot.indoors else 0)
             moving_in = robot.velocity_frame or robot.receiver
-            yield '/vel', stamp_ns, twist(stamp_ns, moving_in)
+            if robot.with_velocity:
+                yield '/vel', stamp_ns, twist(stamp_ns, moving_in)
 
 
 def write(path: Path, robot: Robot) -> list[Frame]:
