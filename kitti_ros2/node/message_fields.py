@@ -12,7 +12,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..model.errors import MissingDataError
 from .rosidl_structs import CSequence, CString
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 HASH_PREFIX = 'RIHS01_'
 
 _MESSAGE = 'message'
+_MOST_FIELDS = 10_000  # with those of nested types; the largest in use have a thousand
+_MOST_BYTES = 2**30
+_MOST_LEVELS = 50
 _BOUNDED = 4  # from an unbounded string's number to a bounded one's in FieldType
 
 # By rosbags' name of a kind of field: its number in rosidl_typesupport_introspection_c/
@@ -118,6 +121,47 @@ def references_of(msgtype: str, typestore: Typestore) -> list[str]:
         waiting += nested - found
         found |= nested
     return sorted(found)
+
+
+def check_size(msgtype: str, typestore: Typestore) -> None:
+    """Check that a type can be laid out in memory: ROS has no types that contain themselves.
+
+    Raises:
+        MissingDataError: It contains itself, is nested too deeply, or too large; or a definition is
+            missing.
+    """
+    known: dict[str, _Extent] = {}
+    _measure(msgtype, typestore, known, ())
+
+
+class _Extent(NamedTuple):
+    fields: int
+    size_bytes: int
+
+
+def _measure(
+    msgtype: str, typestore: Typestore, known: dict[str, _Extent], above: tuple[str, ...]
+) -> _Extent:
+    if msgtype in above:
+        raise MissingDataError(f'{msgtype}: the type contains itself')
+    if len(above) > _MOST_LEVELS:
+        raise MissingDataError(f'{above[0]}: its types are nested more than {_MOST_LEVELS} deep')
+    if msgtype in known:
+        return known[msgtype]
+    fields, size_bytes = 0, 0
+    for field in fields_of(msgtype, typestore):
+        inner = _Extent(1, 0 if field.ctype is None else ctypes.sizeof(field.ctype))
+        if field.nested:
+            inner = _measure(field.nested, typestore, known, (*above, msgtype))
+        fields += inner.fields
+        size_bytes += inner.size_bytes * (field.length if field.shape == Shape.ARRAY else 1)
+        if fields > _MOST_FIELDS or size_bytes > _MOST_BYTES:
+            raise MissingDataError(
+                f'{msgtype}: the type is too large, of more than {_MOST_FIELDS} fields or'
+                f' {_MOST_BYTES} bytes'
+            )
+    known[msgtype] = _Extent(fields, size_bytes)
+    return known[msgtype]
 
 
 def defined_hash(msgtype: str, typestore: Typestore) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..model.errors import MissingDataError
 from . import rosidl_structs as structs
-from .message_fields import defined_hash, split_name
+from .message_fields import check_size, defined_hash, split_name
 from .runtime_types import runtime_type
 
 if TYPE_CHECKING:
@@ -39,8 +39,10 @@ def message_class(msgtype: str, typestore: Typestore) -> type:
         The same class for the same definition.
 
     Raises:
-        MissingDataError: The type is unknown, or its installed package is broken or differs.
+        MissingDataError: The type is unknown or too large, or its installed package is broken or
+            differs.
     """
+    check_size(msgtype, typestore)
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _CLASSES:
         made = _installed_class(*key) or _runtime_class(msgtype, typestore)

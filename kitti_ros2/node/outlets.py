@@ -7,10 +7,13 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 
 from ..model.errors import MissingDataError
 from ..model.stamps import to_sec_nanosec
+from ..model.text import one_line
 from ..player.transport import Audience, Transport
 from .byte_publisher import byte_publisher
 from .flow import FlowControl
@@ -32,6 +35,13 @@ _OVERRIDABLE = (
     QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
 )
+_REFUSALS = (
+    rclpy_implementation.RCLError,
+    InvalidTopicNameException,
+    ValueError,
+)
+"""What rclpy raises for a topic: its name is none, or another type is published on it already."""
+
 _CLOCK = struct.Struct('<4siI')
 _ENCAPSULATION = b'\x00\x01\x00\x00'
 
@@ -61,16 +71,15 @@ class Outlets(Transport):
         self._publishers: dict[int, Publisher] = {}
         for index, outlet in enumerate(self.channels):
             try:
-                kind = message_class(outlet.msgtype, program.typestore)
-            except MissingDataError as error:
-                self.complaints[index] = f'{outlet.topic} cannot be published: {error}'
-                continue
-            self._publishers[index] = node.create_publisher(
-                kind,
-                outlet.topic,
-                make_profile(outlet.latched, outlet.depth, overrides.get(outlet.topic)),
-                qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
-            )
+                self._publishers[index] = node.create_publisher(
+                    message_class(outlet.msgtype, program.typestore),
+                    outlet.topic,
+                    make_profile(outlet.latched, outlet.depth, overrides.get(outlet.topic)),
+                    qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+                )
+            except (MissingDataError, *_REFUSALS) as error:
+                topic = one_line(outlet.topic) or 'a topic without a name'
+                self.complaints[index] = f'{topic} cannot be published: {one_line(str(error))}'
         # Sending a small message takes less time than acquiring the interpreter's lock again.
         self._publish = {
             index: byte_publisher(each) if self.channels[index].on_demand else each.publish

@@ -90,7 +90,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.on_ended: Callable[[], None] = lambda: None
         self.error: BaseException | None = None
         self._session: Session | None = None
-        self._opened: tuple[Program, PlaySettings] | None = None
+        self._prepared: Session | None = None
         self._tell_time: Callable[[bytes], None] = lambda _: None
         self._state_ns = 0
         self._state_lock = threading.Lock()
@@ -124,7 +124,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         create_services(self, self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self._play(program, settings)
+        self._play(self._prepare(program, settings))
 
     def stop(self) -> None:
         """Stop the session."""
@@ -186,10 +186,15 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         elif text:
             self.get_logger().info(text)
 
-    def _play(self, program: Program, settings: PlaySettings) -> None:
+    def _prepare(self, program: Program, settings: PlaySettings) -> Session:
+        """Make the session of a source; its topics are published from now on.
+
+        Raises:
+            UsageError: The file of QoS overrides cannot be read.
+        """
         path = settings.qos_overrides_path
         overrides = {} if path is None else load_overrides(path)
-        session = Session(
+        return Session(
             program,
             settings,
             lambda program: self._connect(program, overrides),
@@ -197,10 +202,12 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self._tell_state_sometimes,
             lambda text: self.get_logger().info(text),
         )
+
+    def _play(self, session: Session) -> None:
         self.stop()
         self._session = session
-        self.get_logger().info(describe(program))
-        for note in program.notes():
+        self.get_logger().info(describe(session.program))
+        for note in session.program.notes():
             self.get_logger().warning(note)
         self.tell_state()
         session.start(lambda error: self._end(session, error))
@@ -228,13 +235,16 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         changes = self._changes(parameters)
         if not changes:
             return SetParametersResult(successful=True)
+        unused, self._prepared = self._prepared, None
+        if unused is not None:  # of a change that was accepted here and not made
+            unused.stop()
         try:
             settings = make_play_settings(given({**self._values, **changes}))
-            if any(name in changes for name in _OF_SOURCE):
-                source = str(changes.get('source', self._values['source']))
-                self._opened = (self._open(source, settings), settings)
             if changes.get('position', '') != '':
                 self._seek(str(changes['position']))
+            if any(name in changes for name in _OF_SOURCE):
+                source = str(changes.get('source', self._values['source']))
+                self._prepared = self._prepare(self._open(source, settings), settings)
         except (KittiRos2Error, OSError) as error:
             return SetParametersResult(
                 successful=False, reason=' '.join(describe_error(error).split())
@@ -246,15 +256,18 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if not changes:
             return
         self._values.update(changes)
-        opened, self._opened = self._opened, None
-        if opened is not None:
-            self._play(*opened)
+        prepared, self._prepared = self._prepared, None
+        if prepared is not None:
+            try:
+                self._play(prepared)
+            except Exception as error:  # noqa: BLE001 - one would end the executor's thread
+                self._end(prepared, error)
         elif any(name in changes for name in _LIVE):
             options = make_play_settings(given(self._values)).playback
             self.playback.change(rate=options.rate, loop=options.loop, step=options.step)
         if changes.get('burst'):
             self.playback.burst(int(changes['burst']))
-        if opened is None:  # else _play has published it
+        if prepared is None:  # else _play has published it
             self.tell_state()
 
     def _changes(self, parameters: list[Parameter]) -> dict[str, Any]:

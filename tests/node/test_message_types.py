@@ -586,3 +586,36 @@ def test_a_middleware_of_another_kind_fails_at_creation(ros):
     del cls.runtime_type._handles[structs.FASTRTPS_IDENTIFIER]
     with pytest.raises(RuntimeError, match=r'[Tt]ype support not from this implementation'):
         ros.writer.create_publisher(cls, '/types/another', 1)
+
+
+def doubled(levels):
+    """A type of which each level holds the next one twice."""
+    parts = [f'MSG: kitti_ros2_tests/D{n}\nD{n + 1} a\nD{n + 1} b\n' for n in range(levels)]
+    last = f'MSG: kitti_ros2_tests/D{levels}\nuint8 x\n'
+    return ('\n' + '=' * 80 + '\n').join(['D0 a\n', *parts, last])
+
+
+def nested(levels):
+    parts = [f'MSG: kitti_ros2_tests/N{n}\nN{n + 1} a\n' for n in range(levels)]
+    last = f'MSG: kitti_ros2_tests/N{levels}\nuint8 x\n'
+    return ('\n' + '=' * 80 + '\n').join(['N0 a\n', *parts, last])
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('kitti_ros2_tests/Strange a\n', 'contains itself'),
+        (doubled(40), 'the type is too large'),
+        (nested(900), 'nested more than 50 deep'),
+        ('uint8[9223372036854775807] a\n', 'the type is too large'),
+        (''.join(f'uint8 f{n}\n' for n in range(10_001)), 'the type is too large'),
+    ],
+)
+def test_types_that_no_memory_can_hold_are_refused(text, said):
+    with pytest.raises(MissingDataError, match=said):
+        message_class(STRANGE, define(text))
+
+
+def test_types_within_the_bounds_are_built():
+    assert message_class(STRANGE, define(doubled(8)))
+    assert message_class(STRANGE, define(nested(40)))

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from kitti_ros2.cli import main
 from kitti_ros2.kitti.layouts import open_recording
@@ -34,7 +35,22 @@ POINTS = {SCAN: 'sensor_msgs/msg/PointCloud2'}
 CLOCK = '/clock'
 CLOCK_HZ = 40
 TICKS = {CLOCK: 'rosgraph_msgs/msg/Clock'}
+GOOD = {'/good': 'std_msgs/msg/String'}
 FRAMES = 5  # of the small synthetic recordings
+
+
+def write_texts(path, *topics):
+    """A bag of five texts on each topic."""
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+        for topic in topics:
+            channel = writer.register_channel(topic, 'cdr', schema)
+            for n in range(5):
+                at = 10**9 + n * 10**8
+                writer.add_message(channel, at, b'\0\1\0\0\3\0\0\0hi\0', at)
+        writer.finish()
 
 
 @pytest.fixture
@@ -300,6 +316,44 @@ def test_another_source(player, listen, recordings):
     listener.tell('call', 'resume')
     count = listener.tell('count', SCAN)
     assert listener.tell('wait', SCAN, count + 3, 60) >= count + 3
+
+
+@pytest.mark.parametrize(
+    'topic',
+    ['/a b', '', '/', '/1x', '/a{b}', '/a\nb', '/rosout', '/parameter_events', '/' + 'a' * 500],
+)
+def test_a_topic_that_cannot_be_published_costs_itself(player, listen, tmp_path, topic):
+    bag = tmp_path / 'strange.mcap'
+    write_texts(bag, topic, '/good')
+    process = player(bag, '--start-paused', '--at-end', 'pause')
+    listener = listen(GOOD)
+    listener.wait_for_publishers(process, 1)
+    listener.tell('call', 'resume')
+    assert listener.tell('wait', '/good', 5, 60) >= 5
+    code, said = live.end(process)
+    assert code == 0
+    (line,) = [line for line in said.splitlines() if '[ERROR]' in line]
+    assert 'cannot be published: ' in line
+    assert 'Traceback' not in said
+
+
+def test_what_fails_after_a_change_leaves_the_old_source(player, listen, recordings, tmp_path):
+    """The file of QoS overrides goes, and a source is given with a position that is none."""
+    qos = tmp_path / 'qos.yaml'
+    qos.write_text('/tf: {depth: 5}\n')
+    options = '--loop', '--qos-overrides-path', str(qos)
+    process, listener = paused(player, listen, recordings, *options, topics=POINTS)
+    listener.tell('call', 'resume')
+    qos.unlink()
+    other = f'"{recordings[Layout.OBJECT]}"'
+    done, reason = listener.tell('set', 'source', other)
+    assert (done, 'qos.yaml' in reason) == (False, True)
+    qos.write_text('/tf: {depth: 5}\n')
+    count = listener.tell('count', SCAN)
+    assert listener.tell('wait', SCAN, count + 3, 60) >= count + 3
+    assert listener.tell('set', 'source', other) == [True, '']
+    listener.last_state('source', 'object')
+    assert live.end(process)[0] == 0
 
 
 def test_a_late_subscriber_gets_what_is_latched(player, listen, recordings):
