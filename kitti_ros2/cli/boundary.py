@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import errno
 import gc
+import math
 import os
 import signal
 import sys
+import time
 import warnings
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _DEBUG = '--debug'
+_CLEANING_S = 3.0
 _UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
 
 
@@ -49,9 +52,9 @@ def main(args: list[str] | None = None) -> int:
         _mend_streams()
         if not (debug or sys.warnoptions):
             warnings.simplefilter('ignore')  # they are for developers
-        signal.signal(signal.SIGTERM, _terminate)
+        signal.signal(signal.SIGTERM, _end)
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
-            signal.signal(signal.SIGHUP, _terminate)
+            signal.signal(signal.SIGHUP, _end)
         if words[:1] == ['play']:
             from .ending import end_by_signal
 
@@ -132,7 +135,7 @@ def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
     from .app import run
 
     if interruptible:
-        _on_interrupt(signal.default_int_handler)
+        _on_interrupt(_end)
     try:
         code = run(words)
     except RuntimeError as error:
@@ -159,9 +162,27 @@ def _mend_streams() -> None:
             stream.reconfigure(errors='backslashreplace')
 
 
-def _terminate(*_: object) -> None:
-    """Exit as Ctrl-C does: through the context managers that clean up."""
-    sys.exit(EXIT_TERMINATED)
+class _End:
+    """The handler of signals that end a command: through the context managers that clean up.
+
+    Another one soon after the first would cut these short. Later ones count again: what cleans up
+    may hang.
+    """
+
+    def __init__(self) -> None:
+        self._last_s = -math.inf
+
+    def __call__(self, number: int, _: object) -> None:
+        now_s = time.monotonic()
+        if now_s - self._last_s < _CLEANING_S:
+            return
+        self._last_s = now_s
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        sys.exit(EXIT_TERMINATED)
+
+
+_end = _End()
 
 
 def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:

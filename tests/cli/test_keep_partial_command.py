@@ -56,6 +56,31 @@ def test_the_error_line_names_what_is_kept(recordings, tmp_path, number, keep):
     assert summarize_bag(kept).message_count == 20
 
 
+TWICE = STOPPED.replace(
+    'sys.exit(main())',
+    """from kitti_ros2.files.local_staging import Staging
+second, discard = int(sys.argv.pop(1)), Staging.discard
+
+def discard_stopped(self):
+    signal.raise_signal(second)
+    discard(self)
+
+Staging.discard = discard_stopped
+sys.exit(main())""",
+)
+
+
+@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('first', [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_does_not_cut_the_removal_short(recordings, tmp_path, first, second):
+    words = [sys.executable, '-c', TWICE, str(int(first)), str(int(second)), 'to-bag']
+    words += [str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == (130 if first == signal.SIGINT else 143)
+    assert run.stderr.count('\n') == (first == signal.SIGINT)
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_collection_refuses_it(recordings, tmp_path, capsys):
     root = recordings[Layout.RAW].parent.parent
     assert main(['to-bag', str(root), str(tmp_path / 'o'), '--all', '--keep-partial']) == 2
