@@ -19,6 +19,7 @@ from rosbags.typesys.store import Typestore
 
 from ..messages.cdr import nested_type
 from ..messages.ros_types import TYPESTORE
+from ..messages.type_extent import check_extent
 from ..model.msgtypes import HEADER
 from .definition_texts import shortened, shortened_idl
 
@@ -65,6 +66,14 @@ class Definitions:
     def complete(self, msgtypes: Iterable[str]) -> frozenset[str]:
         """Add the types of ROS 2 Jazzy that some types need; returns those without a definition."""
         return frozenset(name for name in sorted(set(msgtypes)) if not _complete(self._types, name))
+
+    def check_extent(self, msgtype: str) -> None:
+        """Check that code may visit each field of a type: see messages.type_extent.
+
+        Raises:
+            ValueError: It holds too many, or itself.
+        """
+        check_extent(msgtype, self._types)
 
     def check_known(self, msgtype: str) -> None:
         """Check that a type, complete, is that of ROS 2 Jazzy, as which messages are made.

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import PurePath
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from ..files.remote import RemotePath
 
 METADATA = 'metadata.yaml'
+_MOST_METADATA = 32 << 20  # of a recording in a hundred thousand files
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
 _LONGEST_MAGIC = max(len(each.magic) for each in CONTAINERS.values())
 
@@ -176,10 +178,11 @@ def _rosbag2(path: Path) -> BagFiles:
     source = path / METADATA
     try:
         with naming(source):
-            information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
+            information = load_yaml(metadata_bytes(path))['rosbag2_bagfile_information']
         storage = str(information['storage_identifier'])
         # Early versions wrote the directory's name before the file's.
-        names = [PurePath(name).name for name in information['relative_file_paths']]
+        listed = Counter(PurePath(name).name for name in information['relative_file_paths'])
+        names = [*listed]
         mode = _compression_mode(information)
         count = int(information['message_count'])
         entries = information.get('topics_with_message_count') or ()
@@ -203,8 +206,31 @@ def _rosbag2(path: Path) -> BagFiles:
         compression_mode=mode,
         message_count=count,
         topics=topics,
-        losses=tuple(f'{path}: {name} is missing, which its {METADATA} lists' for name in missing),
+        losses=(
+            *(f'{path}: {name} is missing, which its {METADATA} lists' for name in missing),
+            *(
+                f'{path}: its {METADATA} lists {name} {count} times; it is read once'
+                for name, count in listed.items()
+                if count > 1
+            ),
+        ),
     )
+
+
+def metadata_bytes(path: Path) -> bytes:
+    """Read the metadata.yaml of a bag's folder.
+
+    Raises:
+        ValueError: It is no regular file, or larger than any.
+        OSError: It cannot be read.
+    """
+    source = path / METADATA
+    if not source.is_file():
+        raise ValueError('no regular file')
+    size = source.stat().st_size
+    if size > _MOST_METADATA:
+        raise ValueError(f'{size} bytes, more than {_MOST_METADATA}')
+    return source.read_bytes()
 
 
 def _is_file(path: Path) -> bool:

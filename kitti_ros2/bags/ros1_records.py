@@ -231,9 +231,14 @@ class Ros1Format:
             fields, start, stop = split_record(head, 0)
         except ValueError:
             return Kind.NONE, Record(0, position, position)
-        return _kind(
-            fields, stop - start, Record(opcode_of(fields), position, position + stop), end
-        )
+        record = Record(opcode_of(fields), position, position + stop)
+        if not _agrees(record.opcode, fields, stop - start):
+            return Kind.NONE, record
+        unset = record.opcode == CHUNK and fields[b'size'] == bytes(4)
+        if unset and not _begins_after_chunk(source.read(record.end, _HEAD_READ)):
+            # A chunk that its recorder did not finish extends to the end.
+            record = record._replace(end=end + 1)
+        return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
     def is_checked(self, opcode: int) -> bool:
         """Whether records of an opcode contain a second length."""
@@ -279,14 +284,12 @@ class Ros1Format:
         return stamp_ns, channel_id, body
 
 
-def _kind(fields: Fields, length: int, record: Record, end: int) -> tuple[Kind, Record]:
-    """Classify a record by its header's fields and its data's length."""
-    if not _agrees(record.opcode, fields, length):
-        return Kind.NONE, record
-    if record.opcode == CHUNK and fields[b'size'] == bytes(4):
-        # A chunk that its recorder did not finish extends to the end.
-        record = record._replace(end=end + 1)
-    return (Kind.WHOLE if record.end <= end else Kind.CUT), record
+def _begins_after_chunk(head: Buffer) -> bool:
+    """Whether a record begins that is behind a chunk, never in it: then the chunk is empty."""
+    try:
+        return opcode_of(split_record(head, 0)[0]) in {CHUNK, INDEX, CHUNK_INFO}
+    except ValueError:
+        return False
 
 
 def _agrees(opcode: int, fields: Fields, length: int) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from rosbags.typesys.msg import normalize_msgtype
@@ -76,6 +77,10 @@ class Ros1Scan(ChunkScan[Fields]):
         return self._described
 
 
+# Its paths take longer than the rest of a connection.
+_normalized = lru_cache(1024)(normalize_msgtype)
+
+
 def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
     """Parse a connection and its id.
 
@@ -93,7 +98,7 @@ def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
     latched = described.get(b'latching') == b'1'
     return int.from_bytes(fields[b'conn'], 'little'), Ros1Channel(
         '/' * topic.startswith('/') + '/'.join(filter(None, topic.split('/'))),
-        normalize_msgtype(msgtype),
+        _normalized(msgtype),
         'ros1',
         definition,
         'ros1msg',

@@ -52,6 +52,8 @@ class ToCdr:
         if isinstance(channel, FoxgloveChannel):
             definitions.check_known(channel.msgtype)
             self._translators[channel] = translator(channel, self._typestore)
+        elif channel.encoding == 'ros1' and not self._as_stored:
+            definitions.check_extent(channel.msgtype)
 
     def __call__(self, channel: StoredChannel, stored: Buffer, log_ns: int) -> Buffer:
         """Convert a message.

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-_ERRORS = (tarfile.TarError, EOFError, ValueError, *DECOMPRESSION_ERRORS)
+_ERRORS = (tarfile.TarError, EOFError, ValueError, RecursionError, *DECOMPRESSION_ERRORS)
 _LONGEST_READ = 16 << 20
 """tarfile reads a header of any declared size at once."""
 _MOST_PADDING = 1 << 20

@@ -130,18 +130,18 @@ def check_size(msgtype: str, typestore: Typestore) -> None:
         MissingDataError: It contains itself, is nested too deeply, or too large; or a definition is
             missing.
     """
-    known: dict[str, _Extent] = {}
+    known: dict[str, _Footprint] = {}
     _measure(msgtype, typestore, known, ())
 
 
-class _Extent(NamedTuple):
+class _Footprint(NamedTuple):
     fields: int
     size_bytes: int
 
 
 def _measure(
-    msgtype: str, typestore: Typestore, known: dict[str, _Extent], above: tuple[str, ...]
-) -> _Extent:
+    msgtype: str, typestore: Typestore, known: dict[str, _Footprint], above: tuple[str, ...]
+) -> _Footprint:
     if msgtype in above:
         raise MissingDataError(f'{msgtype}: the type contains itself')
     if len(above) > _MOST_LEVELS:
@@ -150,7 +150,7 @@ def _measure(
         return known[msgtype]
     fields, size_bytes = 0, 0
     for field in fields_of(msgtype, typestore):
-        inner = _Extent(1, 0 if field.ctype is None else ctypes.sizeof(field.ctype))
+        inner = _Footprint(1, 0 if field.ctype is None else ctypes.sizeof(field.ctype))
         if field.nested:
             inner = _measure(field.nested, typestore, known, (*above, msgtype))
         fields += inner.fields
@@ -160,7 +160,7 @@ def _measure(
                 f'{msgtype}: the type is too large, of more than {_MOST_FIELDS} fields or'
                 f' {_MOST_BYTES} bytes'
             )
-    known[msgtype] = _Extent(fields, size_bytes)
+    known[msgtype] = _Footprint(fields, size_bytes)
     return known[msgtype]
 
 

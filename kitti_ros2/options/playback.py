@@ -30,6 +30,7 @@ class Stamps(str, Enum):
 
 RATES = (0.01, 100.0)
 MOST_SUBSCRIBERS = 1000
+_MOST_ROUNDS = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -102,9 +103,10 @@ class PlaybackOptions:
 
     def __post_init__(self) -> None:
         check_bounds(self, 'rate', 'clock', 'step')
-        if self.loop < 0:
+        if not 0 <= self.loop <= _MOST_ROUNDS:
             raise UsageError(
-                f'loop {self.loop} is negative; it is a number of rounds, 0 is endless'
+                f'loop {self.loop} is not within 0 to {_MOST_ROUNDS}; it is a number of rounds, 0'
+                f' is endless'
             )
         if self.delay_ns < 0:
             raise UsageError(f'delay {self.delay_ns / 1e9:g} is negative, seconds')

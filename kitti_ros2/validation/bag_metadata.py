@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..bags.locate import METADATA
+from ..bags.locate import METADATA, metadata_bytes
 from ..model.stamps import NS_PER_S
 from ..model.yaml_text import load_yaml
 
@@ -31,7 +31,7 @@ def find_differences(path: Path, index: BagIndex) -> list[str]:
     """
     source = path / METADATA
     try:
-        information = load_yaml(source.read_bytes())['rosbag2_bagfile_information']
+        information = load_yaml(metadata_bytes(path))['rosbag2_bagfile_information']
         found = [*_of_topics(information, index), *_of_times(information, index)]
     except (OSError, LookupError, TypeError, ValueError):
         return []

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
 import sqlite3
@@ -23,7 +24,9 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 
 from kitti_ros2.bags import mcap_chunk
 from kitti_ros2.bags.locate import reindex_advice
+from kitti_ros2.bags.open_bytes import FileBytes
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
+from kitti_ros2.cli import main
 from kitti_ros2.model.errors import BadBagError
 from kitti_ros2.options.bag import BagOptions
 
@@ -502,6 +505,42 @@ def test_a_file_that_reindex_does_not_take_is_to_be_given_itself(storage, metada
     assert read(single) == (found, True, ())
 
 
+def give_metadata(path, kind):
+    """Put something else in the place of a metadata.yaml."""
+    source = path / 'metadata.yaml'
+    text = source.read_text()
+    source.unlink()
+    if kind == 'pipe':
+        os.mkfifo(source)
+    elif kind == 'device':
+        source.symlink_to('/dev/zero')
+    elif kind == 'huge':
+        with source.open('wb') as file:
+            file.truncate(1 << 36)
+    elif kind == 'repeated':
+        information = yaml.safe_load(text)
+        names = information['rosbag2_bagfile_information']['relative_file_paths']
+        information['rosbag2_bagfile_information']['relative_file_paths'] = names * 5000
+        source.write_text(yaml.safe_dump(information))
+
+
+@pytest.mark.parametrize('kind', ['pipe', 'device', 'huge', 'repeated'])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_metadata_that_is_no_file_of_its_size_is_named(storage, kind, tmp_path, written, capsys):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage=storage), samples())
+    give_metadata(path, kind)
+    found, complete, (warning,) = read(path)
+    assert found == written
+    assert not complete
+    said = {
+        'huge': 'is no metadata of rosbag2 (68719476736 bytes, more than 33554432)',
+        'repeated': 'its metadata.yaml lists bag_0.',
+    }
+    assert said.get(kind, 'has no metadata.yaml') in warning
+    assert main(['validate', str(path), '-q']) == 1
+    assert 'error bag-metadata' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ('names', 'said'),
     [
@@ -632,3 +671,25 @@ def test_nothing_of_a_file_of_noise_is_a_message(case, mine):
     else:
         found, complete, _ = read(path)
         assert (found, complete) == ([], False)
+
+
+def test_chunks_without_content_are_passed_over_once(tmp_path, monkeypatch):
+    """Their size is 0, as that of a chunk that was not finished, which goes on to the end."""
+    head = b''.join(
+        len(each).to_bytes(4, 'little') + each
+        for each in (b'op=\5', b'compression=none', b'size=' + bytes(4))
+    )
+    empty = len(head).to_bytes(4, 'little') + head + bytes(4)
+    path = tmp_path / 'bag.bag'
+    path.write_bytes(b'#ROSBAG V2.0\n' + empty * 3000)
+    amounts = []
+
+    class Counted(FileBytes):
+        def read(self, position, length):
+            data = super().read(position, length)
+            amounts.append(len(data))
+            return data
+
+    monkeypatch.setattr('kitti_ros2.bags.ros1_file.open_bytes', Counted)
+    summarize_bag(path)
+    assert 0 < sum(amounts) < 40 * path.stat().st_size
