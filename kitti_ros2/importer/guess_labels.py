@@ -45,7 +45,7 @@ def guess_labels(
     objects = _of_labels(survey, types.TRACKED_OBJECTS) or _of_labels(
         survey, types.DETECTED_OBJECTS
     )
-    markers = [each for each in _of_labels(survey, types.MARKERS) if _has_cubes(each)]
+    markers = [each for each in _of_labels(survey, types.MARKERS) if has_cubes(each)]
     kinds = [detections, *([markers, objects] if survey.calibrations else [objects, markers])]
     if layout.traits.common_labels:
         kinds.sort(key=lambda kind: not any(each.has_tracks for each in kind))
@@ -99,6 +99,7 @@ def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
     return [each for each in found if each.name not in prediction_topics()]
 
 
-def _has_cubes(topic: TopicSurvey) -> bool:
+def has_cubes(topic: TopicSurvey) -> bool:
+    """Whether a MarkerArray that was looked at has a cube."""
     cube = 1  # visualization_msgs/Marker.CUBE
     return any(marker.type == cube for look in topic.looks for marker in look.markers)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..messages.oxts import Mounting, has_orientation, make_packet
 from ..model.geometry import Transform
-from ..model.losses import format_numbers
+from ..model.losses import Loss, format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .between_messages import fix_between, imu_between, velocity_between
@@ -51,6 +51,9 @@ class PacketMaker:
     Imu, position and velocity are interpolated between the messages before and after the frame's
     stamp. Where one of these is missing, the nearest counts, within the plan's tolerance or its own
     period.
+
+    Attributes:
+        losses: Frames without a packet, where the layout has a line for each.
     """
 
     def __init__(
@@ -75,6 +78,7 @@ class PacketMaker:
         """
         self._notes: list[str] = [*unit.notes]
         self._lacking = 0
+        self.losses: tuple[Loss, ...] = ()
         self._frames_ns = frames.stamps_ns
         placed = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
         self._unit = unit
@@ -190,13 +194,18 @@ class PacketMaker:
         """Count a frame whose messages have no fix, or cannot be decoded."""
         self._lacking += 1
         if self._gapless:
-            left = len(self._wanted) - self._next
-            self._notes.append(
-                f'oxts ends before frame {self._next}, which has no fix{_OR}; {left} frames go'
-                f' without: line n is frame n'
+            self._lose(
+                f'oxts ends before frame {self._next}, which has no fix{_OR}',
+                len(self._wanted) - self._next,
             )
             self._wanted.clear()
             self._frames_of.clear()
+
+    def _lose(self, reason: str, frames: int) -> None:
+        """Enter the frames that go without a packet although others near them have one."""
+        topic = next(filter(None, self._topics.values()), Stream.OXTS.value)
+        rest = f'{reason}: line n is frame n, so {frames} frames go without'
+        self.losses = (Loss(topic, frames, rest),)
 
     def _around(self, topic: str, most_ns: int) -> list[set[tuple[str, int]] | None]:
         """Return the messages of a topic that each frame needs: two, one, or None for none near."""
@@ -226,8 +235,8 @@ class PacketMaker:
         source = 'imu, fix or velocity near' if self._unit.poses is None else 'poses around'
         which = f'no {source} frames {format_numbers(lacking)}'
         if self._gapless:
+            self._lose(f'{which}, so {Stream.OXTS.value} is left out', len(self._wanted))
             self._wanted = []
-            self._notes.append(f'{which}, so {Stream.OXTS.value} is left out')
         else:
             self._notes.append(which)
 

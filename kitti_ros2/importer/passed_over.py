@@ -16,8 +16,10 @@ from ..model.errors import UsageError
 from ..model.text import one_line, some_of
 from ..rig.tf_tree import FrameTree
 from .guess_cameras import main_camera
+from .guess_labels import has_cubes
 from .pixel_frames import pixel_frames
 from .pose_ends import link_topics
+from .survey_types import SOLID
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -39,6 +41,8 @@ _UNIT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or
 _VIDEO = 'video: record Image or CompressedImage, or decode it to them'
 _LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
 _MARKERS = 'drawings: cubes of a MarkerArray are boxes, if labels.topic names it'
+_NO_CUBES = 'drawings, without a cube that could be a box'
+_NO_CAMERA = 'boxes: labels are of a camera with a camera_info, which the plan has not'
 _MAP = 'KITTI has no maps'
 _STATE = 'KITTI has no place for it'
 
@@ -76,7 +80,7 @@ _ADVICE = {
     'autoware_auto_perception_msgs/DetectedObjects': '3D boxes of an old type of Autoware',
     'autoware_auto_perception_msgs/TrackedObjects': '3D boxes of an old type of Autoware',
     'visualization_msgs/MarkerArray': _MARKERS,
-    'visualization_msgs/Marker': _MARKERS,
+    'visualization_msgs/Marker': 'a drawing: labels need the cubes of a MarkerArray',
     'geometry_msgs/PoseArray': 'poses without sizes: labels need boxes',
     'nav_msgs/Odometry': _POSES,
     'nav_msgs/Path': _POSES,
@@ -134,6 +138,7 @@ _BACKGROUND = frozenset(
 )
 """Types that nodes publish about themselves."""
 
+_BOXES = SOLID | {types.DETECTIONS_2D}
 _DEPTHS = frozenset({'16UC1', '32FC1'})
 _DEPTH_NAME = re.compile(r'depth|disparity', re.IGNORECASE)
 _SHOWN = 6
@@ -243,8 +248,12 @@ def _advice(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
     kind = _short(topic.msgtype)
     if kind in _BACKGROUND:
         return ''
+    if topic.msgtype in _BOXES and not (plan.cameras or plan.camera_sets):
+        return _NO_CAMERA
     if topic.msgtype == types.DETECTIONS_2D:
         return _advice_2d(topic, survey, plan)
+    if topic.msgtype == types.MARKERS and not has_cubes(topic):
+        return _NO_CUBES
     return _DEPTH_ADVICE if _is_depth(topic) else _ADVICE.get(kind, _ANY_ADVICE)
 
 

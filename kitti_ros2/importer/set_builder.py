@@ -224,6 +224,7 @@ class SetBuilder:
                 *lost,
                 *frames.losses,
                 *unit_losses(survey, plan, frames.stamps_ns),
+                *self._packets.losses,
                 *rigging.losses(),
             ),
             notes=tuple(notes),

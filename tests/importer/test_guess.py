@@ -12,6 +12,7 @@ import pytest
 
 from kitti_ros2.importer import apply_plan
 from kitti_ros2.importer.guess import guess_plan
+from kitti_ros2.importer.passed_over import passed_over
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.importer.topic_survey import TopicSurvey
@@ -261,6 +262,25 @@ def test_labels_are_chosen_by_what_they_tell(layout, taken):
     objects.has_tracks = True
     found = guess(clusters, detector, objects, *camera, layout=layout)
     assert found.plan.labels.topic == ('/objects' if layout is Layout.TRACKING else taken)
+
+
+def test_boxes_that_are_no_labels_are_named_with_the_reason():
+    lines = SimpleNamespace(markers=[SimpleNamespace(type=5)])
+    topics = [
+        cloud('/points'),
+        topic('/boxes', types.DETECTIONS_3D),
+        topic('/boxes_2d', types.DETECTIONS_2D, frame='lens'),
+        topic('/lines', types.MARKERS, lines),
+    ]
+    survey = Survey({each.name: each for each in topics}, [], [])
+    plan = guess(*topics).plan
+    (alone,) = passed_over(survey, plan)
+    assert 'labels are of a camera with a camera_info, which the plan has not' in alone
+    topics += [image('/c/image_raw', frame='c'), info('/c/camera_info', 'c')]
+    survey = Survey({each.name: each for each in topics}, [], [])
+    notes = passed_over(survey, guess(*topics).plan)
+    assert any('not used: /lines (5)' in note and 'without a cube' in note for note in notes)
+    assert any('2D boxes whose frame is lens; those of camera 2 have c' in note for note in notes)
 
 
 def test_a_command_is_no_velocity():

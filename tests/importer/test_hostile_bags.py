@@ -206,7 +206,9 @@ def test_tracking_ends_its_packets_where_one_is_lacking(tmp_path):
     report = convert(path, tmp_path / 'out', Layout.TRACKING)
     lines = (tmp_path / 'out/training/oxts/0000.txt').read_text().splitlines()
     assert 0 < len(lines) < foreign.FRAMES
-    assert any(f'oxts ends before frame {len(lines)}' in note for note in report.notes)
+    (loss,) = report.losses
+    assert (loss.stream, loss.count) == ('/imu/data', foreign.FRAMES - len(lines))
+    assert f'oxts ends before frame {len(lines)}' in loss.text()
 
 
 def test_a_plan_that_names_the_wrong_topic_says_which_there_are(tmp_path):
