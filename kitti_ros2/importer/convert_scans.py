@@ -56,11 +56,16 @@ class ScanConversion:
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
+        self._span_ns = (0, 0)  # of a turn, from its stamp
         self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         if plan is not None:
             self._source = source_of_plan(plan, survey)
             self._needs = needs_of_plan(plan, self._source, survey)
-            own = topic_of(survey, plan.topic).frame
+            topic = topic_of(survey, plan.topic)
+            if topic.turn_ns is not None:
+                start_ns, end_ns = topic.turn_ns
+                self._span_ns = start_ns - topic.middle_ns, end_ns - topic.middle_ns
+            own = topic.frame
             if (
                 base is not None
                 and base.tree is not None
@@ -109,7 +114,10 @@ class ScanConversion:
             far = np.linalg.norm(points[:, :3].astype(np.float64), axis=1) >= self._minimum_m
             dropped[self._too_near] = len(points) - int(np.count_nonzero(far))
             points = points[far]
-        return Scan(points), dropped
+        start_ns, end_ns = self._span_ns
+        if stamp_ns is None or start_ns == end_ns:
+            return Scan(points), dropped
+        return Scan(points, stamp_ns + start_ns, stamp_ns + end_ns), dropped
 
     @property
     def are_depth(self) -> bool:

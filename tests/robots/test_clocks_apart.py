@@ -321,3 +321,16 @@ def test_arrays_without_a_marker_keep_their_place_among_the_labels(tmp_path):
         lengths = [round((box.size_hwl[2] - 4) * 100) for box in boxes]
         assert lengths == ([] if number == 5 else [number])
     assert report.losses == ()
+
+
+@pytest.mark.parametrize('turn', [(0, 100_000_000), None])
+def test_a_raw_drive_tells_when_a_turn_began_and_ended(turn, tmp_path):
+    robot = robots.Robot(turn=turn, stamp_at_ns=-50_000_000)
+    _, _, recording = converted(recorded(tmp_path, robot), tmp_path / 'out', Layout.RAW)
+    stamps = recording.streams[Stream.SCAN].stamps_ns.tolist()
+    start, end = (0, 100_000_000) if turn else (0, 0)
+    middle = (start + end) // 2
+    for number, stamp_ns in enumerate(stamps):
+        scan = recording.read(Stream.SCAN, number)
+        assert scan.start_ns == pytest.approx(stamp_ns - middle + start, abs=1000)
+        assert scan.end_ns == pytest.approx(stamp_ns - middle + end, abs=1000)
