@@ -21,7 +21,13 @@ from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, m
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
 from .guess_scan import guess_scan
-from .guess_unit import guess_imu_frame, guess_unit, guess_unit_frame, guess_velocity_axes
+from .guess_unit import (
+    guess_imu_frame,
+    guess_unit,
+    guess_unit_frame,
+    guess_velocity_axes,
+    has_place,
+)
 from .named_frames import NamedFrames, moving_pairs
 from .optical_frames import optical_link
 from .plan import NONE, SOURCE, TF, Incomplete, Plan
@@ -89,7 +95,7 @@ def guess_plan(
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
-    unit = guess_unit(survey, notes, pose) if Stream.OXTS in traits.streams else {}
+    unit = guess_unit(survey, scan, notes, pose) if Stream.OXTS in traits.streams else {}
     imu_frame = _imu_frame(survey, layout, sensors, unit, notes)
     labels = None
     if Stream.LABELS in traits.streams:
@@ -163,7 +169,7 @@ def _find_sensors(
     cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.
-    placed = Stream.OXTS in streams and not any(each.has_fix for each in survey.of_type(types.FIX))
+    placed = Stream.OXTS in streams and not has_place(survey, scan)
     pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
     return _Sensors(scan, cameras, sets, pose)
 

@@ -27,15 +27,23 @@ if TYPE_CHECKING:
 _FIXED = frozenset({'map', 'odom', 'world', 'earth', 'enu', 'utm', 'local', 'local_origin'})
 
 
-def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -> dict[str, str]:
+def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
+    """Whether a receiver of the vehicle has a fix."""
+    return any(each.has_fix for each in _of_vehicle(survey, types.FIX, scan))
+
+
+def guess_unit(
+    survey: Survey, scan: ScanPlan | None, notes: list[str], pose: PosePlan | None = None
+) -> dict[str, str]:
     """Choose the topics of the GPS/IMU unit, by their keys in the plan.
 
     Args:
         survey: Of the bags.
+        scan: The scans, whose vehicle it is of.
         notes: Takes what is missing.
         pose: The plan's poses, which take the place of a fix.
     """
-    found = _best_topics(survey, notes)
+    found = _best_topics(survey, scan, notes)
     if 'fix' not in found and pose is None and 'imu' not in found:
         notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
         return {}
@@ -52,7 +60,7 @@ def guess_unit(survey: Survey, notes: list[str], pose: PosePlan | None = None) -
     return found
 
 
-def _best_topics(survey: Survey, notes: list[str]) -> dict[str, str]:
+def _best_topics(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> dict[str, str]:
     """Return the topics of the unit by their keys, and note those that are passed over."""
     found: dict[str, str] = {}
     for key, msgtype, rank in (
@@ -60,7 +68,13 @@ def _best_topics(survey: Survey, notes: list[str]) -> dict[str, str]:
         ('fix', types.FIX, _fix_rank),
         ('velocity', types.TWIST, _velocity_rank),
     ):
-        topics = survey.of_type(msgtype)
+        topics = _of_vehicle(survey, msgtype, scan)
+        notes += [
+            f'passed over for {key}: {each.name} ({each.count}); no transform joins its frame,'
+            f' {each.frame}, to that of the scans'
+            for each in survey.of_type(msgtype)
+            if each not in topics
+        ]
         if not topics:
             continue
         best = max(topics, key=rank)
@@ -69,6 +83,22 @@ def _best_topics(survey: Survey, notes: list[str]) -> dict[str, str]:
             notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
         else:
             found[key] = best.name
+    return found
+
+
+def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
+    """Return the topics of a type but those of another robot.
+
+    Its frames have another prefix (robot2/base_link), and no transform joins them to the scans'.
+    """
+    tree, own = FrameTree(survey.static, survey.moving), '' if scan is None else scan.frame
+    found = []
+    for each in survey.of_type(msgtype):
+        known = {own, each.frame} <= tree.frames
+        prefixes = own.rpartition('/')[0], each.frame.rpartition('/')[0]
+        apart = known and all(prefixes) and prefixes[0] != prefixes[1]
+        if not apart or tree.root_of(own) == tree.root_of(each.frame):
+            found.append(each)
     return found
 
 
@@ -140,7 +170,7 @@ def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list
 
     It is one with x forward, y left and z up, as KITTI's. The Imu is the plan's, if that has one.
     """
-    topics = sorted(survey.of_type(types.IMU), key=_imu_rank, reverse=True)
+    topics = sorted(_of_vehicle(survey, types.IMU, scan), key=_imu_rank, reverse=True)
     topics.sort(key=lambda each: each.name != imu)
     frames = [each.frame for each in topics]
     if not frames or scan is None:

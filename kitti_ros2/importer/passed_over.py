@@ -18,6 +18,7 @@ from ..rig.tf_tree import FrameTree
 from .guess_cameras import main_camera
 from .guess_labels import has_cubes
 from .pixel_frames import pixel_frames
+from .plan import NONE
 from .pose_ends import link_topics
 from .survey_types import SOLID
 
@@ -42,6 +43,7 @@ _VIDEO = 'video: record Image or CompressedImage, or decode it to them'
 _LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
 _MARKERS = 'drawings: cubes of a MarkerArray are boxes, if labels.topic names it'
 _NO_CUBES = 'drawings, without a cube that could be a box'
+_NO_CALIBRATION = 'boxes: labels need a calibration, which --calib gives'
 _NO_CAMERA = 'boxes: labels are of a camera with a camera_info, which the plan has not'
 _MAP = 'KITTI has no maps'
 _STATE = 'KITTI has no place for it'
@@ -250,6 +252,8 @@ def _advice(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
         return ''
     if topic.msgtype in _BOXES and not (plan.cameras or plan.camera_sets):
         return _NO_CAMERA
+    if topic.msgtype in _BOXES and plan.calibration == NONE:
+        return _NO_CALIBRATION
     if topic.msgtype == types.DETECTIONS_2D:
         return _advice_2d(topic, survey, plan)
     if topic.msgtype == types.MARKERS and not has_cubes(topic):

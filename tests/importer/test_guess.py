@@ -283,6 +283,30 @@ def test_boxes_that_are_no_labels_are_named_with_the_reason():
     assert any('2D boxes whose frame is lens; those of camera 2 have c' in note for note in notes)
 
 
+VELOCITY = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0, z=0.0))
+ODOMETRY = SimpleNamespace(child_frame_id='a/base_link', twist=SimpleNamespace(twist=VELOCITY))
+
+
+@pytest.mark.parametrize(('joined', 'prefix'), [(True, 'b'), (False, 'b'), (False, '')])
+def test_a_unit_of_another_robot_is_passed_over(joined, prefix):
+    frame = f'{prefix}/base_link'.lstrip('/')
+    links = [('a/base_link', 'a/lidar', Transform.identity()), (frame, 'x', Transform.identity())]
+    links += [('map', 'a/base_link', Transform.identity()), ('map', frame, Transform.identity())][
+        : 2 * joined
+    ]
+    topics = [
+        topic('/imu', types.IMU, frame=frame),
+        topic('/fix', types.FIX, frame=frame),
+        topic('/odom', types.ODOMETRY, ODOMETRY, frame='odom'),
+    ]
+    topics.append(cloud('/points', frame='a/lidar'))
+    found = guess(*topics, layout=Layout.RAW, static=links)
+    apart = bool(prefix) and not joined
+    assert (found.plan.imu, found.plan.fix) == (('', '') if apart else ('/imu', '/fix'))
+    said = [note for note in found.notes if 'no transform joins its frame, b/base_link' in note]
+    assert len(said) == 2 * apart
+
+
 def test_a_command_is_no_velocity():
     names = ('/cmd_vel', '/gps/vel')
     twists = [topic(name, types.TWIST, count=5 + 5 * (name == '/cmd_vel')) for name in names]
