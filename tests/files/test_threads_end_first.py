@@ -32,6 +32,7 @@ def cut(recordings, out, progress):
 
 @pytest.mark.parametrize('command', [restore, convert, cut])
 def test_threads_end_before_what_they_write_is_removed(recordings, tmp_path, monkeypatch, command):
+    before = set(threading.enumerate())
     left = []
 
     def interrupt(done, _):
@@ -39,7 +40,8 @@ def test_threads_end_before_what_they_write_is_removed(recordings, tmp_path, mon
             raise KeyboardInterrupt
 
     def discard(staging):
-        left.append([each.name for each in threading.enumerate() if each.name.startswith('worker')])
+        now = set(threading.enumerate()) - before
+        left.append([each.name for each in now if each.name.startswith('worker')])
         Staging.__dict__['_remove_all'](staging)
 
     monkeypatch.setattr(Staging, 'discard', discard)
