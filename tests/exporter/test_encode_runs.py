@@ -169,6 +169,7 @@ def test_a_killed_worker_is_one_line_and_leaves_nothing(
 
 INTERRUPTED = """
 import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run with &
 from kitti_ros2.exporter.encode import Encoder
 parent, encode, calls = os.getpid(), Encoder.encode, []
 
