@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..messages.topics import own_topics
 from ..model import msgtypes as types
-from ..rig.heading import find_body
+from ..rig.heading import FIXED_FRAMES, find_body
 from ..rig.tf_tree import FrameTree
 from .guess_names import is_truth
 from .named_frames import NamedFrames, child_of
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 BODIES = ('base_link', 'base_footprint')
 _SHORT = 2
-_GLOBAL = ('map', 'earth', 'world')
-"""The frames above odom (REP 105), in order of preference: poses in map do not drift."""
-_FIXED = (*_GLOBAL, 'odom', 'vision')
+_GLOBAL = tuple(frame for frame in FIXED_FRAMES if frame != 'odom')
+"""The frames above odom: poses in map do not drift."""
+_FIXED = (*FIXED_FRAMES, 'vision')
 
 
 def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:

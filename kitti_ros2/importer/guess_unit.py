@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
-from ..rig.heading import find_body
+from ..rig.heading import FIXED_FRAMES, find_body
 from ..rig.tf_tree import FrameTree
 from .named_frames import child_of
 from .plan import VelocityAxes
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .topic_survey import TopicSurvey
 
 
-_FIXED = frozenset({'map', 'odom', 'world', 'earth', 'enu', 'utm', 'local', 'local_origin'})
+_FIXED = frozenset({*FIXED_FRAMES, 'enu', 'utm', 'local', 'local_origin'})
 
 
 def has_place(survey: Survey, scan: ScanPlan | None) -> bool:

@@ -187,7 +187,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self.get_logger().info(text)
 
     def _prepare(self, program: Program, settings: PlaySettings) -> Session:
-        """Make the session of a source; its topics are published from now on.
+        """Make the session of a source, without its topics: they come when it is played.
 
         Raises:
             UsageError: The file of QoS overrides cannot be read.

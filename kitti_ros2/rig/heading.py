@@ -35,7 +35,9 @@ _BODIES = (
     *('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base'),
     *('chassis', 'chassis_link', 'ego', 'car', 'trunk', 'body'),
 )
-_FIXED = frozenset({'map', 'odom', 'world', 'earth'})
+FIXED_FRAMES = ('map', 'earth', 'world', 'odom')
+"""Frames in which a robot moves (REP 105), in order of preference: poses in odom drift."""
+
 _ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
 _SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)
 _OPTICAL = re.compile(r'optical(_frame|_link)?$', re.IGNORECASE)
@@ -91,7 +93,7 @@ def root_heading(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     """Return the heading of a root above several sensors, which is no sensor: it is the robot's."""
     wanted = {frame for frame in sensors if frame in tree.frames}
     for root in tree.roots:
-        known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in _FIXED
+        known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in FIXED_FRAMES
         if not known and sum(tree.find(root, frame) is not None for frame in wanted) > 1:
             return Heading(root, AXES['x'], f'x of {root}', body=True)
     return None
