@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Generic
+from typing import TYPE_CHECKING, Any, ClassVar, Generic
 
 from .pieces import Piece
 from .record_walk import DamagedHeadError, Head, walk
@@ -194,6 +194,19 @@ class ChunkScan(ABC, Generic[Head]):
         """Return the channels found, by id."""
 
 
+def unpack(
+    form: RecordFormat[Any], file: FileBytes, position: int, data: Buffer
+) -> tuple[Buffer, bool]:
+    """Unpack a piece as RecordFormat.unpack does, within the limits of its file.
+
+    Raises:
+        DamagedHeadError: The head of the chunk is damaged.
+        ValueError: The chunk is damaged, or too large together with others.
+    """
+    file.limits.add_block(position, form.unpacked_size(data))
+    return form.unpack(data)
+
+
 def piece_records(
     form: RecordFormat[Head],
     file: FileBytes,
@@ -215,17 +228,16 @@ def piece_records(
     place = f'{file.name}: the chunk at byte {position} is damaged'
     view, done, whole = memoryview(data), 0, True
     try:
-        records, whole = form.unpack(view)
+        records, whole = unpack(form, file, position, view)
+        view = memoryview(records)
+        for head, start, end in file.limits.counted(position, form.split_records(view)):
+            yield head, view[start:end]
+            done = end
     except DamagedHeadError:
         pass  # if it is not compressed, its records can be found below
     except ValueError as error:
         findings.lose(f'{place} ({error})', cost)
         return
-    else:
-        view = memoryview(records)
-        for head, start, end in form.split_records(view):
-            yield head, view[start:end]
-            done = end
 
     def lose(start: int, stop: int) -> None:
         findings.lose(f'{place} (bytes {start} to {stop} of it)')

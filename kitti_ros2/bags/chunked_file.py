@@ -10,7 +10,7 @@ from contextlib import suppress
 from operator import itemgetter
 from typing import TYPE_CHECKING, Generic
 
-from .chunk_scan import piece_records
+from .chunk_scan import piece_records, unpack
 from .pieces import BagFile, FetchedPiece
 from .record_walk import Head
 
@@ -58,7 +58,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         data = self._file.read(piece.position, piece.length)
         with suppress(ValueError):  # read finds the damage again
             if self._form.unpacked_size(data) <= _MOST_UNPACKED:
-                return FetchedPiece(data, self._form.unpack(data))
+                return FetchedPiece(data, unpack(self._form, self._file, piece.position, data))
         return FetchedPiece(data, None)
 
     def read(
@@ -74,8 +74,9 @@ class ChunkedFile(BagFile, Generic[Head]):
         data, unpacked = fetched
         end = piece.position + len(data)
         try:
-            records, whole = unpacked or self._form.unpack(data)
+            records, whole = unpacked or unpack(self._form, self._file, piece.position, data)
             found, done = self._messages_in(records, wanted, since_ns)
+            self._file.limits.add_records(piece.position, len(found))
             sound = whole and done == len(records)
         except ValueError:
             found, sound = [], False

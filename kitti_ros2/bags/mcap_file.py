@@ -126,6 +126,8 @@ def _summarized(section: bytes, start: int) -> FileContents | None:
     contents.channels = described.channels()
     found = sum(sum(piece.counts.values()) for piece in contents.pieces)
     known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
-    inside = all(piece.position + piece.length <= start for piece in contents.pieces)
+    places = sorted((piece.position, piece.length) for piece in contents.pieces)
+    starts = [*(position for position, _ in places[1:]), start]
+    apart = all(sum(place) <= after for place, after in zip(places, starts, strict=False))
     # Messages outside of chunks, or chunks without index, are found by a scan only.
-    return contents if message_count == found and known and inside else None
+    return contents if message_count == found and known and apart else None

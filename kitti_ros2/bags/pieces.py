@@ -13,10 +13,12 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from ..model.channels import Channel
 from ..model.errors import naming
+from .limits import FileLimits
 from .summary import BagIndex
 
 if TYPE_CHECKING:
@@ -191,6 +193,11 @@ class FileBytes:
     """
 
     waits = False
+
+    @cached_property
+    def limits(self) -> FileLimits:
+        """What its compressed blocks may become together."""
+        return FileLimits(self.size)
 
     def __init__(self, path: Path, name: Path) -> None:
         self.name = name

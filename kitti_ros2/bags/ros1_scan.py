@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from .findings import Findings
     from .pieces import Buffer, FileBytes
 
+_CONNECTIONS = 2**16  # as many as MCAP can number
+_BYTES_PER_CONNECTION = 100
+
 
 @dataclass(frozen=True)
 class Ros1Channel(StoredChannel):
@@ -64,7 +67,7 @@ class Ros1Scan(ChunkScan[Fields]):
             channel_id, stamp_ns = parse_message(head)
             self._stamps.setdefault(channel_id, array('Q')).append(stamp_ns)
             run.add(channel_id, stamp_ns)
-        elif opcode == CONNECTION:
+        elif opcode == CONNECTION and self._has_room():
             try:
                 channel_id, channel = parse_connection(head, body)
             except ValueError as error:
@@ -72,6 +75,14 @@ class Ros1Scan(ChunkScan[Fields]):
                 self._findings.lose(text)
             else:
                 self._described[channel_id] = channel
+
+    def _has_room(self) -> bool:
+        """Whether one more connection is read: a compressed chunk may have millions."""
+        most = max(_CONNECTIONS, self._file.size // _BYTES_PER_CONNECTION)
+        if len(self._described) < most:
+            return True
+        self._findings.lose(f'{self._file.name}: more than {most} connections; no more are read')
+        return False
 
     def _channels(self) -> dict[int, StoredChannel]:
         return self._described

@@ -12,6 +12,7 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from lz4 import frame as lz4_frame
+from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.bags.decompressors import (
     decompress,
@@ -19,7 +20,8 @@ from kitti_ros2.bags.decompressors import (
     decompress_file,
     decompress_message,
 )
-from kitti_ros2.bags.limits import LARGEST_BLOCK
+from kitti_ros2.bags.limits import LARGEST_BLOCK, FileLimits
+from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.model.errors import UsageError
 
 MB = 10**6
@@ -153,3 +155,137 @@ def test_what_was_compressed_comes_back(data, times, kind):
     for size in (0, len(data) * times + 1, len(data) * times - 1):
         with pytest.raises(ValueError, match='bytes'):
             decompress(name, packed, size)
+
+
+def ros1_record(fields, data=b''):
+    """A record of a ROS 1 bag."""
+    parts = [name + b'=' + value for name, value in fields.items()]
+    head = b''.join(struct.pack('<I', len(part)) + part for part in parts)
+    return struct.pack('<I', len(head)) + head + struct.pack('<I', len(data)) + data
+
+
+def ros1_chunk(records, counted=None):
+    """A chunk of bz2."""
+    size = struct.pack('<I', counted or len(records))
+    fields = {b'op': b'\5', b'compression': b'bz2', b'size': size}
+    return ros1_record(fields, bz2.compress(records))
+
+
+def ros1_connection(number, topic):
+    """The description of a topic of std_msgs/Empty."""
+    described = {
+        b'topic': topic,
+        b'type': b'std_msgs/Empty',
+        b'md5sum': b'd41d8cd98f00b204e9800998ecf8427e',
+        b'message_definition': b'',
+    }
+    parts = [name + b'=' + value for name, value in described.items()]
+    data = b''.join(struct.pack('<I', len(part)) + part for part in parts)
+    fields = {b'op': b'\7', b'conn': struct.pack('<I', number), b'topic': topic}
+    return ros1_record(fields, data)
+
+
+EMPTY_MESSAGE = ros1_record({b'op': b'\2', b'conn': bytes(4), b'time': struct.pack('<II', 1, 0)})
+
+
+def ros1_bag(path, chunks, counts=()):
+    """A bag; with an index where counts of the messages in each chunk are given, true or not."""
+
+    def head(index_pos):
+        return ros1_record(
+            {
+                b'op': b'\3',
+                b'index_pos': struct.pack('<Q', index_pos),
+                b'conn_count': struct.pack('<I', 1),
+                b'chunk_count': struct.pack('<I', len(counts)),
+            },
+            bytes(4096),
+        )
+
+    magic = b'#ROSBAG V2.0\n'
+    places = [len(magic) + len(head(0))]
+    for chunk in chunks:
+        places.append(places[-1] + len(chunk))
+    index = [
+        ros1_record(
+            {
+                b'op': b'\6',
+                b'ver': struct.pack('<I', 1),
+                b'chunk_pos': struct.pack('<Q', place),
+                b'start_time': struct.pack('<II', 1, 0),
+                b'end_time': struct.pack('<II', 1, 0),
+                b'count': struct.pack('<I', 1),
+            },
+            struct.pack('<II', 0, count),
+        )
+        for place, count in zip(places, counts, strict=False)
+    ]
+    start = head(places[-1] if counts else 0)
+    connections = [ros1_connection(0, b'/imu')] if counts else []
+    path.write_bytes(b''.join([magic, start, *chunks, *connections, *index]))
+    return path
+
+
+MESSAGES = ros1_chunk(ros1_connection(0, b'/imu') + EMPTY_MESSAGE * 150_000)
+
+
+@pytest.mark.parametrize('counts', [(), [1] * 6], ids=['no index', 'an index that lies'])
+def test_the_messages_of_all_blocks_are_bounded(counts, tmp_path):
+    bag = ros1_bag(tmp_path / 'a.bag', [MESSAGES] * 6, counts)
+    with open_messages(bag) as reader:
+        found = sum(1 for _ in reader)
+        lost = [text for text in reader.losses if 'hold more than 200000 records' in text]
+    assert found <= 300_000
+    assert len(lost) >= 4
+    assert all(LARGEST_BLOCK in text for text in lost)
+
+
+def test_a_user_may_raise_the_number_of_messages(tmp_path, monkeypatch):
+    monkeypatch.setenv(LARGEST_BLOCK, '1GB')
+    with open_messages(ros1_bag(tmp_path / 'a.bag', [MESSAGES] * 2)) as reader:
+        assert sum(1 for _ in reader) == 300_000
+
+
+def test_the_size_of_all_blocks_is_bounded(tmp_path):
+    blank = ros1_record({b'op': b'\2', b'conn': bytes(4), b'time': bytes(8)}, bytes(60 * MB))
+    chunk = ros1_chunk(ros1_connection(0, b'/imu') + blank)
+    with open_messages(ros1_bag(tmp_path / 'a.bag', [chunk] * 40)) as reader:
+        lost = [text for text in reader.losses if 'expected at most 1.0 GB' in text]
+    assert len(lost) == 24
+
+
+def test_the_connections_of_a_block_are_bounded(tmp_path):
+    records = b''.join(ros1_connection(number, b'/t%d' % number) for number in range(70_000))
+    bag = ros1_bag(tmp_path / 'a.bag', [ros1_chunk(records)])
+    with open_messages(bag) as reader:
+        assert f'{bag}: more than 65536 connections; no more are read' in reader.losses
+
+
+def test_the_same_block_counts_once():
+    limits = FileLimits(1000)
+    for _ in range(50):
+        limits.add_block(0, 900 * MB)
+        limits.add_records(0, 150_000)
+    with pytest.raises(ValueError, match='expected at most'):
+        limits.add_block(1, 200 * MB)
+    limits.add_block(1, 100 * MB)
+    with pytest.raises(ValueError, match='hold more than 200000 records'):
+        limits.add_records(1, 60_000)
+    with pytest.raises(ValueError, match='hold more than 200000 records'):
+        limits.add_block(2, 1)
+
+
+def test_an_index_of_one_chunk_many_times_is_not_believed(tmp_path):
+    bag = tmp_path / 'a.mcap'
+    writer = Writer(str(bag), compression=CompressionType.ZSTD)
+    writer.start()
+    schema = writer.register_schema('std_msgs/msg/Empty', 'ros2msg', b'')
+    channel = writer.register_channel('/a', 'cdr', schema)
+    for stamp_ns in range(10):
+        writer.add_message(channel, stamp_ns, bytes(5), stamp_ns)
+    writer._Writer__finalize_chunk()
+    writer._Writer__chunk_indices *= 1000
+    writer._Writer__statistics.message_count *= 1000
+    writer.finish()
+    with open_messages(bag) as reader:
+        assert sum(1 for _ in reader) == reader.expected == 10
