@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..messages.header import vector_of
@@ -17,7 +18,7 @@ from .report import pass_over
 from .scan_frame import describe_axes, is_forward, near_frame
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
@@ -43,7 +44,7 @@ def guess_unit(
         notes: Takes what is missing.
         pose: The plan's poses, which take the place of a fix.
     """
-    found = _best_topics(survey, scan, notes)
+    found = _best_topics(survey, scan, pose, notes)
     if 'fix' not in found and pose is None and 'imu' not in found:
         notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
         return {}
@@ -60,15 +61,19 @@ def guess_unit(
     return found
 
 
-def _best_topics(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> dict[str, str]:
+def _best_topics(
+    survey: Survey, scan: ScanPlan | None, pose: PosePlan | None, notes: list[str]
+) -> dict[str, str]:
     """Return the topics of the unit by their keys, and note those that are passed over."""
     found: dict[str, str] = {}
     for key, msgtype, rank in (
-        ('imu', types.IMU, _imu_rank),
+        ('imu', types.IMU, partial(_imu_rank, joined=_joined_frames(survey, scan))),
         ('fix', types.FIX, _fix_rank),
         ('velocity', types.TWIST, _velocity_rank),
     ):
         topics = _of_vehicle(survey, msgtype, scan)
+        if key == 'velocity':
+            topics = _in_known_axes(topics, survey, scan, pose, found)
         notes += [
             f'passed over for {key}: {each.name} ({each.count}); no transform joins its frame,'
             f' {each.frame}, to that of the scans'
@@ -84,6 +89,36 @@ def _best_topics(survey: Survey, scan: ScanPlan | None, notes: list[str]) -> dic
         else:
             found[key] = best.name
     return found
+
+
+def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
+    """Return the frames that static transforms join to the scans'."""
+    if scan is None:
+        return frozenset()
+    tree = FrameTree(survey.static, survey.moving)
+    known = {*tree.frames, scan.frame}
+    return frozenset(each for each in known if tree.find(scan.frame, each) is not None)
+
+
+def _in_known_axes(
+    topics: list[TopicSurvey],
+    survey: Survey,
+    scan: ScanPlan | None,
+    pose: PosePlan | None,
+    unit: Mapping[str, str],
+) -> list[TopicSurvey]:
+    """Return the velocities that can be turned into the axes of the unit, if that has a place."""
+    joined = _joined_frames(survey, scan)
+    imu, fix = (survey.topics[unit[key]].frame if key in unit else '' for key in ('imu', 'fix'))
+    has_place = imu in joined if 'imu' in unit else pose is not None and pose.body in joined
+    if not has_place:
+        return topics
+    known = {'', fix, *joined}
+    return [each for each in topics if each.frame in known or _is_fixed(each.frame)]
+
+
+def _is_fixed(frame: str) -> bool:
+    return frame.rpartition('/')[2].lower() in _FIXED
 
 
 def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
@@ -102,9 +137,10 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
     return found
 
 
-def _imu_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
-    """Rank an Imu: with an orientation, not raw, of most messages."""
-    return any(map(has_orientation, topic.looks)), 'raw' not in topic.name, topic.count
+def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, int]:
+    """Rank an Imu: in a joined frame, with an orientation, not raw, of most messages."""
+    oriented = any(map(has_orientation, topic.looks))
+    return topic.frame in joined, oriented, 'raw' not in topic.name, topic.count
 
 
 def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
@@ -153,7 +189,7 @@ def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str
     topic = survey.topics.get(unit.get('velocity', ''))
     if topic is None or topic.msgtype != types.TWIST or not topic.frame:
         return VelocityAxes.FRAME
-    fixed = topic.frame.rpartition('/')[2].lower() in _FIXED
+    fixed = _is_fixed(topic.frame)
     fix, imu = (survey.topics[unit[key]].frame if key in unit else '' for key in ('fix', 'imu'))
     if not fixed and (topic.frame != fix or topic.frame == imu):
         return VelocityAxes.FRAME
@@ -170,17 +206,15 @@ def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list
 
     It is one with x forward, y left and z up, as KITTI's. The Imu is the plan's, if that has one.
     """
-    topics = sorted(_of_vehicle(survey, types.IMU, scan), key=_imu_rank, reverse=True)
-    topics.sort(key=lambda each: each.name != imu)
-    frames = [each.frame for each in topics]
-    if not frames or scan is None:
+    topics = _of_vehicle(survey, types.IMU, scan)
+    if not topics or scan is None:
         return ''
-    tree = FrameTree(survey.static, survey.moving)
-    for frame in frames:
-        if tree.find(scan.frame, frame) is not None:
-            return _forward_frame(frame, tree, notes)
+    joined = _joined_frames(survey, scan)
+    chosen = max(topics, key=lambda each: (each.name == imu, _imu_rank(each, joined)))
+    if chosen.frame in joined:
+        return _forward_frame(chosen.frame, FrameTree(survey.static, survey.moving), notes)
     notes.append(
-        f'missing: a static transform from {frames[0]} to {scan.frame}; the imu frame is'
+        f'missing: a static transform from {chosen.frame} to {scan.frame}; the imu frame is'
         f' nominal until imu_frame names a frame that is joined'
     )
     return ''

@@ -141,6 +141,7 @@ class Robot:
         cloud: Frame of the clouds.
         imu: Whether there is an Imu.
         base_t_imu: (4, 4) its place.
+        imu_frame: Its frame.
         receiver: Frame of /fix, of an antenna, and of /vel along east and north; empty for none.
         velocity_frame: Of /vel where it is another.
         with_velocity: Whether /vel is there.
@@ -165,6 +166,7 @@ class Robot:
     cloud: str = 'lidar'
     imu: bool = False
     base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
+    imu_frame: str = 'imu'
     receiver: str = ''
     velocity_frame: str = ''
     with_velocity: bool = True
@@ -395,7 +397,9 @@ def unit(robot: Robot):
     end_ns = START_NS + FRAMES * PERIOD_NS
     for stamp_ns in range(START_NS - 203 * MS, end_ns + 200 * MS, 10 * MS):
         if robot.imu:
-            yield '/imu', stamp_ns, imu(stamp_ns, robot.base_t_imu)
+            sensed_there = imu(stamp_ns, robot.base_t_imu)
+            sensed_there.header.frame_id = robot.imu_frame
+            yield '/imu', stamp_ns, sensed_there
         if robot.bare_imu:
             bare = imu(stamp_ns, BASE_T_CAMERA)
             bare.orientation.w = bare.orientation.x = 0.0
