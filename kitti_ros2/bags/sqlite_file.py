@@ -9,8 +9,11 @@ up to the first failure, then from the file's pages.
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -27,7 +30,6 @@ from .sqlite_topics import scanned_topics, stored_topics
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
-    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -69,7 +71,7 @@ class SqliteFile(BagFile):
         self._file = FileBytes(path, name)
         self._connection: sqlite3.Connection | None = None
         self._by_id: dict[int, MessageRow] | None = None
-        self._shared: Path | None = None
+        self._left = ExitStack()
         self._is_whole = True
         self._size = self._file.size  # with the log beside it
         try:
@@ -112,8 +114,7 @@ class SqliteFile(BagFile):
         self._file.close()
         if self._connection is not None:
             self._connection.close()
-        if self._shared is not None:
-            self._shared.unlink(missing_ok=True)
+        self._left.close()
 
     def _all_stamps(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
         for topic_id in self.channels:
@@ -168,7 +169,11 @@ class SqliteFile(BagFile):
             self._is_whole = False
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
-                self._shared = shared  # SQLite creates and leaves it
+                if not os.access(path.parent, os.W_OK):
+                    path = self._copied(path, wal)
+                else:
+                    # SQLite creates and leaves it.
+                    self._left.callback(shared.unlink, missing_ok=True)
         uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
         # Several threads may read, one at a time.
         connection = sqlite3.connect(
@@ -180,6 +185,22 @@ class SqliteFile(BagFile):
             connection.close()
             raise
         return connection
+
+    def _copied(self, *files: Path) -> Path:
+        """Copy a database and its log to where SQLite may create a file beside them.
+
+        Raises:
+            OSError: The disk has no room for the copy.
+        """
+        folder = Path(self._left.enter_context(TemporaryDirectory(prefix='kitti_ros2_')))
+        try:
+            for file in files:
+                shutil.copyfile(file, folder / file.name)
+        except OSError as error:
+            self.close()
+            error.filename = f'{self._name} (copied to {folder.parent})'
+            raise
+        return folder / files[0].name
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
         found = self._scanned()

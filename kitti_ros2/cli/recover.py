@@ -60,7 +60,10 @@ def run_recover(
         _summarize(report, elapsed)
     if not report.losses:
         return EXIT_OK
-    complain(f'kitti-ros2: {_lost(report)}, listed above; exit code {EXIT_LOSSES}')
+    what = _lost(report)
+    if report.lost_exactly and not report.lost:
+        what = 'every message was copied, but the bag is not as a recorder leaves it'
+    complain(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
 
 

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import shutil
 import sqlite3
 import subprocess
 import sys
+import tempfile
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -614,8 +616,9 @@ def test_a_damaged_compressed_message_is_lost_alone(mine, written):
     connection.close()
 
 
-def test_the_rest_of_a_recorders_database_is_in_its_log(tmp_path):
-    """A killed recorder leaves what SQLite had not yet put into the file itself."""
+@pytest.fixture
+def unclosed(tmp_path):
+    """What a killed recorder leaves: SQLite had not yet put all into the file itself."""
     path = tmp_path / 'bag.db3'
     code = """
 import os, sqlite3, sys
@@ -636,6 +639,11 @@ os._exit(1)
     subprocess.run([sys.executable, '-c', code, path], check=False)
     assert (tmp_path / 'bag.db3-wal').stat().st_size > 10_000
     (tmp_path / 'bag.db3-shm').unlink()
+    return path
+
+
+def test_the_rest_of_a_recorders_database_is_in_its_log(unclosed, tmp_path):
+    path = unclosed
     found, complete, (warning,) = read(path)
     assert [stamp for stamp, _, _ in found] == list(range(51, 101))
     assert not complete
@@ -643,6 +651,40 @@ os._exit(1)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['bag.db3', 'bag.db3-wal']
     summary = summarize_bag(path)
     assert (summary.message_count, summary.complete) == (50, False)
+
+
+def test_the_log_is_read_in_a_folder_that_cannot_be_written(unclosed, tmp_path, monkeypatch):
+    """SQLite must create a file beside a log: it gets a copy, which does not stay."""
+    temporary = tmp_path / 'temporary'
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(temporary))
+    monkeypatch.setattr(os, 'access', lambda *_: False)
+    seen = []
+    copied = shutil.copyfile
+    monkeypatch.setattr(shutil, 'copyfile', lambda *ends: seen.append(copied(*ends)))
+    before = unclosed.parent.stat().st_mtime_ns
+    found, _, (warning,) = read(unclosed)
+    assert [stamp for stamp, _, _ in found] == list(range(51, 101))
+    assert 'did not close' in warning
+    assert [each.parent.parent for each in seen] == [temporary] * 2
+    assert not any(temporary.iterdir())
+    assert unclosed.parent.stat().st_mtime_ns == before
+
+
+def test_a_disk_without_room_for_the_copy_is_named(unclosed, tmp_path, monkeypatch):
+    temporary = tmp_path / 'temporary'
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(temporary))
+    monkeypatch.setattr(os, 'access', lambda *_: False)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(shutil, 'copyfile', full)
+    with pytest.raises(OSError, match='No space left') as caught:
+        read(unclosed)
+    assert caught.value.filename == f'{unclosed} (copied to {temporary})'
+    assert not any(temporary.iterdir())
 
 
 @pytest.mark.parametrize('case', ['mcap', 'ros1', 'sqlite3'])
