@@ -8,7 +8,7 @@ import shutil
 import sys
 from typing import TYPE_CHECKING
 
-from ..model.errors import OutputExistsError
+from ..model.errors import OutputExistsError, naming
 from ..options.read import ReadOptions
 from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
@@ -52,7 +52,8 @@ def run_demo(
         shutil.rmtree(taken, ignore_errors=True)
     if kind is None:
         raise AssertionError('a given layout is never None')
-    with step_progress('making the street', frames, show=not quiet) as progress:
+    making = step_progress('making the street', frames, show=not quiet)
+    with making as progress, naming(recording):
         source = write_synthetic(recording, kind, options, progress=progress)
     code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
     if not quiet:

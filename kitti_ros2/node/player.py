@@ -111,14 +111,8 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             KittiRos2Error: The source cannot be opened, or a parameter is invalid.
             OSError: The same.
         """
-        source = str(self._values['source'])
-        if not source:
-            raise UsageError(
-                'SRC is missing (a KITTI folder or a bag); usage: kitti-ros2 play SRC, or set the'
-                ' parameter source'
-            )
         settings = make_play_settings(given(self._values))
-        program = self._open(source, settings)
+        program = self._open(str(self._values['source']), settings)
         if publishes_clock(settings):
             self._tell_time = self.create_publisher(Clock, CLOCK, 10).publish
         create_services(self, self)
@@ -176,6 +170,11 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
     # Sources.
 
     def _open(self, source: str, settings: PlaySettings) -> Program:
+        if not source:
+            raise UsageError(
+                'SRC is missing (a KITTI folder or a bag); usage: kitti-ros2 play SRC, or set the'
+                ' parameter source'
+            )
         name = self.get_fully_qualified_name()
         return open_program(source, settings, reserved_by_node(name, settings))
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shlex
@@ -364,6 +365,15 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
     assert main(['demo', 'd', '--frames', '2']) == 2
     assert main(['demo', 'd', '--frames', '2', '--overwrite', '-q']) == 0
+
+
+def test_a_demo_that_the_disk_refuses_is_named(tmp_path, capsys, monkeypatch):
+    def full(*_args, **_options):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('kitti_ros2.cli.demo.write_synthetic', full)
+    assert main(['demo', str(tmp_path / 'd')]) == 2
+    assert f'{tmp_path}/d/kitti: No space left on device' in capsys.readouterr().err
 
 
 def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_path):

@@ -288,6 +288,7 @@ class TestWhileItLoops:
             ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
             ('position', '"soon"', 'invalid start or end'),
             ('source', '"/nowhere"', '/nowhere: no such file or folder'),
+            ('source', '""', 'SRC is missing'),
             ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
             ('clock', 10.0, 'read-only'),
         ],
