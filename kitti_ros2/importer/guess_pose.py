@@ -76,8 +76,8 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
 
 
 def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, int]:
-    """Rank: called ground truth, of a body in the tree, of most messages."""
-    return is_truth(topic.name), child_of(topic) in frames, topic.count
+    """Rank: of a body in the tree, called ground truth, of most messages."""
+    return child_of(topic) in frames, is_truth(topic.name), topic.count
 
 
 def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePlan | None:

@@ -11,6 +11,7 @@ from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
+from .guess_names import is_fixed
 from .guess_pose import vehicle_frame
 from .named_frames import NamedFrames
 from .plan import ScanPlan
@@ -24,16 +25,18 @@ if TYPE_CHECKING:
     from .survey import Survey
     from .topic_survey import TopicSurvey
 
-_LIDAR = re.compile(r'velo|lidar|laser|ouster|hesai|rslidar|livox|points_raw', re.IGNORECASE)
-
-
+_LIDAR = re.compile(
+    r'velo|lidar|laser|ouster|(?:^|[/_])os\d?[/_]|hesai|pandar|robosense|livox|points_raw',
+    re.IGNORECASE,
+)
+_MAP = re.compile(r'(?:^|[/_])map(?:$|[/_])', re.IGNORECASE)
 _AHEAD = 0.7  # the cosine of 45 degrees
 
 
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
-    """Choose the lidar: KITTI's own points, by name, with intensity, with most points.
+    """Choose the lidar: KITTI's own points, in a sensor's frame, by name, with intensity, largest.
 
-    Without clouds it is the first source of SCAN_SOURCES with a topic.
+    A cloud in a frame that the vehicle moves in may be all that a mapper has seen so far. Without clouds it is the first source of SCAN_SOURCES with a topic.
     """
     for place, source in enumerate(SCAN_SOURCES):
         topics = _topics_of(source, survey)
@@ -83,7 +86,7 @@ def _scan_of(
     source: ScanSource, topics: list[TopicSurvey], survey: Survey, notes: list[str]
 ) -> ScanPlan:
     if types.CLOUD in source.msgtypes:
-        best = max(topics, key=_lidar_rank)
+        best = max(topics, key=lambda each: _lidar_rank(survey, each))
     elif source.needs_info:
         best = max(topics, key=lambda each: _depth_rank(survey, each))
     else:
@@ -148,8 +151,15 @@ def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's type
     return None
 
 
-def _lidar_rank(topic: TopicSurvey) -> tuple[bool, bool, bool, int, int]:
+def _lidar_rank(survey: Survey, topic: TopicSurvey) -> tuple[object, ...]:
     first = _with_points(topic)
-    named = bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame))
-    bright = any(field.name == 'intensity' for field in first.fields)
-    return topic.name == POINTS, named, bright, first.width * first.height, topic.count
+    return (
+        topic.name == POINTS,
+        not _MAP.search(topic.name),
+        topic.count > 1,
+        not is_fixed(topic.frame) and frame_on_vehicle(topic.frame, survey) == topic.frame,
+        bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame)),
+        any(field.name == 'intensity' for field in first.fields),
+        first.width * first.height,
+        topic.count,
+    )

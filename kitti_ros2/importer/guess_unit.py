@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
-from ..rig.heading import FIXED_FRAMES, find_body
+from ..rig.heading import find_body
 from ..rig.tf_tree import FrameTree
+from .guess_names import is_fixed
 from .named_frames import child_of
 from .plan import VelocityAxes
 from .report import pass_over
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
     from .topic_survey import TopicSurvey
-
-
-_FIXED = frozenset({*FIXED_FRAMES, 'enu', 'utm', 'local', 'local_origin'})
 
 
 def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
@@ -114,11 +112,7 @@ def _in_known_axes(
     if not has_place:
         return topics
     known = {'', fix, *joined}
-    return [each for each in topics if each.frame in known or _is_fixed(each.frame)]
-
-
-def _is_fixed(frame: str) -> bool:
-    return frame.rpartition('/')[2].lower() in _FIXED
+    return [each for each in topics if each.frame in known or is_fixed(each.frame)]
 
 
 def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
@@ -189,7 +183,7 @@ def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str
     topic = survey.topics.get(unit.get('velocity', ''))
     if topic is None or topic.msgtype != types.TWIST or not topic.frame:
         return VelocityAxes.FRAME
-    fixed = _is_fixed(topic.frame)
+    fixed = is_fixed(topic.frame)
     fix, imu = (survey.topics[unit[key]].frame if key in unit else '' for key in ('fix', 'imu'))
     if not fixed and (topic.frame != fix or topic.frame == imu):
         return VelocityAxes.FRAME

@@ -55,13 +55,13 @@ def info(name, frame='', d=(), model='plumb_bob'):
     return topic(name, types.CAMERA_INFO, look, frame=frame)
 
 
-def cloud(name, *fields, frame='lidar', width=100):
+def cloud(name, *fields, frame='lidar', width=100, count=5):
     names = ('x', 'y', 'z', *fields)
     parts = [SimpleNamespace(name=each, offset=0, datatype=7, count=1) for each in names]
     look = SimpleNamespace(fields=parts, width=width, height=1)
     # Too short to be read: it tells no intensity.
     look.__dict__.update(point_step=4, row_step=0, is_bigendian=False, data=np.zeros(0, np.uint8))
-    return topic(name, types.CLOUD, look, frame=frame)
+    return topic(name, types.CLOUD, look, frame=frame, count=count)
 
 
 def guess(*topics, layout=Layout.OBJECT, static=(), moving=(), with_calibration=False):
@@ -178,6 +178,25 @@ def test_a_lidar_goes_before_a_depth_cameras_cloud():
     found = guess(depth, cloud('/velodyne_points', 'intensity'))
     assert found.plan.scan.topic == '/velodyne_points'
     assert any(note.startswith('passed over for scans: /realsense/points') for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    'others',
+    [
+        [cloud('/Laser_map', 'intensity', frame='camera_init', width=9000)],
+        [cloud('/map/pointcloud_map', 'intensity', frame='map', width=9000, count=1)],
+        [cloud('/velodyne_cloud_map', 'intensity', width=9000)],
+        [cloud('/cloud_registered', 'intensity', frame='camera_init', width=900, count=9)],
+        [cloud('/accumulated', 'intensity', frame='world', width=900)],
+    ],
+)
+@pytest.mark.parametrize(('name', 'frame'), [('/points', 'lidar'), ('/os/points', 'os_sensor')])
+def test_scans_go_before_what_a_mapper_made_of_them(name, frame, others):
+    own = cloud(name, frame=frame)
+    static = [('body', frame, Transform.identity())]
+    found = guess(*others, own, static=static, moving=[('camera_init', 'body')])
+    assert (found.plan.scan.topic, found.plan.scan.frame) == (name, frame)
+    assert f'passed over for scans: {others[0].name} ({others[0].count})' in found.notes
 
 
 def test_scans_alone_have_no_calibration_and_that_is_said():
