@@ -255,6 +255,11 @@ class BoxConversion:
         ]
         if self._tracks.unnamed and self._plan.layout.traits.common_labels:
             found.append(f'{self._tracks.unnamed} boxes have no id: each is a track of its own')
+        if self._tracks.repeated and self._plan.layout.traits.common_labels:
+            found.append(
+                f'{self._tracks.repeated} boxes have the id of another one of their message: each'
+                f' is a track of its own'
+            )
         if self._max_lean > _REPORTED_LEAN_RAD:
             axis = "the camera's y" if self.standing.frame_T_velo is None else "the scans' z"
             found.append(

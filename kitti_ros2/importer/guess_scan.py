@@ -36,7 +36,8 @@ _AHEAD = 0.7  # the cosine of 45 degrees
 def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
     """Choose the lidar: KITTI's own points, in a sensor's frame, by name, with intensity, largest.
 
-    A cloud in a frame that the vehicle moves in may be all that a mapper has seen so far. Without clouds it is the first source of SCAN_SOURCES with a topic.
+    A cloud in a frame that the vehicle moves in may be all that a mapper has seen so far. Without
+    clouds it is the first source of SCAN_SOURCES with a topic.
     """
     for place, source in enumerate(SCAN_SOURCES):
         topics = _topics_of(source, survey)

@@ -33,7 +33,7 @@ from ..model.labels import rect_from_velo
 from .plan import UNKNOWN_OCCLUSION
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
@@ -121,10 +121,24 @@ class TrackIds:
         self._taken: set[int] = set()
         self.unnamed = 0
         """Number of boxes without a name so far."""
+        self.repeated = 0
+        """Number of boxes so far with the name of another one of their frame."""
 
     def find(self, identity: str) -> int | None:
         """Return the number of a track that has one already."""
         return self._numbers.get(identity)
+
+    def of_frame(self, identities: Iterable[str]) -> list[int]:
+        """Return the number of each box of a frame; one with the name of another is its own."""
+        found: list[int] = []
+        for identity in identities:
+            number = self.number(identity)
+            if number in found:
+                self.repeated += 1
+                number = max(self._taken) + 1
+                self._taken.add(number)
+            found.append(number)
+        return found
 
     def number(self, identity: str) -> int:
         """Return the number of a track."""
@@ -218,6 +232,7 @@ def make_boxes(
     seen = [bool(np.isfinite(four).all()) for four in bounds]
     kept = [place for place in range(len(cuboids)) if seen[place] or out_of_view]
     alphas = alpha_of(locations, headings)
+    ids = tracks.of_frame(cuboids[place].identity for place in kept)
     made = [
         Box(
             class_name=class_name(cuboids[place].class_name),
@@ -229,9 +244,9 @@ def make_boxes(
             location=_three(locations[place]),
             rotation_y=float(wrap_angle(headings[place])),
             score=cuboids[place].score,
-            track_id=tracks.number(cuboids[place].identity),
+            track_id=track_id,
         )
-        for place in kept
+        for place, track_id in zip(kept, ids, strict=True)
     ]
     made = [_region(box) if box.class_name == DONT_CARE else box for box in made]
     return made, len(cuboids) - len(made)

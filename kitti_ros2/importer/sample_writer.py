@@ -115,8 +115,8 @@ class SampleWriter:
         return len(known)
 
     def notes(self) -> list[str]:
-        """Return what was written of depth maps, and which points were dropped."""
-        notes = self._depth_maps.notes()
+        """Return what was written of depth maps and tracks, and which points were dropped."""
+        notes = [*self._depth_maps.notes(), *self.writer.notes()]
         if self.plan.scan is not None:
             notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
         return notes

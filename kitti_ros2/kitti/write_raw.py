@@ -15,6 +15,7 @@ from ..model.errors import UsageError
 from ..model.labels import rect_from_velo
 from ..model.layouts import Layout
 from ..model.losses import runs_of
+from ..model.text import format_count
 from . import names
 from .calib_file import format_raw
 from .oxts_file import format_packet
@@ -31,7 +32,7 @@ from .tracklet_file import (
 from .writer import LayoutWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..model.boxes import Box
@@ -42,6 +43,9 @@ KINDS = ('sync', 'extract')
 _MOST_OCCLUDED = 2
 _COLOUR = (2, 3)
 _UNKNOWN = -1
+_RESIZED = 0.1
+_REPORTED_OFF_M = 0.01
+_WHOLE = 2  # ends of a run that is not cut
 DATAFORMAT = """\
 lat: degrees north
 lon: degrees east
@@ -105,6 +109,8 @@ class RawWriter(LayoutWriter):
         self._stamps: dict[Path, dict[int, int]] = {}
         self._tracks: dict[int, dict[int, Box]] = {}
         self._labelled = False
+        self._cut = 0
+        self._size_off_m = 0.0
         self._rect_T_velo: Transform | None = None
         self._labels_T_velo: Transform | None = None
 
@@ -160,7 +166,7 @@ class RawWriter(LayoutWriter):
 
         Raises:
             UsageError: The labels are lines of text, which this layout does not support.
-            ValueError: A box has no track id.
+            ValueError: A box has no track id, or that of another one.
         """
         if isinstance(labels, str):
             raise UsageError('the raw layout keeps labels as tracklets; hand over boxes, not lines')
@@ -170,7 +176,10 @@ class RawWriter(LayoutWriter):
                 continue
             if box.track_id is None:
                 raise ValueError('a tracklet needs a track id')
-            self._tracks.setdefault(box.track_id, {})[number] = box
+            boxes = self._tracks.setdefault(box.track_id, {})
+            if number in boxes:
+                raise ValueError(f'two boxes of track {box.track_id} in a frame')
+            boxes[number] = box
 
     def close(self) -> None:
         """Write the time stamp files, dataformat.txt and tracklet_labels.xml.
@@ -185,6 +194,21 @@ class RawWriter(LayoutWriter):
         if self._labelled:
             STORE.write_text(self.path / names.RAW_TRACKLETS, format_tracklets(self._tracklets()))
 
+    def notes(self) -> list[str]:
+        """Return remarks on tracklets, each of which has one class and size."""
+        found = []
+        if self._cut:
+            found.append(
+                f'tracklets have one class and size: {format_count(self._cut, "track")} became'
+                f' several, each from where the class changes, or the size by more than 10 %'
+            )
+        if self._size_off_m > _REPORTED_OFF_M:
+            found.append(
+                f'tracklets have one size, the median of their boxes, which differ from it by up to'
+                f' {self._size_off_m:.2f} m'
+            )
+        return found
+
     def _write_data(self, folder: Path, number: int, suffix: str, data: bytes) -> None:
         name = names.file_name(number, names.RAW_DIGITS, suffix)
         STORE.write(folder / names.RAW_DATA / name, data)
@@ -193,14 +217,28 @@ class RawWriter(LayoutWriter):
         self._stamps.setdefault(path, {})[number] = stamp_ns
 
     def _tracklets(self) -> list[Tracklet]:
-        """Return a tracklet for each run of consecutive frames of each track, by track id."""
+        """Return a tracklet for each run of consecutive frames of each track, by track id.
+
+        A tracklet has one class and one size: a run ends where they change.
+        """
         tracklets = []
         for _, boxes in sorted(self._tracks.items()):
             for first, last in runs_of(sorted(boxes)):
-                box = boxes[first]
-                poses = [self._tracklet_pose(boxes[n]) for n in range(first, last + 1)]
-                tracklets.append(Tracklet(box.class_name, box.size_hwl, first, poses))
+                run = [boxes[n] for n in range(first, last + 1)]
+                starts = [0, *_changes(run), len(run)]
+                self._cut += len(starts) > _WHOLE
+                for start, end in pairwise(starts):
+                    tracklets.append(self._tracklet(first + start, run[start:end]))
         return tracklets
+
+    def _tracklet(self, first: int, boxes: list[Box]) -> Tracklet:
+        """Return the tracklet of boxes of a class and of almost the same size."""
+        sizes = np.array([box.size_hwl for box in boxes])
+        height, width, length = np.median(sizes, axis=0).tolist()
+        off_m = float(np.abs(sizes - (height, width, length)).max())
+        self._size_off_m = max(self._size_off_m, off_m)
+        poses = [self._tracklet_pose(box) for box in boxes]
+        return Tracklet(boxes[0].class_name, (height, width, length), first, poses)
 
     def _tracklet_pose(self, box: Box) -> TrackletPose:
         labels_t_velo = self._labels_T_velo or self._rect_T_velo
@@ -213,6 +251,17 @@ class RawWriter(LayoutWriter):
         truncation = TRUNCATION_CUT if box.truncated > 0 else TRUNCATION_IN_IMAGE
         occlusion = box.occluded if box.occluded <= _MOST_OCCLUDED else _UNKNOWN
         return TrackletPose((x, y, z - half), yaw, occlusion, truncation)
+
+
+def _changes(boxes: Sequence[Box]) -> Iterator[int]:
+    """Yield the places in a run at which its class changes, or its size by more than a tenth."""
+    first = boxes[0]
+    for place, box in enumerate(boxes):
+        sizes = zip(box.size_hwl, first.size_hwl, strict=True)
+        resized = any(abs(size - before) > _RESIZED * before for size, before in sizes)
+        if resized or box.class_name != first.class_name:
+            yield place
+            first = box
 
 
 def fill_stamps(stamps: Mapping[int, int]) -> list[int]:

@@ -112,6 +112,10 @@ class LayoutWriter:
     def leave_out(self, number: int) -> None:
         """Keep an incomplete frame out of lists of frames; other layouts have none."""
 
+    def notes(self) -> list[str]:
+        """Return remarks on what the files cannot hold, once they are written."""
+        return []
+
     def close(self) -> None:
         """Write the files that KITTI has once for the whole recording."""
 

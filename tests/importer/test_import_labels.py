@@ -451,6 +451,13 @@ def test_tracks_keep_their_numbers():
     assert tracks.number('') == 14
 
 
+def test_boxes_of_a_frame_with_one_name_are_tracks_of_their_own():
+    tracks = TrackIds()
+    assert tracks.of_frame(['0', '0', 'car', 'car', '']) == [0, 1, 2, 3, 4]
+    assert tracks.of_frame(['car', '0', '0', '3']) == [2, 0, 5, 6]
+    assert (tracks.repeated, tracks.unnamed) == (3, 1)
+
+
 @given(st.lists(st.text(st.sampled_from('0127a-/²'), max_size=12)))
 def test_no_two_tracks_have_one_number(names):
     tracks = TrackIds()

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -191,6 +192,32 @@ def test_tracklets_are_split_where_a_frame_is_missing(tmp_path: Path) -> None:
     np.testing.assert_allclose(location, BOX.location, atol=1e-4)
     assert rotation_y == pytest.approx(BOX.rotation_y, abs=1e-6)
     assert (pose.findtext('truncation'), pose.findtext('occlusion')) == ('1', '-1')
+
+
+def test_tracklets_are_split_where_class_or_size_changes(tmp_path: Path) -> None:
+    height, width, length = BOX.size_hwl
+    sizes = [1.3, 1.0, 1.02, 0.98, 1.0, 1.0]
+    with RawWriter(tmp_path) as writer:
+        writer.write_calibration(0, CALIBRATION)
+        for number, size in enumerate(sizes):
+            name = 'Van' if number == 5 else 'Car'
+            resized = (height * size, width * size, length * size)
+            writer.write_labels(number, [replace(BOX, class_name=name, size_hwl=resized)])
+    root = ET.parse(writer.path / 'tracklet_labels.xml').getroot()
+    items = root.findall('tracklets/item')
+    assert [item.findtext('first_frame') for item in items] == ['0', '1', '5']
+    assert [item.findtext('objectType') for item in items] == ['Car', 'Car', 'Van']
+    lengths = [float(item.findtext('l') or 'nan') for item in items]
+    assert lengths == pytest.approx([1.3 * length, length, length])
+    several, off = writer.notes()
+    assert '1 track became several' in several
+    assert f'by up to {0.02 * length:.2f} m' in off
+
+
+def test_two_boxes_of_a_track_in_a_frame_are_refused(tmp_path: Path) -> None:
+    writer = RawWriter(tmp_path)
+    with pytest.raises(ValueError, match=f'two boxes of track {BOX.track_id} in a frame'):
+        writer.write_labels(0, [BOX, BOX])
 
 
 def test_tracklet_classes_are_declared_once() -> None:

@@ -21,7 +21,7 @@ for _name, _text in DETECTIONS_3D.items():
 TYPES = base.STORE.types
 
 
-def detection(name: str, place: int, header: Any) -> Any:
+def detection(name: str, place: int, header: Any, identity: str) -> Any:
     """A box in view, 10 m ahead and further; its width is 1 m and place cm."""
     pose = TYPES['geometry_msgs/msg/Pose'](
         TYPES['geometry_msgs/msg/Point'](10.0 + place / 4, 0.0, 0.0),
@@ -33,17 +33,23 @@ def detection(name: str, place: int, header: Any) -> Any:
     )
     size = TYPES['geometry_msgs/msg/Vector3'](2.0, 1.0 + place / 100, 1.5)
     bounds = TYPES['vision_msgs/msg/BoundingBox3D'](pose, size)
-    return TYPES['vision_msgs/msg/Detection3D'](header, [result], bounds, str(place))
+    return TYPES['vision_msgs/msg/Detection3D'](header, [result], bounds, identity)
 
 
-def write(path: Path, names: Sequence[str]) -> Path:
-    """All classes in every message, but the last of them in the last message only."""
+def write(path: Path, names: Sequence[str], identity: str = '') -> Path:
+    """All classes in every message, but the last of them in the last message only.
+
+    Each box has an id of its own, unless one for all is given.
+    """
     found = base.messages(replace(base.Robot(), latency_ns=(1_000_000, 1_000_000)))
     for number in range(base.FRAMES):
         stamp = base.START_NS + number * base.PERIOD_NS
         header = base.header(stamp, 'lidar')
         shown = names if number == base.FRAMES - 1 else names[:-1]
-        boxes = [detection(name, place, header) for place, name in enumerate(shown)]
+        boxes = [
+            detection(name, place, header, identity or str(place))
+            for place, name in enumerate(shown)
+        ]
         array = TYPES['vision_msgs/msg/Detection3DArray'](header, boxes)
         found.append(('/detections', stamp + 80_000_000, array))
     return base.write(path, sorted(found, key=lambda each: each[1]))

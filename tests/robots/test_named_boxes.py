@@ -63,6 +63,20 @@ def converted(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
     return found, report, open_recording(out, ReadOptions(layout=layout))
 
 
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
+def test_boxes_of_one_id_are_all_written(layout, tmp_path):
+    bag = robots.write(tmp_path / 'bag', ['car', 'car', 'person'], identity='0')
+    _, report, recording = converted(bag, tmp_path / 'out', layout=layout)
+    stream = recording.streams[Stream.LABELS]
+    labels = [recording.read(Stream.LABELS, int(number)) for number in stream.numbers]
+    count = report.counts['labels']
+    assert sorted(len(each.boxes or each.cuboids) for each in labels) == [2] * (count - 1) + [3]
+    assert all(len({box.track_id for box in each.boxes}) == len(each.boxes) for each in labels)
+    assert f'{count + 1} boxes have the id of another one of their message' in ' '.join(
+        report.notes
+    )
+
+
 def classes(recording):
     """By place of the box in its message."""
     number = int(recording.streams[Stream.LABELS].numbers[-1])
