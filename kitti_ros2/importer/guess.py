@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from ..model.layouts import Layout
     from ..model.losses import Loss
     from ..model.samples import Int64Array
+    from ..rig.heading import Heading
     from .plan import CameraPlan, PosePlan, ScanPlan
     from .survey import Survey
 
@@ -89,9 +90,9 @@ def guess_plan(
     sensors = _find_sensors(
         survey, layout, notes, all_cameras=all_cameras, with_calibration=with_calibration
     )
-    if not any(sensors):
+    if not any(sensors[:-1]):
         raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
-    scan, cameras, sets, pose = sensors
+    scan, cameras, sets, pose, _ = sensors
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
@@ -148,6 +149,7 @@ class _Sensors(NamedTuple):
     cameras: dict[int, CameraPlan]
     camera_sets: dict[str, CameraPlan]
     pose: PosePlan | None
+    heading: Heading | None
 
 
 def _find_sensors(
@@ -171,14 +173,14 @@ def _find_sensors(
     # Poses take the place of a missing fix.
     placed = Stream.OXTS in streams and not has_place(survey, scan)
     pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
-    return _Sensors(scan, cameras, sets, pose)
+    return _Sensors(scan, cameras, sets, pose, heading)
 
 
 def _imu_frame(
     survey: Survey, layout: Layout, sensors: _Sensors, unit: Mapping[str, str], notes: list[str]
 ) -> str:
     """Return the frame of the GPS/IMU unit, that of the poses in place of one; empty without."""
-    frame = guess_imu_frame(survey, unit.get('imu', ''), sensors.scan, notes)
+    frame = guess_imu_frame(survey, unit.get('imu', ''), sensors.scan, sensors.heading, notes)
     if frame or unit.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
         return frame
     return guess_unit_frame(survey, sensors.scan, sensors.pose)

@@ -16,11 +16,12 @@ from .guess_names import is_fixed
 from .named_frames import child_of
 from .plan import VelocityAxes
 from .report import pass_over
-from .scan_frame import describe_axes, is_forward, near_frame
+from .scan_frame import describe_axes, forward_frame, is_forward, near_frame
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from ..rig.heading import Heading
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
     from .topic_survey import TopicSurvey
@@ -195,10 +196,19 @@ def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str
     return VelocityAxes.ENU
 
 
-def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list[str]) -> str:
+def guess_imu_frame(
+    survey: Survey, imu: str, scan: ScanPlan | None, heading: Heading | None, notes: list[str]
+) -> str:
     """Return the frame of the Imu if static transforms connect it to the scans'.
 
-    It is one with x forward, y left and z up, as KITTI's. The Imu is the plan's, if that has one.
+    It is one with x forward, y left and z up, as KITTI's.
+
+    Args:
+        survey: Of the bags.
+        imu: The topic of the plan, empty for none.
+        scan: The scans.
+        heading: The robot's forward; None where it is unknown.
+        notes: A note is added.
     """
     topics = _of_vehicle(survey, types.IMU, scan)
     if not topics or scan is None:
@@ -206,7 +216,8 @@ def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list
     joined = _joined_frames(survey, scan)
     chosen = max(topics, key=lambda each: (each.name == imu, _imu_rank(each, joined)))
     if chosen.frame in joined:
-        return _forward_frame(chosen.frame, FrameTree(survey.static, survey.moving), notes)
+        tree = FrameTree(survey.static, survey.moving)
+        return _forward_frame(chosen.frame, tree, find_body(tree, [chosen.frame]) or heading, notes)
     notes.append(
         f'missing: a static transform from {chosen.frame} to {scan.frame}; the imu frame is'
         f' nominal until imu_frame names a frame that is joined'
@@ -214,18 +225,18 @@ def guess_imu_frame(survey: Survey, imu: str, scan: ScanPlan | None, notes: list
     return ''
 
 
-def _forward_frame(frame: str, tree: FrameTree, notes: list[str]) -> str:
+def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: list[str]) -> str:
     """Return the frame of the Imu, or one near it or the body's where its x is not forward."""
-    heading = find_body(tree, [frame])
     axes = None if heading is None else heading.axes_of(tree, frame)
     if heading is None or axes is None or is_forward(axes):
         return frame
-    found = near_frame(frame, tree, heading) or heading.frame
-    notes.append(
-        f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward: imu_frame is'
-        f' {found}, and oxts is turned to it'
-    )
-    return found
+    told = f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward'
+    found = near_frame(frame, tree, heading) or forward_frame(frame, tree, heading)
+    if found:
+        notes.append(f'{told}: imu_frame is {found}, and oxts is turned to it')
+        return found
+    notes.append(f'{told}, and so has no frame of the bag: oxts is along the axes of {frame}')
+    return frame
 
 
 def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:

@@ -182,6 +182,19 @@ def _is_up(axes: Float64Array) -> bool:
     return bool(axes[2, 2] >= _FORWARD)
 
 
+def forward_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+    """Return the body's frame, or the one next to a frame, that has x forward; '' without one."""
+    found = []
+    for other in tree.frames:
+        place, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
+            continue
+        if other == heading.frame and heading.body:
+            return other
+        found.append((float(np.linalg.norm(place.translation)), other))
+    return min(found)[1] if found else ''
+
+
 def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     """Return a parent or child of a frame with its origin and x forward, '' without one."""
     found = []

@@ -236,6 +236,36 @@ def test_an_imu_that_is_joined_gives_the_imu_frame_and_one_that_is_not_a_remark(
     assert any('static transform from imu to lidar' in note for note in apart.notes)
 
 
+FRD = Transform(np.diag([1.0, -1, -1]), np.zeros(3))
+OPTICAL = Transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ('scan_frame', 'static', 'taken', 'said'),
+    [
+        ('lidar', [('lidar', 'imu', FRD)], 'lidar', 'imu_frame is lidar, and oxts is turned'),
+        ('lidar', [('rig', 'lidar', FRD), ('rig', 'imu', FRD)], 'imu', ''),
+        (
+            'eye_optical_frame',
+            [('eye', 'eye_optical_frame', OPTICAL), ('eye_optical_frame', 'imu', OPTICAL)],
+            'eye',
+            'imu_frame is eye, and oxts is turned',
+        ),
+        (
+            'eye_optical_frame',
+            [('eye_optical_frame', 'imu', Transform.identity())],
+            'imu',
+            'and so has no frame of the bag: oxts is along the axes of imu',
+        ),
+    ],
+)
+def test_an_imu_is_turned_where_no_frame_is_called_the_body(scan_frame, static, taken, said):
+    topics = cloud('/points', frame=scan_frame), topic('/imu', types.IMU, frame='imu')
+    found = guess(*topics, static=static, layout=Layout.RAW)
+    assert found.plan.imu_frame == taken
+    assert said in ' '.join(note for note in found.notes if note.startswith('the Imu is in'))
+
+
 def tallied(*topics, moves=False, other=''):
     """Links of base_link to lidar on topics, in order; that of another robot is elsewhere."""
     tally = LinkTally()
