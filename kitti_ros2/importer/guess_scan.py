@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
+from ..messages.clouds import INTENSITIES, intensity_field
 from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
@@ -101,6 +102,11 @@ def _scan_of(
         )
     missing = missing_calibration(best) if source.has_model else ''
     notes += [missing] if missing else []
+    dark = types.CLOUD in source.msgtypes and intensity_field(_with_points(best)) is None
+    if dark:
+        notes.append(
+            f'{best.name} has no field {", ".join(INTENSITIES)}: the reflectance of the scans is 0'
+        )
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
     return ScanPlan(best.name, frame, source.scale(best.looks), from_=word, info=info)
@@ -160,7 +166,7 @@ def _lidar_rank(survey: Survey, topic: TopicSurvey) -> tuple[object, ...]:
         topic.count > 1,
         not is_fixed(topic.frame) and frame_on_vehicle(topic.frame, survey) == topic.frame,
         bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame)),
-        any(field.name == 'intensity' for field in first.fields),
+        intensity_field(first) is not None,
         first.width * first.height,
         topic.count,
     )

@@ -34,7 +34,8 @@ _KINDS = {
     PointField.FLOAT64: 'f8',
 }
 _XYZ = ('x', 'y', 'z')
-_INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
+INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
+"""Fields that become reflectance, best first."""
 _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
 _RANGE = 'range'
@@ -253,10 +254,17 @@ def _chosen(message: PointCloud2) -> dict[str, PointField]:
     if missing:
         there = ', '.join(field.name for field in message.fields) or 'none'
         raise ValueError(f'a cloud without {" and ".join(missing)}; its fields: {there}')
-    names = [*_XYZ, *[name for name in _INTENSITIES if name in fields][:1]]
+    intensity = intensity_field(message)
+    names = [*_XYZ, *([] if intensity is None else [intensity])]
     for name in names:
         _check_field(fields[name], message.point_step)
     return {name: fields[name] for name in names}
+
+
+def intensity_field(message: PointCloud2) -> str | None:
+    """Return the name of the field that becomes reflectance, in any case; None without one."""
+    names = {field.name.lower(): field.name for field in reversed(message.fields)}
+    return next((names[name] for name in INTENSITIES if name in names), None)
 
 
 def _check_field(field: PointField, point_step: int) -> None:

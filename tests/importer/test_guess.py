@@ -205,6 +205,12 @@ def test_scans_alone_have_no_calibration_and_that_is_said():
     assert 'missing: calibration (no camera); --calib FILE gives it' in found.notes
 
 
+@pytest.mark.parametrize(('field', 'told'), [('rgb', True), ('Intensity', False)])
+def test_clouds_without_an_intensity_are_pointed_out(field, told):
+    found = guess(cloud('/points', field))
+    assert any('the reflectance of the scans is 0' in note for note in found.notes) is told
+
+
 def test_points_of_an_optical_frame_are_pointed_out():
     found = guess(cloud('/points', frame='camera_depth_optical_frame'))
     assert any('z forward' in note for note in found.notes)

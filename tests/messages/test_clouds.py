@@ -205,6 +205,12 @@ def test_intensity_comes_before_its_other_names():
     assert (decode_cloud(message)[0][:, 3] == 0.75).all()
 
 
+@pytest.mark.parametrize('name', ['Intensity', 'INTENSITY', 'I', 'Reflectivity'])
+def test_intensity_is_found_in_any_case(name):
+    message = make_cloud([*xyz(np.ones((2, 3))), (name, 'f4', np.full(2, 0.75))])
+    assert (decode_cloud(message)[0][:, 3] == 0.75).all()
+
+
 def test_an_empty_cloud_has_no_points_whatever_its_fields():
     points, dropped = decode_cloud(make_cloud([]))
     assert points.shape == (0, 4)
