@@ -11,6 +11,7 @@ import numpy as np
 
 from ..messages.ros_types import TFMessage
 from ..messages.transforms import decode_static
+from .heading import FIXED_FRAMES
 from .tf_tree import differ, plain
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from .tf_tree import Link
 
 _STILL_M = 1e-6
+_JITTER_M = 5e-4
+"""Of what a rig's own transforms may differ by on /tf, computed anew for each message, say from
+float32; less than a calibration is known to. A robot's slow way is none."""
 
 
 class LinkTally:
@@ -64,7 +68,7 @@ class LinkTally:
                     self._check_robot(key, topic)
                 self._first[key] = transform
                 self._static.add(key)
-            elif key not in self._moving and differ(first, transform, _STILL_M):
+            elif key not in self._moving and differ(first, transform, _still(key[0])):
                 self._moving.add(key)
                 self._check_robot(key, topic)
 
@@ -83,6 +87,11 @@ class LinkTally:
         moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
         still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
         return still, sorted(moving), sorted(self._changing)
+
+
+def _still(parent: str) -> float:
+    """Return by how much the transforms of a link on /tf may differ that does not move."""
+    return _STILL_M if parent.rpartition('/')[2] in FIXED_FRAMES else _JITTER_M
 
 
 def _is_finite(transform: Transform) -> bool:

@@ -272,6 +272,25 @@ def test_an_imu_is_turned_where_no_frame_is_called_the_body(scan_frame, static, 
     assert said in ' '.join(note for note in found.notes if note.startswith('the Imu is in'))
 
 
+@pytest.mark.parametrize(
+    ('parent', 'step_m', 'moves'),
+    [
+        ('base_link', 1e-4, False),
+        ('base_link', 1e-3, True),
+        ('odom', 1e-5, True),
+        ('a/map', 1e-5, True),
+        ('odom', 1e-7, False),
+    ],
+)
+def test_a_link_of_a_rig_on_tf_may_jitter(parent, step_m, moves):
+    tally = LinkTally()
+    for number in range(4):
+        there = Transform.from_translation((step_m * (number % 2), 0, 0))
+        tally.add(TFMessage([make_transform(there, number, parent, 'lidar')]), still=False)
+    static, moving, _ = tally.sorted()
+    assert (len(static), moving) == ((0, [(parent, 'lidar')]) if moves else (1, []))
+
+
 def tallied(*topics, moves=False, other=''):
     """Links of base_link to lidar on topics, in order; that of another robot is elsewhere."""
     tally = LinkTally()
