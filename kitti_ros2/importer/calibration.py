@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.camera_info import PLUMB_BOB, RATIONAL
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
 # R of seven digits, as KITTI's files have it, makes turns of up to 2e-7 of cameras that have none.
 _PARALLEL_RAD = 1e-6
 _REPORTED_TURN_RAD = np.radians(0.01)
-_PLUMB_BOB = 'plumb_bob'
 _PLUMB_BOB_NUMBERS = 5
-_RATIONAL = 'rational_polynomial'
 
 
 def make_calibration(
@@ -174,8 +173,8 @@ def _distorted(
         MissingDataError: The images have another distortion.
     """
     # The rational polynomial's denominator is 1 where its last three numbers are 0.
-    plain = model.model == _PLUMB_BOB or (
-        model.model == _RATIONAL and not model.d[_PLUMB_BOB_NUMBERS:].any()
+    plain = model.model == PLUMB_BOB or (
+        model.model == RATIONAL and not model.d[_PLUMB_BOB_NUMBERS:].any()
     )
     if plain and not model.d[_PLUMB_BOB_NUMBERS:].any():
         d = np.zeros(_PLUMB_BOB_NUMBERS)

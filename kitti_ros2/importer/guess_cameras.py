@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.camera_info import PLUMB_BOB, lens_model
 from ..model.streams import CAMERA_NAMES
 from ..rig.rectify import needs_rectifying
 from .camera_geometry import choose_cameras, describe_others, describe_steep
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .camera_topics import RigCamera
     from .survey import Survey
 
-_PLUMB_BOB = frozenset({'plumb_bob', ''})
 _NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
 
 
@@ -159,7 +159,8 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
     message = looks[0]
     if not needs_rectifying(message.k, message.d, message.r, message.p):
         return False
-    plain = message.distortion_model in _PLUMB_BOB and len(message.d) <= 5
+    d = np.asarray(message.d, np.float64)
+    plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
     return not (layout.traits.extracts and plain)
 
 

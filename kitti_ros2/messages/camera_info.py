@@ -49,6 +49,18 @@ _SINGULAR = 1e-9
 _ROTATION = 1e-3
 _LARGEST = 1e9
 
+PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
+LENS_MODELS = (PLUMB_BOB, RATIONAL, EQUIDISTANT)
+"""Of sensor_msgs/distortion_models.hpp, each with a function of OpenCV."""
+
+_LENSES = {
+    '': PLUMB_BOB,
+    'radtan': PLUMB_BOB,  # of Kalibr and VINS
+    'brown_conrady': PLUMB_BOB,  # of RealSense
+    'fisheye': EQUIDISTANT,
+    'kannala_brandt': EQUIDISTANT,
+}
+
 
 def image_frame_camera(calibration: Calibration, index: int, *, own: bool = False) -> int:
     """Return the camera whose optical frame is the frame_id of a camera's images.
@@ -120,7 +132,7 @@ def encode_camera_info(
         header=make_header(stamp_ns, frame_id),
         height=size[1],
         width=size[0],
-        distortion_model='plumb_bob',
+        distortion_model=PLUMB_BOB,
         d=d,
         k=np.ascontiguousarray(k).ravel(),
         r=r.ravel(),
@@ -151,7 +163,7 @@ class CameraModel:
     d: Float64Array
     r: Float64Array
     p: Float64Array
-    model: str = 'plumb_bob'
+    model: str = PLUMB_BOB
 
     @property
     def offset(self) -> Float64Array:
@@ -191,8 +203,20 @@ def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's ty
         d=d,
         r=_rectifying(_matrix(message.r, 3)),
         p=to_published @ p,
-        model=message.distortion_model or 'plumb_bob',
+        model=lens_model(message.distortion_model, d),
     )
+
+
+def lens_model(name: str, d: Float64Array) -> str:
+    """Return the name that ROS has for a distortion model, plumb_bob for one without distortion.
+
+    Args:
+        name: Of any calibration program.
+        d: (n,) its numbers; all 0 is no distortion, but in a fisheye model.
+    """
+    lower = name.lower()
+    found = lower if lower in LENS_MODELS else _LENSES.get(lower, name)
+    return found if found in LENS_MODELS or d.any() else PLUMB_BOB
 
 
 def _is_projection(matrix: Float64Array) -> bool:

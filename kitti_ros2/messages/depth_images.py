@@ -18,6 +18,7 @@ import numpy as np
 
 from ..files.picture_headers import PNG_SIGNATURE, png_size
 from ..files.png.inflate import inflated
+from .camera_info import EQUIDISTANT
 from .pixels import MOST_PIXELS, stored_values
 from .scan_points import ScanPoints, make_points
 
@@ -99,8 +100,7 @@ def _rays(pixels: Float64Array, camera: CameraModel, *, rectified: bool) -> Floa
         ]
     import cv2  # noqa: PLC0415 - 0.2 s that most depth images do not need
 
-    fisheye = camera.model in {'equidistant', 'fisheye', 'kannala_brandt'}
-    undistort = cv2.fisheye.undistortPoints if fisheye else cv2.undistortPoints
+    undistort = (cv2.fisheye if camera.model == EQUIDISTANT else cv2).undistortPoints
     try:
         return np.asarray(undistort(pixels[:, None], camera.k, camera.d)[:, 0], np.float64)
     except cv2.error:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.camera_info import EQUIDISTANT, PLUMB_BOB, RATIONAL
 from ..messages.pixels import MOST_PIXELS
 
 if TYPE_CHECKING:
@@ -23,10 +24,8 @@ if TYPE_CHECKING:
     from ..messages.pixels import Pixels
     from ..model.geometry import Float64Array
 
-_FISHEYE = 'equidistant'
-_ALIASES = {'fisheye': _FISHEYE, 'kannala_brandt': _FISHEYE}
 _OF_OPENCV = (4, 5, 8, 12, 14)
-_COUNTS = {'plumb_bob': _OF_OPENCV, 'rational_polynomial': _OF_OPENCV, _FISHEYE: (4,)}
+_COUNTS = {PLUMB_BOB: _OF_OPENCV, RATIONAL: _OF_OPENCV, EQUIDISTANT: (4,)}
 """Numbers of D; image_geometry of ROS, too, passes those of both pinhole models on to OpenCV."""
 _SAME_ROTATION = 1e-9
 _SAME_PIXEL = 1e-6
@@ -56,8 +55,7 @@ class Rectifier:
 
     Args:
         camera: D has 4, 5, 8, 12 or 14 numbers of plumb_bob or rational_polynomial, or 4 of
-            equidistant, which is also called fisheye and kannala_brandt. None of the first two is
-            no distortion.
+            equidistant. None of the first two is no distortion.
 
     Raises:
         ValueError: The model is unknown, D has another count of numbers, K, R or P is invalid (all
@@ -105,8 +103,7 @@ def rectify_pixels(pixels: Float64Array, camera: CameraModel) -> Float64Array:
     """Return the places of (N, 2) pixels of an unrectified image in the rectified one."""
     import cv2  # noqa: PLC0415 - as above
 
-    fisheye = _ALIASES.get(camera.model, camera.model) == _FISHEYE
-    undistort = cv2.fisheye.undistortPoints if fisheye else cv2.undistortPoints
+    undistort = (cv2.fisheye if camera.model == EQUIDISTANT else cv2).undistortPoints
     places = np.ascontiguousarray(pixels[:, None], dtype=np.float64)
     moved = undistort(places, camera.k, camera.d, R=camera.r, P=camera.p[:, :3])
     return np.asarray(moved[:, 0], np.float64)
@@ -134,17 +131,17 @@ def _maps(camera: CameraModel) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.ui
 
     k, r = _invertible('K', camera.k), _invertible('R', camera.r)
     k_rect = _invertible('P', camera.p[:, :3])
-    name = _ALIASES.get(camera.model, camera.model)
+    name = camera.model
     if name not in _COUNTS:
         raise ValueError(
             f'unknown distortion model {camera.model!r}; known are {", ".join(_COUNTS)}'
         )
     counts = _COUNTS[name]
-    d = camera.d if len(camera.d) or name == _FISHEYE else np.zeros(counts[0])
+    d = camera.d if camera.d.any() or name == EQUIDISTANT else np.zeros(counts[0])
     if len(d) not in counts:
         expected = ' or '.join(map(str, counts))
         raise ValueError(f'D has {len(camera.d)} numbers; {camera.model} has {expected}')
-    lens = cv2.fisheye if name == _FISHEYE else cv2
+    lens = cv2.fisheye if name == EQUIDISTANT else cv2
     maps: tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16]] = lens.initUndistortRectifyMap(
         k, d, r, k_rect, camera.size, cv2.CV_16SC2
     )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.messages.camera_info import CameraModel
+from kitti_ros2.messages.camera_info import EQUIDISTANT, CameraModel, lens_model
 from kitti_ros2.model.geometry import rotation_from_rpy
 from kitti_ros2.rig.rectify import Rectifier, needs_rectifying
 
@@ -26,6 +26,12 @@ CAMERAS = [
     ('equidistant', [-0.02, 0.006, -0.004, 0.0008]),
     ('fisheye', [0.03, -0.01, 0.004, -0.0006]),
     ('kannala_brandt', [0.03, -0.01, 0.004, -0.0006]),
+    ('EQUIDISTANT', [0.03, -0.01, 0.004, -0.0006]),
+    ('radtan', [-0.28, 0.09, 0.0011, -0.0008]),
+    ('brown_conrady', [-0.28, 0.09, 0.0011, -0.0008, -0.012]),
+    ('none', [0.0, 0, 0]),
+    ('', []),
+    ('inverse_brown_conrady', [0.0] * 5),
 ]
 
 
@@ -33,12 +39,12 @@ def see(points: np.ndarray, model: str, d: list[float]) -> np.ndarray:
     """(N, 2) pixels of the image as it comes, of (N, 3) points of the camera's frame."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     r = np.hypot(x, y)
-    if model in {'equidistant', 'fisheye', 'kannala_brandt'}:
+    if lens_model(model, np.array(d)) == EQUIDISTANT:
         theta = np.arctan(r)
         bent = theta * (1 + sum(k * theta ** (2 * i + 2) for i, k in enumerate(d)))
         x, y = x * bent / r, y * bent / r
     else:
-        k1, k2, p1, p2, k3, k4, k5, k6 = [*d, 0, 0, 0, 0][:8]
+        k1, k2, p1, p2, k3, k4, k5, k6 = [*d, *[0] * 8][:8]
         radial = (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
         x, y = (
             x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2),
@@ -98,7 +104,8 @@ def rays() -> np.ndarray:
 
 
 def rectifier_of(k, d, r, p, model, size):
-    return Rectifier(CameraModel('camera', size, k, np.array(d, np.float64), r, p, model))
+    d = np.array(d, np.float64)
+    return Rectifier(CameraModel('camera', size, k, d, r, p, lens_model(model, d)))
 
 
 class TestRectifier:
@@ -157,10 +164,10 @@ class TestRectifier:
         with pytest.raises(ValueError, match='400 x 640 pixels; its camera_info is of 640 x 400'):
             rectifier.apply(np.zeros((640, 400), np.uint8))
 
-    @pytest.mark.parametrize('model', ['', 'plumb bob', 'omni', 'EQUIDISTANT'])
+    @pytest.mark.parametrize('model', ['plumb bob', 'omni', 'inverse_brown_conrady'])
     def test_an_unknown_model_is_named(self, model):
         with pytest.raises(ValueError, match=f"unknown distortion model '{model}'.*plumb_bob"):
-            rectifier_of(K, np.zeros(5), R, P, model, SIZE)
+            rectifier_of(K, np.full(5, 0.1), R, P, model, SIZE)
 
     @pytest.mark.parametrize(
         ('model', 'count', 'said'),
@@ -168,7 +175,7 @@ class TestRectifier:
             ('plumb_bob', 6, 'D has 6 numbers; plumb_bob has 4 or 5 or 8 or 12 or 14'),
             ('rational_polynomial', 9, 'D has 9 numbers; rational_polynomial has 4 or 5 or 8 or'),
             ('equidistant', 5, 'D has 5 numbers; equidistant has 4'),
-            ('fisheye', 0, 'D has 0 numbers; fisheye has 4'),
+            ('fisheye', 0, 'D has 0 numbers; equidistant has 4'),
         ],
     )
     def test_a_wrong_count_is_told(self, model, count, said):
