@@ -134,12 +134,25 @@ def _with_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
 
     It is the offset of the plan's poses, which a plan may have for this alone.
     """
-    links = None
-    if plan.pose is None and moving_pairs(plan, survey, NamedFrames(survey)):
-        links = guess_pose(survey, [])
+    links, alone = (None, False) if plan.pose is not None else _links(survey, plan)
     found, notes = estimate_offsets(survey, replace(plan, pose=plan.pose or links))
+    if links is not None and alone:
+        notes.insert(0, f'poses: {links.topic}, which alone joins {links.world} to {links.body}')
     needs_links = found.pose is not None and found.pose.offset_s
-    return (found if needs_links or links is None else replace(found, pose=None)), notes
+    return (found if needs_links or alone or links is None else replace(found, pose=None)), notes
+
+
+def _links(survey: Survey, plan: Plan) -> tuple[PosePlan | None, bool]:
+    """Return the poses by which scans and boxes in frames that move are placed, None without such.
+
+    Also whether they are needed: transforms and Odometry are links by themselves, a PoseStamped is
+    one where a plan names it.
+    """
+    links = guess_pose(survey, [])
+    joined, more = (
+        len(moving_pairs(plan, survey, NamedFrames(survey, pose))) for pose in (None, links)
+    )
+    return (links if more else None), more > joined
 
 
 class _Sensors(NamedTuple):

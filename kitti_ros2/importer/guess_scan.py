@@ -13,7 +13,7 @@ from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
 from .guess_names import is_fixed
-from .guess_pose import vehicle_frame
+from .guess_pose import guess_pose, vehicle_frame
 from .named_frames import NamedFrames
 from .plan import ScanPlan
 from .report import pass_over
@@ -137,7 +137,7 @@ def frame_on_vehicle(frame: str, survey: Survey) -> str:
 
     A lidar's frame that looks ahead is preferred, then the vehicle's.
     """
-    names = NamedFrames(survey)
+    names = NamedFrames(survey, guess_pose(survey, []))
     body = vehicle_frame(survey, names)
     if not body or frame not in names.line_above(body) or not names.moving_between(frame, body):
         return frame

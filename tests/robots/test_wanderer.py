@@ -109,6 +109,17 @@ def test_boxes_and_clouds_in_frames_that_move_are_where_they_were(robot, tmp_pat
         assert any('in which the vehicle moves' in note for note in guessed.notes)
 
 
+@pytest.mark.parametrize('cloud', ['lidar', 'map'])
+def test_poses_that_alone_join_boxes_to_the_scans_are_in_the_plan(cloud, tmp_path):
+    robot = Robot(map_tf=False, odom_tf=False, posed=True, cloud=cloud)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    assert report.losses == ()
+    assert guessed.plan.pose == PosePlan('/pose', 'base_link', 'map')
+    assert 'poses: /pose, which alone joins map to base_link' in guessed.notes
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
 @pytest.mark.parametrize('ahead_s', [37, -3600])
 @pytest.mark.parametrize(
     'robot', [Robot(), Robot(boxes='odom'), Robot(cloud='map'), Robot(boxes=None, cloud='odom')]

@@ -136,6 +136,7 @@ class Robot:
         map_tf, odom_tf: Whether /tf has map -> odom, and odom -> base_link.
         odometry: Frames of Odometry on /odom, None for none.
         twist: Whether it has a twist.
+        posed: Whether /pose tells where base_link is in map.
         boxes: Frame of the detections, None for none.
         markers: Whether they are markers, instead of a Detection3DArray.
         cloud: Frame of the clouds.
@@ -161,6 +162,7 @@ class Robot:
     odom_tf: bool = True
     odometry: tuple[str, str] | None = None
     twist: bool = True
+    posed: bool = False
     boxes: str | None = 'map'
     markers: bool = False
     cloud: str = 'lidar'
@@ -323,7 +325,8 @@ def camera_info(stamp_ns):
 
 def messages(robot: Robot, frames: list[Frame]):
     """(topic, stamp, message) in order of stamps."""
-    found = [*still(robot), *moving(robot), *unit(robot), *(leading() if robot.leader else ())]
+    found = [*still(robot), *moving(robot), *unit(robot)]
+    found += [*(leading() if robot.leader else ()), *(posed() if robot.posed else ())]
     for frame in frames:
         found += sensed(robot, frame)
     return sorted(found, key=lambda each: each[1])
@@ -383,6 +386,13 @@ def moving(robot: Robot):
         if robot.map_tf and robot.keep('odom', stamp_ns):
             at = robot.tf_stamp(stamp_ns)
             yield '/tf', stamp_ns, tf(transform(at, 'map', 'odom', map_t_odom(stamp_ns)))
+
+
+def posed():
+    """Where base_link is in map."""
+    for stamp_ns in range(START_NS - 200 * MS, START_NS + FRAMES * PERIOD_NS + 200 * MS, 10 * MS):
+        there = ros_pose(map_t_base(stamp_ns))
+        yield '/pose', stamp_ns, T['geometry_msgs/msg/PoseStamped'](header(stamp_ns, 'map'), there)
 
 
 def leading():
