@@ -127,6 +127,7 @@ class ChunkScan(ABC, Generic[Head]):
         for record in walk(self._form, file, self._form.start, file.size, self._lose_bytes):
             ended = record.opcode == self.footer and record.end <= file.size
             if ended:
+                self._check_end(record.end)
                 break
             self._enter(record)
         self._end_run()
@@ -140,6 +141,15 @@ class ChunkScan(ABC, Generic[Head]):
             text = f'{self.noun} {channel_id} is not described; its messages are left out'
             self._findings.lose(f'{file.name}: {text}', count)
         return FileContents(channels, self._pieces, self._compressions, self._stamps)
+
+    def _check_end(self, end: int) -> None:
+        """Enter a loss if more than the closing magic bytes is behind the footer."""
+        end += self._form.start
+        if self._file.size > end:
+            self._findings.lose(
+                f'{self._file.name}: it ends at byte {end}, and what follows is not read; if files'
+                f' were joined there, take them apart'
+            )
 
     def _lose_bytes(self, start: int, end: int) -> None:
         self._findings.lose(f'{self._file.name}: bytes {start} to {end} are damaged')

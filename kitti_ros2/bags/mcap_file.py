@@ -60,14 +60,33 @@ class McapFile(ChunkedFile[int]):
         file = open_bytes(path, name)
         if file.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(name, 'does not begin as an MCAP file does')
-        contents = _read_summary(file, findings) or McapScan(file, findings).run()
+        contents, self._described = _read_summary(file, findings) or _scan(file, findings)
         super().__init__(file, findings, contents, MCAP)
         self._index_lengths = contents.index_lengths
+        self._clashes: dict[tuple[int, bytes], str] = {}
 
     def _messages_in(
         self, records: Buffer, wanted: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
-        return messages_in(records, wanted, since_ns)
+        return messages_in(records, wanted, since_ns, self._compare_description)
+
+    def _compare_description(self, opcode: int, body: Buffer) -> None:
+        """Enter a loss if a chunk describes a channel otherwise than others or the summary."""
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK):
+            return
+        key = opcode, b'' if opcode == Opcode.CHUNK else bytes(body)
+        if key not in self._clashes:
+            self._clashes[key] = self._clash(*key)
+        if self._clashes[key]:
+            cost = None if opcode == Opcode.CHUNK else 0
+            self._findings.lose(f'{self._file.name}: {self._clashes[key]}', cost)
+
+    def _clash(self, opcode: int, body: bytes) -> str:
+        """Return what a record in a chunk contradicts, empty for nothing."""
+        try:
+            return self._described.enter(opcode, body)
+        except RECORD_ERRORS:
+            return ''  # the summary has it
 
     def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
         for piece in pieces:
@@ -89,7 +108,12 @@ class McapFile(ChunkedFile[int]):
         return McapScan(self._file, self._findings).run().stamps or {}
 
 
-def _read_summary(file: FileBytes, findings: Findings) -> FileContents | None:
+def _scan(file: FileBytes, findings: Findings) -> tuple[FileContents, Descriptions]:
+    scan = McapScan(file, findings)
+    return scan.run(), scan.described
+
+
+def _read_summary(file: FileBytes, findings: Findings) -> tuple[FileContents, Descriptions] | None:
     """Parse the summary; None unless it indexes every message."""
     if file.size < _FOOTER.size + len(MAGIC):
         return None
@@ -109,7 +133,7 @@ def _read_summary(file: FileBytes, findings: Findings) -> FileContents | None:
         return None
 
 
-def _summarized(section: bytes, start: int) -> FileContents | None:
+def _summarized(section: bytes, start: int) -> tuple[FileContents, Descriptions] | None:
     contents, described = FileContents(), Descriptions()
     message_count: int | None = None
     for opcode, position, end in split_records(section):
@@ -121,8 +145,8 @@ def _summarized(section: bytes, start: int) -> FileContents | None:
             contents.compressions.add(compression)
             contents.pieces.append(piece)
             contents.index_lengths[piece.position] = index_length
-        else:
-            described.enter(opcode, body)
+        elif described.enter(opcode, body):
+            return None  # the scan tells where it contradicts itself
     contents.channels = described.channels()
     found = sum(sum(piece.counts.values()) for piece in contents.pieces)
     known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
@@ -130,4 +154,4 @@ def _summarized(section: bytes, start: int) -> FileContents | None:
     starts = [*(position for position, _ in places[1:]), start]
     apart = all(sum(place) <= after for place, after in zip(places, starts, strict=False))
     # Messages outside of chunks, or chunks without index, are found by a scan only.
-    return contents if message_count == found and known and apart else None
+    return (contents, described) if message_count == found and known and apart else None

@@ -17,7 +17,7 @@ from .pieces import Piece
 from .record_walk import DamagedHeadError, Kind, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from .pieces import Buffer, StoredMessage
     from .record_walk import Source
@@ -135,9 +135,19 @@ def split_records(records: Buffer) -> Iterator[tuple[int, int, int]]:
 
 
 def messages_in(
-    records: Buffer, wanted: Collection[int], since_ns: int
+    records: Buffer,
+    wanted: Collection[int],
+    since_ns: int,
+    describe: Callable[[int, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
-    """Return the messages of some channels, and the end of the last record that can be split."""
+    """Return the messages of some channels, and the end of the last record that can be split.
+
+    Args:
+        records: The records of a chunk.
+        wanted: Ids of the requested channels.
+        since_ns: The first requested stamp.
+        describe: Called with opcode and body of each record that is no message.
+    """
     view = memoryview(records)
     found: list[StoredMessage] = []
     position, end = 0, len(view)
@@ -148,11 +158,14 @@ def messages_in(
         following = position + head_size + length
         if following > end or opcode == 0 or (opcode == _MESSAGE_OPCODE and length < _SHORTEST):
             return found, position
-        if opcode == _MESSAGE_OPCODE and channel_id in wanted and stamp_ns >= since_ns:
+        if opcode != _MESSAGE_OPCODE:
+            describe(opcode, view[position + head_size : following])
+        elif channel_id in wanted and stamp_ns >= since_ns:
             found.append((stamp_ns, channel_id, view[position + message_size : following]))
         position = following
     rest = position
-    for _, _, following in split_records(view[rest:]):
+    for opcode, start, following in split_records(view[rest:]):
+        describe(opcode, view[rest + start : rest + following])
         position = rest + following
     return found, position
 

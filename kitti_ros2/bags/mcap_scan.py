@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 # Raised by the library on damaged records.
 RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupError, ValueError)
+_NESTED = 'a chunk inside a chunk, where MCAP has none, is not read'
 
 
 class Descriptions:
@@ -39,18 +40,31 @@ class Descriptions:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def enter(self, opcode: int, body: Buffer) -> None:
+    def enter(self, opcode: int, body: Buffer) -> str:
         """Enter a schema or a channel; ignore other records.
+
+        Returns:
+            What the record contradicts, such as another of its id; empty for nothing.
 
         Raises:
             RECORD_ERRORS: The record is damaged.
         """
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(body)))
-            self._schemas.setdefault(schema.id, schema)
-        elif opcode == Opcode.CHANNEL:
+            first = self._schemas.setdefault(schema.id, schema)
+            return (
+                '' if first == schema else _two_ways('schema', schema.id, first.name, schema.name)
+            )
+        if opcode == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(BytesIO(body)))
-            self._channels.setdefault(channel.id, channel)
+            known = self._channels.setdefault(channel.id, channel)
+            if _essence(known) != _essence(channel):
+                return _two_ways('channel', channel.id, self._name(known), self._name(channel))
+        return _NESTED if opcode == Opcode.CHUNK else ''
+
+    def _name(self, channel: Channel) -> str:
+        schema = self._schemas.get(channel.schema_id)
+        return f'{channel.topic} ({schema.name if schema else "no type"})'
 
     def channels(self) -> dict[int, StoredChannel]:
         """Return the channels by id."""
@@ -71,12 +85,24 @@ class Descriptions:
         )
 
 
+def _two_ways(noun: str, number: int, first: str, second: str) -> str:
+    """Return the text of a loss: what of a number is described again as something else."""
+    return f'{noun} {number} is described in two ways, {first} and {second}; the first counts'
+
+
+def _essence(channel: Channel) -> tuple[str, int, str]:
+    return channel.topic, channel.schema_id, channel.message_encoding
+
+
 class McapScan(ChunkScan[int]):
     """A scan of an MCAP file.
 
     Args:
         file: The file to read.
         findings: Damage is entered there.
+
+    Attributes:
+        described: The schemas and channels so far.
     """
 
     noun = 'channel'
@@ -86,7 +112,7 @@ class McapScan(ChunkScan[int]):
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
         super().__init__(file, findings, MCAP)
-        self._described = Descriptions()
+        self.described = Descriptions()
 
     def _enter_record(self, head: int, body: Buffer, run: Run) -> None:
         if head == Opcode.MESSAGE:
@@ -95,10 +121,13 @@ class McapScan(ChunkScan[int]):
             run.add(channel_id, stamp_ns)
             return
         try:
-            self._described.enter(head, body)
+            clash = self.described.enter(head, body)
         except RECORD_ERRORS as error:
             kind = Opcode(head).name.lower()
             self._findings.lose(f'{self._file.name}: a {kind} record is damaged ({error})')
+        else:
+            if clash:
+                self._findings.lose(f'{self._file.name}: {clash}', None if clash is _NESTED else 0)
 
     def _channels(self) -> dict[int, StoredChannel]:
-        return self._described.channels()
+        return self.described.channels()
