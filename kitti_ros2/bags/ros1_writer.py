@@ -8,6 +8,12 @@ import os
 import struct
 from typing import TYPE_CHECKING
 
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
 from rosbags.rosbag1 import Writer
 
 from ..files.durability import WritingOut
@@ -20,8 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
     from typing import TypeAlias
-
-    from rosbags.interfaces import Connection
 
     from ..model.channels import Channel
     from .contract import Parts, SegmentContext
@@ -37,9 +41,10 @@ _HEADER_BYTES = 4096  # of the bag header and its padding, without the length of
 class Ros1Writer(Writer):
     """rosbags' writer of a .bag file, changed so that ROS 1 reads every compression and reindexes.
 
-    Two things differ. Chunks of lz4 are as roslz4 requires them. The record of the bag header has
-    the size of that in ROS 1's own bags: rosbag, when it appends or reindexes, overwrites that many
-    bytes, and with them the first chunk if the record is shorter.
+    Three things differ. Chunks of lz4 are as roslz4 requires them. A connection is not compared
+    with all others, which takes a minute for 20,000. The record of the bag header has the size of
+    that in ROS 1's own bags: rosbag, when it appends or reindexes, overwrites that many bytes, and
+    with them the first chunk if the record is shorter.
 
     Args:
         path: The file, which must not exist.
@@ -66,6 +71,22 @@ class Ros1Writer(Writer):
             self.bio.flush()
             _lengthen_header(self.path)
             self.bio.seek(0, os.SEEK_END)
+
+    def add(self, channel: Channel, definition: str, md5sum: str, caller: str | None) -> Connection:
+        """Add a connection, of a topic that no other one has."""
+        connection = Connection(
+            len(self.connections),
+            channel.topic,
+            channel.msgtype,
+            MessageDefinition(MessageDefinitionFormat.MSG, definition),
+            md5sum,
+            -1,
+            ConnectionExtRosbag1(caller, int(channel.latched)),
+            self,
+        )
+        self.write_connection(connection, self.chunks[-1].data)
+        self.connections.append(connection)
+        return connection
 
     def close(self) -> None:
         """Write the rest and the index."""
@@ -103,14 +124,7 @@ class Ros1Segment:
         else:
             definition, md5sum = self._types.definition(channel.msgtype)
             convert = self._types.converter(channel.msgtype)
-        connection = self._writer.add_connection(
-            channel.topic,
-            channel.msgtype,
-            msgdef=definition,
-            md5sum=md5sum,
-            callerid=caller,
-            latching=int(channel.latched),
-        )
+        connection = self._writer.add(channel, definition, md5sum, caller)
         self._channels.append((connection, convert))
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
