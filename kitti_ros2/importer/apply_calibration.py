@@ -95,7 +95,7 @@ class Rigging:
             self._tree,
             self.calibrations,
             self.images,
-            base if base is None or self.scans.move else _before_middle(base, plan, survey),
+            None if base is None else _of_boxes(base, plan, survey, self.scans),
         )
 
     def _moving_base(
@@ -224,11 +224,13 @@ class Rigging:
         return (*self.scans.losses(), *self.labels.losses())
 
 
-def _before_middle(base: MovingBase, plan: Plan, survey: Survey) -> MovingBase:
+def _of_boxes(base: MovingBase, plan: Plan, survey: Survey, scans: ScanConversion) -> MovingBase:
     """Return the base of boxes, which are true at their own stamps, not in the middle of turns."""
     if plan.labels is None:
         return base
-    return replace(base, middle_ns=topic_of(survey, plan.labels.topic).middle_ns)
+    world = topic_of(survey, plan.scan.topic).frame if plan.scan is not None and scans.move else ''
+    middle_ns = topic_of(survey, plan.labels.topic).middle_ns
+    return replace(base, middle_ns=middle_ns, world=world)
 
 
 def _body_of(topic: TopicSurvey) -> str:

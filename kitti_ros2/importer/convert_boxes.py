@@ -150,6 +150,7 @@ class BoxConversion:
         stamp_ns: int,
         own_ns: int | None = None,
         flat: Any = None,  # noqa: ANN401 - as above
+        cloud_ns: int | None = None,
     ) -> list[Box]:
         """Make the labels of a frame.
 
@@ -159,6 +160,7 @@ class BoxConversion:
             own_ns: The stamp of the message, at which boxes in frames that move are placed; None
                 for that of the frame.
             flat: A Detection2DArray with the 2D boxes, None for projections.
+            cloud_ns: The stamp of the frame's scan; None for that of the frame.
 
         Raises:
             ValueError: They cannot be read.
@@ -173,7 +175,11 @@ class BoxConversion:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         if self._only_flat:
             flat = message
-        cuboids, left_out = self.cuboids(message, stamp_ns if own_ns is None else own_ns)
+        cuboids, left_out = self.cuboids(
+            message,
+            stamp_ns if own_ns is None else own_ns,
+            stamp_ns if cloud_ns is None else cloud_ns,
+        )
         if self._classes is not None:
             find = self._classes.find
             cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
@@ -231,19 +237,22 @@ class BoxConversion:
         self,
         message: Any,  # noqa: ANN401 - as boxes
         stamp_ns: int | None = None,
+        cloud_ns: int | None = None,
     ) -> tuple[list[Cuboid], list[str]]:
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
 
         Args:
             message: The boxes.
             stamp_ns: Its stamp; None for its header's.
+            cloud_ns: That of the scan that it belongs to; None for its own moment.
 
         Raises:
             ValueError: They cannot be read.
         """
         if self._only_flat:
             return [], []
-        frames = FramesAt(self._to_velo, self._base, stamp_of_boxes(message, stamp_ns))
+        own_ns = stamp_of_boxes(message, stamp_ns)
+        frames = FramesAt(self._to_velo, self._base, own_ns, cloud_ns)
         return cuboids_in(message, frames, scores=self._scores)
 
     def notes(self) -> list[str]:

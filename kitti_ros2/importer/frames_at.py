@@ -6,6 +6,10 @@ A message in map or odom is placed by the vehicle's pose at the message's own st
 into what the vehicle saw at that moment. For a detection that carries the stamp of the scan that it
 was made of, as detectors do, this is the scan's moment exactly. One with another stamp is assigned
 to the nearest frame like any other sample, and is off by what the vehicle moved in between.
+
+Where clouds are in such a frame themselves, each is brought to the vehicle at its stamp, which may
+be in the middle of a turn. Boxes go the same way: also those in a frame of the vehicle are placed
+in the frame of the clouds at their own stamp, then brought to it at the stamp of the cloud.
 """
 
 from __future__ import annotations
@@ -35,12 +39,14 @@ class MovingBase:
         velo_T_frame: Its place in KITTI's velodyne frame.
         tree: The links over time; None where no message needs them.
         middle_ns: From the moment of messages to their stamps, which may be the middle of a turn.
+        world: The frame of clouds that the vehicle moves in; empty where clouds are fixed to it.
     """
 
     frame: str
     velo_T_frame: Transform
     tree: MovingTree | None = None
     middle_ns: int = 0
+    world: str = ''
 
 
 class StaticFrames(Mapping[str, 'Transform']):
@@ -93,12 +99,20 @@ class FramesAt(Mapping[str, 'Transform']):
         joined: Of the frames that static transforms join.
         base: For the others.
         stamp_ns: The stamp of the message.
+        cloud_ns: The stamp of the cloud that the message belongs to, None for the message's moment.
     """
 
-    def __init__(self, joined: Mapping[str, Transform], base: MovingBase, stamp_ns: int) -> None:
+    def __init__(
+        self,
+        joined: Mapping[str, Transform],
+        base: MovingBase,
+        stamp_ns: int,
+        cloud_ns: int | None = None,
+    ) -> None:
         self._joined = joined
         self._base = base
-        self._stamp_ns = stamp_ns
+        self._moment_ns = stamp_ns - base.middle_ns
+        self._cloud_ns = self._moment_ns if cloud_ns is None or not base.world else cloud_ns
 
     def __contains__(self, frame: object) -> bool:
         tree = self._base.tree
@@ -107,20 +121,39 @@ class FramesAt(Mapping[str, 'Transform']):
         )
 
     def __getitem__(self, frame: str) -> Transform:
-        tree, base = self._base.tree, self._base.frame
-        if frame in self._joined or tree is None:
+        base, moment_ns = self._base, self._moment_ns
+        carried = base.tree is not None and self._cloud_ns != moment_ns
+        if frame in self._joined and not carried:
             return self._joined[frame]
-        moment_ns = self._stamp_ns - self._base.middle_ns
-        (found,) = tree.transforms(base, frame, np.array([moment_ns], dtype=np.int64))
-        if found is None:
-            raise ValueError(tree.reason(base, frame, moment_ns))
-        return self._base.velo_T_frame @ found
+        if base.tree is None:
+            raise KeyError(frame)
+        if not carried:
+            return base.velo_T_frame @ _transform(base.tree, base.frame, frame, moment_ns)
+        if frame in self._joined:
+            base_t_frame = base.velo_T_frame.inverse() @ self._joined[frame]
+            moved = _transform(base.tree, base.world, base.frame, moment_ns) @ base_t_frame
+        else:
+            moved = _transform(base.tree, base.world, frame, moment_ns)
+        base_t_world = _transform(base.tree, base.frame, base.world, self._cloud_ns)
+        return base.velo_T_frame @ base_t_world @ moved
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._joined)
 
     def __len__(self) -> int:
         return len(self._joined)
+
+
+def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Transform:
+    """Return target_T_source at a stamp.
+
+    Raises:
+        ValueError: It is not known then.
+    """
+    (found,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
+    if found is None:
+        raise ValueError(tree.reason(target, source, stamp_ns))
+    return found
 
 
 def stamp_of_boxes(message: Any, stamp_ns: int | None) -> int:  # noqa: ANN401 - of the bag's types

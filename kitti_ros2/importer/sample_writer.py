@@ -15,6 +15,7 @@ from .depth_maps import DepthMaps
 from .frames import frame_topics
 from .label_messages import joined
 from .pose_track import camera_poses
+from .sync import NONE
 
 if TYPE_CHECKING:
     from ..kitti.writer import LayoutWriter
@@ -100,7 +101,9 @@ class SampleWriter:
         place = self.frames.samples[Stream.LABELS][frame]
         own_ns = self._own_ns(frame_topics(self.plan)[Stream.LABELS], place)
         stamp_ns = int(self.frames.stamps_ns[frame])
-        boxes = self.rigging.labels.boxes(joined(solid), stamp_ns, own_ns, flat)
+        boxes = self.rigging.labels.boxes(
+            joined(solid), stamp_ns, own_ns, flat, self._cloud_ns(frame)
+        )
         self.writer.write_labels(number, boxes)
         self.empty_labels += not boxes
         return 0
@@ -126,6 +129,13 @@ class SampleWriter:
         if self.plan.layout.traits.stamps_per_stream:
             return self._own_ns(topic, place)
         return int(self.frames.stamps_ns[number - self.first])
+
+    def _cloud_ns(self, frame: int) -> int | None:
+        """Return the stamp at which the scan of a frame is placed, None without one."""
+        scans = self.frames.samples.get(Stream.SCAN)
+        if self.plan.scan is None or scans is None or scans[frame] == NONE:
+            return None
+        return self._own_ns(self.plan.scan.topic, int(scans[frame]))
 
     def _own_ns(self, topic: str, place: int) -> int:
         return int(self.frames.stamps[topic][place])

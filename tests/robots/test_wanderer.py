@@ -120,6 +120,24 @@ def test_poses_that_alone_join_boxes_to_the_scans_are_in_the_plan(cloud, tmp_pat
     check_boxes(tmp_path / 'out', frames, range(len(frames)))
 
 
+@pytest.mark.parametrize('boxes', ['odom', 'base_link'])
+@pytest.mark.parametrize(
+    ('timed', 'after_ns'),
+    [(False, 0), (False, 20 * MS), (False, -20 * MS), (True, 0), (True, 20 * MS)],
+)
+@pytest.mark.parametrize('markers', [False, True])
+def test_boxes_lie_on_clouds_in_a_frame_that_moves_whatever_the_stamps_of_both(
+    boxes, after_ns, timed, markers, tmp_path
+):
+    robot = Robot(cloud='odom', map_tf=False, odometry=('odom', 'base_link'), odom_tf=False)
+    robot = replace(robot, boxes=boxes, boxes_after_ns=after_ns, timed=timed, markers=markers)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    assert report.losses == ()
+    assert timed == any('paired and stamped in the middle' in note for note in report.notes)
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
 @pytest.mark.parametrize('ahead_s', [37, -3600])
 @pytest.mark.parametrize(
     'robot', [Robot(), Robot(boxes='odom'), Robot(cloud='map'), Robot(boxes=None, cloud='odom')]

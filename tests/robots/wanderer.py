@@ -24,6 +24,7 @@ MS = 1_000_000
 START_NS = 1_700_000_100_013_000_007
 FRAMES = 30
 PERIOD_NS = 100 * MS
+TURN_NS = 98 * MS
 SIZE = (640, 360)
 K = np.array([[300.0, 0, 320], [0, 300.0, 180], [0, 0, 1]])
 RATE = 0.4  # rad/s
@@ -137,9 +138,11 @@ class Robot:
         odometry: Frames of Odometry on /odom, None for none.
         twist: Whether it has a twist.
         posed: Whether /pose tells where base_link is in map.
-        boxes: Frame of the detections, None for none.
+        boxes: Frame of the detections: map, odom or base_link, None for none.
         markers: Whether they are markers, instead of a Detection3DArray.
         cloud: Frame of the clouds.
+        timed: Whether points have times, from the stamp on; images are of the middle then.
+        boxes_after_ns: How long after the scan the boxes are stamped, and seen.
         imu: Whether there is an Imu.
         base_t_imu: (4, 4) its place.
         imu_frame: Its frame.
@@ -166,6 +169,8 @@ class Robot:
     boxes: str | None = 'map'
     markers: bool = False
     cloud: str = 'lidar'
+    timed: bool = False
+    boxes_after_ns: int = 0
     imu: bool = False
     base_t_imu: np.ndarray = field(default_factory=BASE_T_IMU.copy)
     imu_frame: str = 'imu'
@@ -228,15 +233,21 @@ def tf(*links):
     return T['tf2_msgs/msg/TFMessage'](list(links))
 
 
-def cloud(stamp_ns, frame, points):
-    rows = np.column_stack([points, np.full(len(points), 0.5)]).astype(np.float32)
-    names = ('x', 'y', 'z', 'intensity')
+def cloud(stamp_ns, frame, points, turn_ns=0):
+    """With the time of each point after the stamp, where a turn takes a time."""
+    names = ('x', 'y', 'z', 'intensity', *(('t',) if turn_ns else ()))
+    rows = np.zeros(len(points), [(name, '<u4' if name == 't' else '<f4') for name in names])
+    rows['x'], rows['y'], rows['z'] = points.astype(np.float32).T
+    rows['intensity'] = 0.5
+    if turn_ns:
+        rows['t'] = np.linspace(0, turn_ns, len(points)).astype(np.uint32)
     fields = [
-        T['sensor_msgs/msg/PointField'](name, 4 * place, 7, 1) for place, name in enumerate(names)
+        T['sensor_msgs/msg/PointField'](name, 4 * place, 6 if name == 't' else 7, 1)
+        for place, name in enumerate(names)
     ]
-    data = np.frombuffer(rows.tobytes(), np.uint8)
+    step, data = rows.itemsize, np.frombuffer(rows.tobytes(), np.uint8)
     return T['sensor_msgs/msg/PointCloud2'](
-        header(stamp_ns, frame), 1, len(rows), fields, False, 16, 16 * len(rows), data, True
+        header(stamp_ns, frame), 1, len(rows), fields, False, step, step * len(rows), data, True
     )
 
 
@@ -351,14 +362,18 @@ def sensed(robot: Robot, frame: Frame):
         world = map_t_base if robot.cloud == 'map' else odom_t_base
         world_t_lidar = world(stamp_ns) @ BASE_T_LIDAR
         points = points @ world_t_lidar[:3, :3].T + world_t_lidar[:3, 3]
-    yield '/points', stamp_ns, cloud(stamp_ns, robot.cloud, points)
+    yield '/points', stamp_ns, cloud(stamp_ns, robot.cloud, points, robot.timed * TURN_NS)
     if robot.camera:
-        yield '/camera/image_rect', stamp_ns, image(stamp_ns)
-        yield '/camera/camera_info', stamp_ns, camera_info(stamp_ns)
+        image_ns = stamp_ns + robot.timed * TURN_NS // 2
+        yield '/camera/image_rect', image_ns, image(image_ns)
+        yield '/camera/camera_info', image_ns, camera_info(image_ns)
     if robot.boxes is not None:
+        seen_ns = stamp_ns + robot.boxes_after_ns
         frame_t_map = np.eye(4) if robot.boxes == 'map' else np.linalg.inv(map_t_odom(stamp_ns))
+        if robot.boxes == 'base_link':
+            frame_t_map = np.linalg.inv(odom_t_base(seen_ns)) @ frame_t_map
         make = markers if robot.markers else detections
-        yield '/objects', stamp_ns, make(stamp_ns, robot.boxes, frame_t_map @ frame.boxes)
+        yield '/objects', seen_ns, make(seen_ns, robot.boxes, frame_t_map @ frame.boxes)
 
 
 def moving(robot: Robot):
