@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.detections import ABSURD, UNPLACED, boxes_of_detections_2d, has_scores
-from ..messages.solid_boxes import cuboids_in
+from ..messages.solid_boxes import box_count, cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
 from ..model import msgtypes as types
 from ..model.errors import UsageError
@@ -27,8 +27,11 @@ from .labels import OUT_OF_VIEW, ImageOf, Standing, TrackIds, boxes_of_lines, le
 from .pixel_frames import pixel_frames
 from .plan import UNKNOWN_OCCLUSION
 from .planned_topics import topic_of
+from .repeated_boxes import join_cuboids, join_image_boxes
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..model.boxes import Box, Cuboid
     from ..rig.tf_tree import FrameTree
     from .calibration_source import Calibrations
@@ -146,20 +149,20 @@ class BoxConversion:
 
     def boxes(
         self,
-        message: Any,  # noqa: ANN401 - of the bag's types
+        messages: Sequence[Any],
         stamp_ns: int,
         own_ns: int | None = None,
-        flat: Any = None,  # noqa: ANN401 - as above
+        flat: Sequence[Any] = (),
         cloud_ns: int | None = None,
     ) -> list[Box]:
         """Make the labels of a frame.
 
         Args:
-            message: With 3D boxes, or label lines.
+            messages: With 3D boxes, or label lines.
             stamp_ns: The stamp of the frame.
-            own_ns: The stamp of the message, at which boxes in frames that move are placed; None
+            own_ns: The stamp of the messages, at which boxes in frames that move are placed; None
                 for that of the frame.
-            flat: A Detection2DArray with the 2D boxes, None for projections.
+            flat: Detection2DArrays with the 2D boxes, none for projections.
             cloud_ns: The stamp of the frame's scan; None for that of the frame.
 
         Raises:
@@ -169,14 +172,14 @@ class BoxConversion:
         if plan is None or calibration is None:
             return []
         if plan.topic == LABEL_LINES:
-            return self._lines(decode_text(message).text)
+            return self._lines(decode_text(messages[0]).text)
         size = self._images.size(plan.camera) or calibration.cameras[plan.camera].size
         if size is None:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         if self._only_flat:
-            flat = message
-        cuboids, left_out = self.cuboids(
-            message,
+            flat = messages
+        cuboids, left_out = self._all_cuboids(
+            messages,
             stamp_ns if own_ns is None else own_ns,
             stamp_ns if cloud_ns is None else cloud_ns,
         )
@@ -198,14 +201,39 @@ class BoxConversion:
         )
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
-        return boxes if flat is None else self._joined(boxes, flat, size)
+        return self._joined(boxes, flat, size) if flat else boxes
 
-    def _joined(self, boxes: list[Box], flat: Any, size: tuple[int, int]) -> list[Box]:  # noqa: ANN401
+    def _all_cuboids(
+        self, messages: Sequence[Any], stamp_ns: int, cloud_ns: int
+    ) -> tuple[list[Cuboid], list[str]]:
+        """Decode the messages of a moment as cuboids does, each box once.
+
+        Raises:
+            ValueError: None of them can be read.
+        """
+        found, left_out, faults = [], list[str](), []
+        for message in messages:
+            try:
+                cuboids, reasons = self.cuboids(message, stamp_ns, cloud_ns)
+            except ValueError as error:
+                faults.append((error, message))
+                continue
+            found.append(cuboids)
+            left_out += reasons
+        if faults and not found:
+            raise faults[0][0]
+        left_out += [UNPLACED] * sum(box_count(message) for _, message in faults)
+        made, repeated = join_cuboids(found)
+        return made, left_out + repeated
+
+    def _joined(self, boxes: list[Box], flat: Sequence[Any], size: tuple[int, int]) -> list[Box]:
         """Give labels the 2D boxes of a detector; those without a 3D box become labels, too."""
         plan = self._plan.labels
         if plan is None:
             return boxes
-        found, left_out = boxes_of_detections_2d(flat)
+        decoded = [boxes_of_detections_2d(each) for each in flat]
+        found, left_out = join_image_boxes([made for made, _ in decoded])
+        left_out += [reason for _, reasons in decoded for reason in reasons]
         self._flat_absurd += left_out.count(ABSURD)
         self.left_out.update(each for each in left_out if each != ABSURD)
         model = self._images.model(plan.camera)

@@ -15,7 +15,7 @@ from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from ..rig.pose_track import MAX_GAP_NS
 from .clocks import clock_notes, clocked
-from .label_groups import by_group, first_places, groups_of, places_of
+from .label_groups import by_group, first_places, places_of
 from .plan import Incomplete
 from .plan_types import check_types
 from .planned_topics import topic_of
@@ -53,7 +53,7 @@ class Frames:
         losses: Streams of which no sample has a frame.
         unsynchronised: Why no two streams were matched, empty if some were.
         label_places: For each frame the indices of its messages with boxes; see label_groups.
-        places_2d: (N,) index of the message with boxes in the image, NONE without one.
+        places_2d: For each frame the indices of its messages with boxes in the image.
         unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
     """
 
@@ -64,7 +64,7 @@ class Frames:
     losses: tuple[Loss, ...] = ()
     unsynchronised: str = ''
     label_places: tuple[tuple[int, ...], ...] = ()
-    places_2d: Int64Array = field(default_factory=lambda: np.empty(0, np.int64))
+    places_2d: tuple[tuple[int, ...], ...] = ()
     unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
@@ -190,44 +190,47 @@ def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int
     """Return the groups of the labels' messages, None where each is alone."""
     if Stream.LABELS not in topics:
         return None
-    found = topic_of(survey, topics[Stream.LABELS])
-    return groups_of(found.markers_ns, found.log_ns)
+    return topic_of(survey, topics[Stream.LABELS]).groups()
 
 
 def _match_2d(
     plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]
-) -> tuple[Int64Array, list[Loss]]:
-    """Return (N,) the place of each frame's message with boxes in the image, NONE without one.
+) -> tuple[tuple[tuple[int, ...], ...], list[Loss]]:
+    """Return for each frame the places of its messages with boxes in the image.
 
     Also the loss of all, where none is near a frame.
     """
     flat = plan.labels.boxes_2d if plan.labels is not None else ''
     if not flat:
-        return np.full(len(reference), NONE), []
-    stamps, _ = topic_of(survey, flat).stamps()
+        return (), []
+    topic = topic_of(survey, flat)
+    groups = topic.groups()
+    stamps = by_group(topic.stamps()[0], groups)
     match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
+    places = places_of(match.indices, groups)
     notes.append(_matching(Stream.LABELS, flat, match))
     if match.matched:
-        return match.indices, []
+        return places, []
     reason = (
         f'{flat}: no message within {plan.tolerance_s * 1000:.0f} ms of a frame; remove'
         f' labels.boxes_2d from the plan, or set stamps: log or a larger tolerance_s'
     )
-    return match.indices, [Loss(flat, match.dropped, reason)]
+    return places, [Loss(flat, match.dropped, reason)]
 
 
 def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
     """Return the frames of a mask, (N,)."""
     samples = {stream: indices[kept] for stream, indices in frames.samples.items()}
-    label_places = tuple(
-        each for each, taken in zip(frames.label_places, kept.tolist(), strict=False) if taken
+    label_places, places_2d = (
+        tuple(each for each, taken in zip(places, kept.tolist(), strict=False) if taken)
+        for places in (frames.label_places, frames.places_2d)
     )
     return replace(
         frames,
         stamps_ns=frames.stamps_ns[kept],
         samples=samples,
         label_places=label_places,
-        places_2d=frames.places_2d[kept] if len(frames.places_2d) else frames.places_2d,
+        places_2d=places_2d,
     )
 
 

@@ -112,7 +112,7 @@ def _pairs(
             free.discard(number)
     overlaps = sorted(
         (
-            (_overlap(boxes[place].box_2d, bounds[number]), place, number)
+            (overlap_of(boxes[place].box_2d, bounds[number]), place, number)
             for place in range(len(boxes))
             for number in free
         ),
@@ -125,7 +125,7 @@ def _pairs(
     return pairs
 
 
-def _overlap(one: Sequence[float], other: Sequence[float] | Float64Array) -> float:
+def overlap_of(one: Sequence[float], other: Sequence[float] | Float64Array) -> float:
     """Return the intersection over union of two boxes, 0 where one is empty."""
     across = min(one[2], other[2]) - max(one[0], other[0])
     down = min(one[3], other[3]) - max(one[1], other[1])

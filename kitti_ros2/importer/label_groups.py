@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a topic of labels that belong together: MarkerArrays of one stamp.
+"""The messages of a topic of labels that belong together: those of one stamp.
 
-A MarkerArray has no stamp of its own, its markers have. Some publishers send the boxes of a moment
-in several arrays, one a class; an array without markers belongs to the nearest others.
+Some publishers send the boxes of a moment in several arrays, one a class; several detectors may
+share a topic. A MarkerArray has no stamp of its own, its markers have; one without markers belongs
+to the nearest others.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def group_messages(stamps_ns: Sequence[int], log_ns: Sequence[int]) -> list[list
     """Group messages by stamp; each is alone unless another one has its stamp.
 
     Args:
-        stamps_ns: Of the first marker of each, 0 for an array without one.
+        stamps_ns: Of each; 0 for an array of markers without one, negative for no stamp.
         log_ns: Of each, in the order of reading.
 
     Returns:
@@ -38,11 +39,12 @@ def group_messages(stamps_ns: Sequence[int], log_ns: Sequence[int]) -> list[list
     if len(known) < 2 or len(known) == np.count_nonzero(stamps > 0):
         return alone
     logs = np.array(log_ns, dtype=np.int64)
-    starts = np.array([logs[stamps == stamp].min() for stamp in known])
+    starts = np.full(len(known), np.iinfo(np.int64).max)
+    np.minimum.at(starts, np.searchsorted(known, stamps[stamps > 0]), logs[stamps > 0])
     near_ns = int(np.median(np.diff(np.sort(starts)))) // 2
     groups: dict[int, list[int]] = defaultdict(list)
     for place, stamp in enumerate(stamps.tolist()):
-        key = stamp
+        key = stamp if stamp > 0 else -1 - place
         if not stamp:
             gaps = np.where(stamps > 0, np.abs(logs - logs[place]), np.iinfo(np.int64).max)
             nearest = int(np.argmin(gaps))
@@ -72,11 +74,3 @@ def first_places(groups: Sequence[Sequence[int]] | None, indices: Int64Array) ->
 def by_group(stamps_ns: Int64Array, groups: Sequence[Sequence[int]] | None) -> Int64Array:
     """Return the stamp of the first message of each group."""
     return stamps_ns if groups is None else np.asarray(stamps_ns[[group[0] for group in groups]])
-
-
-def groups_of(markers_ns: Sequence[int], log_ns: Sequence[int]) -> list[list[int]] | None:
-    """Return the groups of a topic's messages, None where each is alone."""
-    if len(markers_ns) != len(log_ns):
-        return None
-    groups = group_messages(markers_ns, log_ns)
-    return groups if len(groups) < len(log_ns) else None

@@ -89,13 +89,13 @@ class SampleWriter:
         self.writer.write_image(camera, number, self._stamp_ns(number, topic, place), png)
         return len(png)
 
-    def write_labels(self, number: int, solid: list[Any], flat: Any) -> int:  # noqa: ANN401 - of the bag
+    def write_labels(self, number: int, solid: list[Any], flat: list[Any]) -> int:
         """Write the labels of a frame; return 0: sizes are those of scans and images.
 
         Args:
             number: Of the frame.
             solid: The messages with boxes.
-            flat: That with boxes in the image, None without one.
+            flat: Those with boxes in the image.
         """
         frame = number - self.first
         place = self.frames.samples[Stream.LABELS][frame]

@@ -178,7 +178,7 @@ class SetBuilder:
             write = partial(samples.write_image, stream.camera or 0, number, topic, place, decoded)
         return SampleJob(stream, number, topic, message.stamp_ns, write)
 
-    def _take_labels(self, number: int, solid: list[Any], flat: Any, log_ns: int) -> None:  # noqa: ANN401
+    def _take_labels(self, number: int, solid: list[Any], flat: list[Any], log_ns: int) -> None:
         """Write labels in order and at once: tracks are numbered as they appear."""
         topic = frame_topics(self._samples.plan)[Stream.LABELS]
         write = partial(self._samples.write_labels, number, solid, flat)

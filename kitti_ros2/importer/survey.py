@@ -7,6 +7,7 @@ Of large messages only the header is parsed, so the pass is as fast as reading t
 
 from __future__ import annotations
 
+from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
@@ -24,7 +25,7 @@ from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
-from .survey_types import DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
+from .survey_types import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ class _Pass:
     def __init__(self, messages: BagMessages) -> None:
         self._decode = Decoder(messages.typestore)
         self._bodies: dict[str, bytes] = {}
+        self._known: dict[str, set[tuple[int, int]]] = defaultdict(set)
         self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self._links = LinkTally()
         self._calibrations: list[tuple[int, TextFile]] = []
@@ -198,6 +200,7 @@ class _Pass:
     def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in HEADED:
             _enter_header(topic, message)
+            self._enter_copy(topic, message)
         elif topic.msgtype == MARKERS:
             _enter_first_stamp(topic, message)
         if isinstance(message.data, MessageStart):
@@ -225,6 +228,15 @@ class _Pass:
         known = self._bodies.get(topic.name)
         self._bodies[topic.name] = body
         return body != known
+
+    def _enter_copy(self, topic: TopicSurvey, message: BagMessage) -> None:
+        """Enter a message with boxes that is the same as an earlier one."""
+        if topic.msgtype in BOXES:
+            known = self._known[topic.name]
+            key = topic.header_ns[-1], hash(body_after_header(message.data))
+            if key in known:
+                topic.copies.add(topic.count - 1)
+            known.add(key)
 
     def _decoded(self, topic: TopicSurvey, message: BagMessage) -> Any:  # noqa: ANN401
         try:

@@ -9,12 +9,13 @@ from ..model import msgtypes as types
 from ..model.channels import LARGE_TYPES
 
 _SOLID_BOXES = frozenset({types.DETECTIONS_3D, types.DETECTED_OBJECTS, types.TRACKED_OBJECTS})
-_BOXES = _SOLID_BOXES | {types.DETECTIONS_2D}
+BOXES = _SOLID_BOXES | {types.DETECTIONS_2D}
+"""Types with boxes that begin with a Header."""
 
 SOLID = _SOLID_BOXES | {types.MARKERS}
 """Types with 3D boxes."""
 
-HEADED = SCAN_TYPES | _BOXES
+HEADED = SCAN_TYPES | BOXES
 HEADED |= {
     types.IMAGE,
     types.COMPRESSED,
@@ -28,7 +29,7 @@ HEADED |= {
 }
 """Types that begin with a Header."""
 
-DESCRIBING = types.TF_TYPES | _BOXES | {types.CAMERA_INFO, types.MARKERS, types.STRING}
+DESCRIBING = types.TF_TYPES | BOXES | {types.CAMERA_INFO, types.MARKERS, types.STRING}
 """Types that describe the sensors, or what they see."""
 
 READ = HEADED | types.TF_TYPES | {types.MARKERS}

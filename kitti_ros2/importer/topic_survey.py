@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .label_groups import group_messages
+from .survey_types import BOXES
 from .sync import late_ns, unset_stamps, usable_stamps
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ class TopicSurvey:
         links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
         has_fix: Of NavSatFix: whether one has a fix.
         markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
+        copies: Of topics with boxes: indices of messages that are the same as an earlier one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
         has_tracks: Of topics with boxes: whether one of these names its track.
@@ -60,6 +63,7 @@ class TopicSurvey:
     links_ns: list[int] = field(default_factory=list)
     has_fix: bool = False
     markers_ns: list[int] = field(default_factory=list)
+    copies: set[int] = field(default_factory=set)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     has_tracks: bool = False
@@ -112,6 +116,22 @@ class TopicSurvey:
             used = used + self.middle_ns
         return (used + self.offset_ns if self.offset_ns else used), reason
 
+    def groups(self) -> list[list[int]] | None:
+        """Return the places of messages with boxes that belong together; None if each is alone.
+
+        Copies are alone: where a recorder writes all messages twice, scans are copied, too.
+        """
+        stamps_ns = self.markers_ns
+        if self.msgtype in BOXES:
+            alone = self.copies.union(self.headless)
+            stamps_ns = [
+                -1 if place in alone else stamp or -1 for place, stamp in enumerate(self.header_ns)
+            ]
+        if len(stamps_ns) != self.count:
+            return None
+        groups = group_messages(stamps_ns, self.log_ns)
+        return groups if len(groups) < self.count else None
+
     def oddities(self) -> Iterator[str]:
         """Yield notes where header stamps are not used, and where they repeat."""
         _, reason = self.stamps()
@@ -122,10 +142,10 @@ class TopicSurvey:
         header = np.array(self.header_ns, dtype=np.int64)
         if reason is None:
             yield from self._mended(header)
-        if self.markers_ns:
-            return  # arrays of markers with one stamp are one sample: see label_groups
         again = np.flatnonzero(np.diff(header) == 0) + 1
         again = again[header[again] != 0]
+        if self.groups() is not None:  # messages with one stamp are one sample: see label_groups
+            again = again[np.isin(again, list(self.copies))]
         if len(again):
             yield (
                 f'{self.name}: {len(again)} of {len(header)} messages have the stamp of the one'

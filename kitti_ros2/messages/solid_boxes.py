@@ -53,6 +53,11 @@ def boxes_in(message: Any) -> list[Cuboid]:  # noqa: ANN401 - as above
     return cuboids_in(message, here, scores=False)[0]
 
 
+def box_count(message: Any) -> int:  # noqa: ANN401 - as above
+    """Return the number of detections or objects of a message."""
+    return len(message.detections if hasattr(message, 'detections') else message.objects)
+
+
 def frames_in(message: Any) -> set[str]:  # noqa: ANN401 - as above
     """Return the frames of the boxes that cuboids_in decodes, without leading slashes."""
     if hasattr(message, 'detections'):

@@ -203,7 +203,99 @@ def test_objects_of_autoware_become_labels(tmp_path, kind):
     assert np.abs(np.array(found[1].box_2d) - second).max() < 1e-3
 
 
+def divided(said, *topics, second_frame='', again=False):
+    """The messages of topics in two of one stamp each; the boxes of the second perhaps again."""
+    found = []
+    for each in said:
+        if each.topic not in topics:
+            found.append(each)
+            continue
+        key = 'objects' if 'objects' in each.values else 'detections'
+        boxes = each.values[key]
+        rest = dict(each.values)
+        if second_frame:
+            rest['header'] = {**rest['header'], 'frame_id': second_frame}
+            boxes = [{**box, 'header': rest['header']} for box in boxes]
+        later = each._replace(log_ns=each.log_ns + 2_000_000)
+        found.append(each._replace(values={**each.values, key: each.values[key][:1]}))
+        found.append(later._replace(values={**rest, key: boxes[1:]}))
+        if again:
+            found.append(later._replace(values={**rest, key: nudged(boxes[1:])}))
+    return found
+
+
+def nudged(value):
+    """Values with all positions a little further on."""
+    if isinstance(value, list):
+        return [nudged(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    found = {key: nudged(each) for key, each in value.items()}
+    if 'position' in found:
+        found['position'] = {**found['position'], 'x': found['position']['x'] + 0.05}
+    return found
+
+
+class TestArraysOfOneStamp:
+    """Of several detectors on one topic."""
+
+    @pytest.mark.parametrize('again', [False, True])
+    @pytest.mark.parametrize(
+        ('kinds', 'topics', 'each'),
+        [
+            ({'solid'}, ('/boxes',), 2),
+            ({'tracked'}, ('/objects',), 2),
+            ({'detected'}, ('/objects',), 2),
+            ({'flat'}, ('/boxes_2d',), 2),
+            ({'solid', 'flat'}, ('/boxes_2d',), 2),
+            ({'solid', 'flat'}, ('/boxes', '/boxes_2d'), 4),
+        ],
+    )
+    @pytest.mark.parametrize('container', ['mcap', 'ros1'])
+    def test_are_joined(self, tmp_path, kinds, topics, each, again, container):
+        if container == 'ros1' and not kinds <= {'solid', 'flat'}:
+            pytest.skip('Autoware has no messages of ROS 1')
+        whole = bags.write(tmp_path / 'whole', robot.said(kinds), container)
+        parts = divided(robot.said(kinds), *topics, again=again)
+        bag = bags.write(tmp_path / 'bag', parts, container)
+        convert(whole, tmp_path / 'true')
+        _, report = convert(bag, tmp_path / 'out')
+        assert report.losses == ()
+        for number in range(robot.FRAMES):
+            assert labels(tmp_path / 'out', number) == labels(tmp_path / 'true', number)
+        told = [note for note in report.notes if 'another message of their stamp has' in note]
+        assert [note.split()[0] for note in told] == [str(each * robot.FRAMES)] * again
+        assert not any('each is a sample of its own' in note for note in report.notes)
+
+    def test_one_in_a_frame_that_nothing_joins_costs_its_boxes(self, tmp_path):
+        said = divided(robot.said({'solid'}), '/boxes', second_frame='elsewhere')
+        _, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        (loss,) = report.losses
+        assert (loss.stream, loss.count) == ('/boxes', 2 * robot.FRAMES)
+        assert [len(labels(tmp_path / 'out', number)) for number in range(robot.FRAMES)] == [1] * 4
+
+    def test_a_recording_in_which_all_is_twice_has_all_frames_twice(self, tmp_path):
+        said = [each for each in robot.said({'solid', 'flat'}) for _ in range(2)]
+        _, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        assert report.losses == ()
+        found = [len(labels(tmp_path / 'out', number)) for number in range(2 * robot.FRAMES)]
+        assert found == [4] * 2 * robot.FRAMES
+
+    def test_near_boxes_of_one_message_stay(self, tmp_path):
+        said = robot.said({'solid'})
+        for each in said:
+            if each.topic == '/boxes':
+                each.values['detections'] += each.values['detections'][:1]
+        _, report = convert(bags.write(tmp_path / 'bag', said), tmp_path / 'out')
+        assert report.losses == ()
+        assert len(labels(tmp_path / 'out', 0)) == 4
+
+
 class TestGroups:
+    def test_messages_without_a_stamp_stay_alone(self):
+        stamps = [100, -1, 100, -1, 200]
+        assert group_messages(stamps, [0, 1, 2, 3, 10]) == [[0, 2], [1], [3], [4]]
+
     def test_arrays_of_one_stamp_belong_together(self):
         stamps = [100, 100, 200, 200, 200]
         assert group_messages(stamps, [0, 1, 10, 11, 12]) == [[0, 1], [2, 3, 4]]
