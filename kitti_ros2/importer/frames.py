@@ -182,7 +182,8 @@ def _complete(
     if track is not None:
         unknown = ~track.known(frames.stamps_ns)
         lost = kept & unknown
-        kept &= _without(unknown, 'pose around them', notes)
+        where = _where_unposed(frames.stamps_ns[unknown], track)
+        kept &= _without(unknown, f'pose around them{where}', notes)
     return kept, lost, notes
 
 
@@ -261,6 +262,23 @@ def within_gaps(
     first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
     inside: npt.NDArray[np.bool_] = missing & (stamps_ns > first) & (stamps_ns < last)
     return stamps_ns[inside]
+
+
+def _where_unposed(stamps_ns: Int64Array, track: Track) -> str:
+    """Return where stamps without a pose are: before the first, after the last, or in gaps."""
+    if not len(track):
+        return ''
+    first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+    early = int(np.count_nonzero(stamps_ns < first))
+    late = int(np.count_nonzero(stamps_ns > last))
+    between = len(stamps_ns) - early - late
+    parts = (
+        (early, f'{early} before the first, at {first}'),
+        (late, f'{late} after the last, at {last}'),
+        (between, f'{between} between poses too far apart'),
+    )
+    told = ', '.join(part for count, part in parts if count)
+    return f' ({told})' if told else ''
 
 
 def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | None) -> Int64Array:

@@ -79,7 +79,8 @@ def test_no_frame_is_made_outside_of_the_poses():
     poses = track(1050, 1150)
     found = choose_frames(plan(), survey(**stamps), poses)
     assert found.stamps_ns.tolist() == [1100 * MS]
-    assert 'dropped 2 of 3 frames: no pose around them' in found.notes
+    where = f'1 before the first, at {1050 * MS}, 1 after the last, at {1150 * MS}'
+    assert f'dropped 2 of 3 frames: no pose around them ({where})' in found.notes
     assert found.unposed_ns.tolist() == []
 
 
@@ -94,6 +95,8 @@ def test_no_frame_is_made_in_a_gap_of_the_poses():
     found = choose_frames(plan(), survey(**stamps), track(900, 1100, 4900, 5100))
     assert found.stamps_ns.tolist() == [1000 * MS, 5000 * MS]
     assert found.unposed_ns.tolist() == [3000 * MS]
+    where = '1 between poses too far apart'
+    assert f'dropped 1 of 3 frames: no pose around them ({where})' in found.notes
 
 
 def test_stamps_of_0_give_way_to_log_time_and_that_is_told():
