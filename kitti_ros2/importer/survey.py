@@ -23,7 +23,7 @@ from ..messages.point_spans import turn_of
 from ..messages.solid_boxes import boxes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
+from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, LIVOX, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
 from .survey_types import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
@@ -158,8 +158,9 @@ class _Pass:
         for topic in self._topics.values():
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
-                if RECORDING not in self._topics:  # scans of to-bag are stamped facing forward
-                    topic.turn_ns = turn_of(topic.looks)
+            # Scans of to-bag are stamped facing forward.
+            if topic.msgtype in LIVOX or (topic.msgtype == CLOUD and RECORDING not in self._topics):
+                topic.turn_ns = turn_of(topic.looks)
         invalid = {
             f'the transforms {parent} -> {child} of /tf are no transforms: NaN, infinite or without'
             f' rotation': count

@@ -42,7 +42,7 @@ class TopicSurvey:
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
         has_tracks: Of topics with boxes: whether one of these names its track.
-        turn_ns: Of clouds with a time for each point: when the first and the last point were
+        turn_ns: Of scans with a time for each point: when the first and the last point were
             measured, nanoseconds from the stamp; medians of a few.
         by_log: Whether log times are used, not stamps.
         offset_ns: Added to the stamps, nanoseconds.

@@ -1,16 +1,17 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The time of the first and last point of a turn, of any driver's clouds.
+"""The time of the first and last point of a turn, of any driver's clouds and of Livox' messages.
 
 Drivers agree neither on the field nor on its unit: t (Ouster, uint32 nanoseconds), time (Velodyne,
 float32 seconds), timestamp (Hesai and RoboSense, float64 seconds since 1970; Livox, nanoseconds),
 time_stamp (Autoware, uint32 nanoseconds), offset_time (Livox, uint32 nanoseconds), offset_ns
-(Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values tells their unit.
+(Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values tells their unit. The
+points of a CustomMsg have nanoseconds from its timebase, which is its stamp.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,13 +42,20 @@ _LEAST_SPAN_NS = 15_000_000
 _MOST_SPAN_NS = 350_000_000
 
 
-def turn_of(clouds: Iterable[PointCloud2]) -> tuple[int, int] | None:
+def turn_of(messages: Iterable[Any]) -> tuple[int, int] | None:
     """Return when the first and last points were measured, nanoseconds from the stamp.
 
+    Args:
+        messages: PointCloud2, or CustomMsg of Livox.
+
     Returns:
-        Medians over clouds with a time for each point; None if there are none.
+        Medians over messages with a time for each point; None if there are none.
     """
-    spans = [span for cloud in clouds if (span := point_span_ns(cloud)) is not None]
+    found = (
+        livox_span_ns(each) if hasattr(each, 'timebase') else point_span_ns(each)
+        for each in messages
+    )
+    spans = [span for span in found if span is not None]
     if not spans:
         return None
     start, end = (int(each) for each in np.median(np.array(spans), axis=0))
@@ -81,6 +89,19 @@ def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
         span = start, start + round((highest - lowest) * unit)
         return span if all(abs(each) <= _MOST_SPAN_NS for each in span) else None
     return None
+
+
+def livox_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
+    """Return the times of the first and last point of a CustomMsg, nanoseconds from its stamp.
+
+    None if they are not those of a turn.
+    """
+    times = [each.offset_time for each in message.points if each.x or each.y or each.z]
+    if not times or not _LEAST_SPAN_NS <= max(times) - min(times) <= _MOST_SPAN_NS:
+        return None
+    later = int(message.timebase) - stamp_ns_of(message.header)
+    start = min(times) + (later if abs(later) <= _MOST_SPAN_NS else 0)  # else of another clock
+    return start, start + max(times) - min(times)
 
 
 def _is_return(cloud: PointCloud2) -> npt.NDArray[np.bool_]:

@@ -21,8 +21,14 @@ def points(frame: int) -> np.ndarray:
     return found.astype(np.float32)
 
 
-def said(package: str) -> list[bags.Said]:
-    """package is livox_ros_driver or livox_ros_driver2."""
+def said(package: str, point_ns: int = 1, base_ns: int = 0) -> list[bags.Said]:
+    """Messages.
+
+    Args:
+        package: livox_ros_driver or livox_ros_driver2.
+        point_ns: From a point to the next.
+        base_ns: The timebase after the stamp.
+    """
     return [
         bags.Said(
             '/livox/lidar',
@@ -30,11 +36,11 @@ def said(package: str) -> list[bags.Said]:
             f'{package}/msg/CustomMsg',
             {
                 'header': bags.header(START_NS + 100_000_000 * frame, 'livox_frame'),
-                'timebase': START_NS,
+                'timebase': START_NS + 100_000_000 * frame + base_ns,
                 'point_num': 200,
                 'points': [
                     {
-                        'offset_time': n,
+                        'offset_time': n * point_ns,
                         'x': x,
                         'y': y,
                         'z': z,

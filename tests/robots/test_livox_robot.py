@@ -36,3 +36,29 @@ def test_points_are_those_of_the_messages(tmp_path, package, container, bare):
         found = recording.read(Stream.SCAN, frame).points
         assert np.array_equal(found[:, :3], true[:, :3])
         assert np.allclose(found[:, 3], true[:, 3] / 255)
+
+
+@pytest.mark.parametrize('package', ['livox_ros_driver', 'livox_ros_driver2'])
+@pytest.mark.parametrize(
+    ('point_ns', 'base_ns', 'turn_ns'),
+    [
+        (400_000, 0, (0, 199 * 400_000)),
+        (400_000, 2_000_000, (2_000_000, 2_000_000 + 199 * 400_000)),
+        (400_000, -robot.START_NS, (0, 199 * 400_000)),
+        (1, 0, None),
+    ],
+)
+def test_scans_are_of_the_middle_of_their_turn(tmp_path, package, point_ns, base_ns, turn_ns):
+    bag = bags.write(tmp_path / 'bag', robot.said(package, point_ns, base_ns))
+    options = ImportOptions(layout=Layout.RAW)
+    survey = look([bag])
+    assert survey.topics['/livox/lidar'].turn_ns == turn_ns
+    plan = guess([bag], survey, options).plan
+    convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
+    start, end = turn_ns or (0, 0)
+    first = robot.START_NS + 100_000_000 * np.arange(robot.FRAMES)
+    (drive,) = (tmp_path / 'out').glob('*/*_sync')
+    for name, later in (('', (start + end) // 2), ('_start', start), ('_end', end)):
+        lines = (drive / 'velodyne_points' / f'timestamps{name}.txt').read_text().split('\n')
+        found = [np.datetime64(line.replace(' ', 'T')).astype(int) for line in lines if line]
+        assert np.abs(np.array(found) - (first + later)).max() <= 1
