@@ -49,6 +49,18 @@ class MovingBase:
     world: str = ''
 
 
+class UnknownPlaceError(ValueError):
+    """The place of a frame is not known at a stamp.
+
+    Attributes:
+        stamp_ns: The stamp, which differs from the log time of the message.
+    """
+
+    def __init__(self, reason: str, stamp_ns: int) -> None:
+        super().__init__(reason)
+        self.stamp_ns = stamp_ns
+
+
 class StaticFrames(Mapping[str, 'Transform']):
     """velo_T_frame of the frames that static transforms join, computed when one is looked up.
 
@@ -93,7 +105,7 @@ class StaticFrames(Mapping[str, 'Transform']):
 
 
 class FramesAt(Mapping[str, 'Transform']):
-    """velo_T_frame by name at a stamp; looking one up raises ValueError if it is not known then.
+    """velo_T_frame by name at a stamp; looking one up raises UnknownPlaceError if it is not known.
 
     Args:
         joined: Of the frames that static transforms join.
@@ -148,11 +160,11 @@ def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Tra
     """Return target_T_source at a stamp.
 
     Raises:
-        ValueError: It is not known then.
+        UnknownPlaceError: It is not known then.
     """
     (found,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
     if found is None:
-        raise ValueError(tree.reason(target, source, stamp_ns))
+        raise UnknownPlaceError(tree.reason(target, source, stamp_ns), stamp_ns)
     return found
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..model.errors import KittiRos2Error
 from ..model.streams import Stream
 from .frames import Frames, frame_topics
+from .frames_at import UnknownPlaceError
 from .label_messages import LabelMessages
 from .report import ImportReport, LossTally, unread
 from .set_notes import set_notes
@@ -36,7 +37,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampleJob:
-    """A sample to be worked out and written: write returns the bytes it wrote."""
+    """A sample to be worked out and written: write returns the bytes it wrote.
+
+    Attributes:
+        stream, number, topic: The stream, the frame, and the topic of the message.
+        stamp_ns: The log time of the message.
+        write: Writes the sample.
+    """
 
     stream: Stream
     number: int
@@ -187,7 +194,8 @@ class SetBuilder:
     def take(self, job: SampleJob, outcome: int | Exception) -> None:
         """Count a sample by its outcome: the bytes written, or an error."""
         if isinstance(outcome, Exception):
-            self._losses.lose(job.topic, job.stamp_ns, str(outcome))
+            at_ns = outcome.stamp_ns if isinstance(outcome, UnknownPlaceError) else job.stamp_ns
+            self._losses.lose(job.topic, at_ns, str(outcome))
             self._spoil([job.number])
             return
         self.counts[job.stream.value] += 1

@@ -336,10 +336,19 @@ def test_a_gap_costs_the_samples_in_it_alone(tmp_path):
     (loss,) = report.losses
     first = START_NS + 7 * PERIOD_NS
     assert (loss.stream, loss.count) == ('/objects', 18)
-    assert f'/objects at {first + MS}: no transform from map to lidar' in loss.text()
+    assert f'/objects at {first}: no transform from map to lidar' in loss.text()
     assert 'map -> odom has none before and after it' in loss.text()
     labels = sorted((tmp_path / 'out/training/label_2').iterdir())
     assert [int(each.stem) for each in labels] == [*range(7), *range(25, 30)]
+
+
+def test_a_gap_costs_the_clouds_in_it_which_are_named_by_their_stamp(tmp_path):
+    robot = Robot(keep=lambda child, stamp: child != 'odom' or not in_gap(stamp), cloud='map')
+    wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    (loss,) = [loss for loss in report.losses if loss.stream == '/points']
+    assert loss.count == 18
+    assert f'/points at {START_NS + 7 * PERIOD_NS}: no transform' in loss.text()
 
 
 def test_a_gap_of_the_poses_is_a_loss(tmp_path):
