@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 OTHER_CAMERA = 'in the pixels of another camera'
 LEANING = 'that lean by more than 45 degrees from the axis that labels turn about'
-_LOST = {ABSURD: ' (NaN, 0 or beyond 100 km)', UNPLACED: '', LEANING: ''}
+_LOST = {ABSURD: ' (NaN, a size of 0 or less, or beyond 100 km)', UNPLACED: '', LEANING: ''}
 """Reasons for which boxes are lost, with what is added to each; the others are by the plan."""
 
 _FLAT = 'without a 3D box, which tracklets have no place for,'
