@@ -19,7 +19,6 @@ import numpy as np
 from ..rig.heading import (
     AXES,
     Heading,
-    describe_direction,
     find_body,
     is_optical,
     known_heading,
@@ -141,7 +140,7 @@ def choose_cameras(
     angles = {each.name: _angle(directions[each.name]) for each in joined}
     nearest = min(angles.values(), default=0.0)
     ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
-    if joined and all(_is_steep(directions[each.name]) for each in joined):
+    if joined and all(is_steep(directions[each.name]) for each in joined):
         ahead = joined  # their frames are no optical ones: names tell more than a lean
     main = min(
         ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
@@ -215,6 +214,11 @@ def _angle(direction: Float64Array | None) -> float:
     return np.pi if direction is None else float(np.arccos(np.clip(direction[0], -1, 1)))
 
 
+def is_steep(direction: Float64Array | None) -> bool:
+    """Whether a direction is up or down; not where it is unknown."""
+    return direction is not None and bool(abs(direction[2]) >= _STEEP)
+
+
 def _camera_heading(
     tree: FrameTree, scan_frame: str, cameras: Sequence[RigCamera]
 ) -> Heading | None:
@@ -230,44 +234,3 @@ def _camera_heading(
     if len(cameras) == 1 and cameras[0].name_rank > _OWN_DIRECTION_RANK:
         return None
     return Heading(scan_frame, AXES[nearest_axis(turns[0])], f'where {cameras[0].topic.name} looks')
-
-
-def describe_others(
-    tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera], choice: Choice
-) -> list[str]:
-    """Return a note on each camera that was not taken, and on a choice by name."""
-    taken = {each.name for each in choice.cameras.values()}
-    others = [each for each in cameras if each.name not in taken]
-    notes = []
-    if choice.by_name:
-        main = choice.cameras[2].topic.name
-        notes.append(
-            f'camera 2 is {main} by its name: no static transform tells where the cameras look'
-        )
-    notes += describe_steep(tree, heading, choice.cameras[2])
-    for each in others:
-        direction = direction_of(tree, heading, each)
-        looks = 'no static transform tells where it looks'
-        if direction is not None and heading is not None:
-            looks = f'it looks {describe_direction(direction)} (forward is {heading.source})'
-        notes.append(f'passed over: {each.topic.name}; {looks}')
-    if others:
-        notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
-    return notes
-
-
-def _is_steep(direction: Float64Array | None) -> bool:
-    return direction is not None and bool(abs(direction[2]) >= _STEEP)
-
-
-def describe_steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
-    """Return a note on a camera that looks up or down: its frame may be no optical one."""
-    direction = direction_of(tree, heading, camera)
-    if direction is None or not _is_steep(direction):
-        return []
-    note = (
-        f'{camera.topic.name}: z of {camera.frame}, the direction the camera looks in, is'
-        f' {describe_direction(direction)}; if it is no optical frame, name one as frame of the'
-        f' camera in the plan'
-    )
-    return [note]

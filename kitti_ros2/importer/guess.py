@@ -178,10 +178,10 @@ def _find_sensors(
     links = [optical_link(each.bag_frame, each.forward) for each in rig if each.forward]
     tree = FrameTree([*survey.static, *links], survey.moving) if links else tree
     sets: dict[str, CameraPlan] = {}
+    frame = None if scan is None else scan.frame
     if all_cameras:
-        frame = None if scan is None else scan.frame
         sets = guess_camera_sets(layout, rig, tree, heading, frame, notes)
-    cameras = guess_cameras(layout, rig, tree, heading, notes) if not sets else {}
+    cameras = guess_cameras(layout, rig, tree, heading, frame, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.
     placed = Stream.OXTS in streams and not has_place(survey, scan)

@@ -12,7 +12,8 @@ import numpy as np
 from ..messages.camera_info import PLUMB_BOB, lens_model
 from ..model.streams import CAMERA_NAMES
 from ..rig.rectify import needs_rectifying
-from .camera_geometry import choose_cameras, describe_others, describe_steep
+from .camera_geometry import choose_cameras
+from .camera_notes import describe_others, describe_steep, joined_cameras, why_not_joined
 from .camera_topics import leaf
 from .plan import CameraPlan
 
@@ -38,6 +39,7 @@ def guess_cameras(
     rig: Sequence[RigCamera],
     tree: FrameTree,
     heading: Heading | None,
+    scan_frame: str | None,
     notes: list[str],
 ) -> dict[int, CameraPlan]:
     """Choose up to four cameras by KITTI's numbers.
@@ -47,6 +49,7 @@ def guess_cameras(
         rig: The cameras of the bag.
         tree: The static transforms.
         heading: The robot's forward; None where it is unknown.
+        scan_frame: That of the scans, None without scans.
         notes: A note on each other camera is added.
     """
     if not rig:
@@ -62,7 +65,7 @@ def guess_cameras(
     elif not found:
         choice = choose_cameras(tree, heading, cameras)
         found = choice.cameras
-        notes += describe_others(tree, heading, cameras, choice)
+        notes += describe_others(tree, heading, cameras, choice, scan_frame)
     return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
 
 
@@ -93,14 +96,13 @@ def guess_camera_sets(
         if each not in cameras
     ]
     if scan_frame is not None:
-        joined = [each for each in cameras if tree.find(scan_frame, each.frame) is not None]
+        joined = joined_cameras(tree, cameras, scan_frame)
         notes += [
-            f'passed over: {each.topic.name}; no static transform joins {each.frame} to'
-            f' {scan_frame}'
+            f'passed over: {each.topic.name}; {why_not_joined(tree, each, scan_frame)}'
             for each in cameras
-            if joined and each not in joined
+            if each not in joined
         ]
-        cameras = joined or cameras
+        cameras = joined
     notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
     names = _short_names([each.name for each in cameras])
     return {

@@ -93,6 +93,7 @@ class Robot:
         links: (parent, child, parent_T_child) of /tf_static.
         base_T_lidar: (4, 4) of the frame of the points.
         with_boxes: Whether it has detections, in the frame of the points.
+        swinging: Children of links that move, so that they are on /tf.
     """
 
     cameras: tuple[Camera, ...]
@@ -101,6 +102,7 @@ class Robot:
     base_T_lidar: np.ndarray = field(default_factory=lambda: np.eye(4))
     with_boxes: bool = True
     lidar_topic: str = '/lidar/points'
+    swinging: tuple[str, ...] = ()
 
     def camera(self, folder: str) -> Camera:
         return next(each for each in self.cameras if each.folder == folder)
@@ -329,12 +331,17 @@ def _messages(
     is_ros1: bool,
 ) -> Iterator[tuple[str, int, object]]:
     release = Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE
-    if robot.links:
-        yield '/tf_static', START_NS, _Messages(START_NS, release).transforms(robot.links)
+    still = [link for link in robot.links if link[1] not in robot.swinging]
+    if still:
+        yield '/tf_static', START_NS, _Messages(START_NS, release).transforms(still)
     points = moved(np.linalg.inv(robot.base_T_lidar), world())
     for number in range(FRAMES):
         stamp_ns = START_NS + number * PERIOD_NS
         made = _Messages(stamp_ns, release)
+        for parent, child, place in robot.links:
+            if child in robot.swinging:
+                swung = pose(turned(5.0 * number), (0.0, 0.0, 0.0)) @ place
+                yield '/tf', stamp_ns, made.transforms([(parent, child, swung)])
         yield robot.lidar_topic, stamp_ns, made.cloud(robot.lidar, points)
         if robot.with_boxes:
             yield '/detections', stamp_ns, made.detections(robot)

@@ -305,6 +305,25 @@ def test_each_camera_gets_a_set_with_all_cameras(convert):
     assert len(behind.labels) == 1
 
 
+@pytest.mark.parametrize('options', [(), ('--all-cameras',)])
+def test_a_camera_behind_a_joint_is_passed_over_for_that(convert, options):
+    robot = replace(small_rigs.sides('front', 'rear'), swinging=('rear_eye',))
+    _, notes, split = convert(robot, *options)
+    assert sorted(path.name for path in split.parent.iterdir()) == [
+        'ImageSets', 'training_front' if options else 'training',
+    ]  # fmt: skip
+    moves = 'rear_eye moves against lidar (base_link -> rear_eye), so it has no fixed calibration'
+    assert f'passed over: /rear/image_rect_color; {moves}' in notes
+    assert '--all-cameras writes' not in notes
+
+
+def test_another_camera_than_that_behind_a_joint_has_a_set(convert):
+    robot = replace(small_rigs.sides('front', 'rear', 'left'), swinging=('rear_eye',))
+    _, notes, _ = convert(robot)
+    assert 'rear_eye moves against lidar' in notes
+    assert '--all-cameras writes a set for each' in notes
+
+
 def test_the_look_names_the_cameras_that_are_passed_over_in_one_line(tmp_path, capsys, monkeypatch):
     bag = camera_rigs.write(autoware_rig(), tmp_path / 'bag')
     with monkeypatch.context() as patch:
