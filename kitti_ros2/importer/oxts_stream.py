@@ -19,7 +19,7 @@ from .between_messages import fix_between, imu_between, velocity_between
 from .oxts_poses import as_velocity
 from .plan import VelocityAxes
 from .planned_topics import topic_of
-from .unit_checks import UnitChecks
+from .unit_checks import UnitChecks, acceleration_unit, in_metres
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -94,6 +94,12 @@ class PacketMaker:
             plan.velocity_axes is VelocityAxes.ENU,
         )
         named = {role: topic for role, topic in self._topics.items() if topic}
+        self._imu_unit = acceleration_unit(topic_of(survey, plan.imu)) if plan.imu else 1.0
+        if self._imu_unit != 1:
+            self._notes.append(
+                f"{plan.imu}: its accelerations are in g, as Livox' drivers give them; they are"
+                f' multiplied by {self._imu_unit}'
+            )
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
         self._far: dict[str, list[int]] = {}
@@ -154,7 +160,7 @@ class PacketMaker:
         if self._lacking and not self._gapless:
             told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
         attitude = self._topics['imu'] if self._unit.poses is None and not self._levelled else ''
-        told += self._checks.notes(attitude, self._topics['velocity'])
+        told += self._checks.notes(self._topics['imu'], self._topics['velocity'], attitude)
         return [*self._notes, *told]
 
     def wants(self, topic: str, place: int) -> bool:
@@ -166,9 +172,14 @@ class PacketMaker:
         part = (topic, place)
         for frame in self._frames_of.pop(part):
             found = self._pending.setdefault(frame, {})
-            found[part] = message if message is None else as_velocity(message)
+            found[part] = message if message is None else self._prepared(topic, message)
             if found.keys() == self._wanted[frame]:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame))
+
+    def _prepared(self, topic: str, message: Any) -> Any:  # noqa: ANN401 - of the bag
+        if topic == self._topics['imu'] and self._imu_unit != 1:
+            return in_metres(message, self._imu_unit)
+        return as_velocity(message)
 
     def write(self, writer: LayoutWriter, first: int) -> int:
         """Write the packets that are ready, in order; returns how many."""

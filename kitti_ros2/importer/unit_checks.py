@@ -4,16 +4,19 @@
 
 KITTI's axes are those of REP 103 and REP 145: the orientation is in east-north-up, accelerations
 contain gravity, upwards at rest. Drivers with a north-east-down world, a yaw from the start of the
-drive, or velocities along other axes name them nowhere.
+drive, or velocities along other axes name them nowhere. Nor do those that give accelerations in g,
+such as Livox'.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..kitti.poses import MercatorWorld
+from ..messages.header import vector_of
 from ..model.stamps import NS_PER_S
 
 if TYPE_CHECKING:
@@ -21,14 +24,33 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
     from ..model.samples import OxtsPacket
+    from .topic_survey import TopicSurvey
 
 _GRAVITY = 9.81
 _NO_GRAVITY = 3.0
+_STANDARD_GRAVITY = 9.80665
+_OF_ONE_G = 0.9, 1.1
 _OFF_RAD = np.radians(30)
 _LEAST_SPEED = 2.0  # m/s; slower, places and their directions are noise
 _LEAST_STEPS = 5
 _LONGEST_STEP_S = 1.5
 _OFF_SHARE = 0.5
+
+
+def acceleration_unit(imu: TopicSurvey) -> float:
+    """Return the m/s^2 of a unit of a topic's accelerations: Livox' drivers give them in g."""
+    if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.looks:
+        return 1.0
+    norms = [float(np.linalg.norm(vector_of(look.linear_acceleration))) for look in imu.looks]
+    least, most = _OF_ONE_G
+    return _STANDARD_GRAVITY if least <= np.median(norms) <= most else 1.0
+
+
+def in_metres(imu: Any, unit: float) -> Any:  # noqa: ANN401 - of the bag's types
+    """Return an Imu with accelerations in m/s^2, by the m/s^2 of its unit."""
+    told = imu.linear_acceleration
+    found = replace(told, x=told.x * unit, y=told.y * unit, z=told.z * unit)
+    return replace(imu, linear_acceleration=found)
 
 
 class UnitChecks:
@@ -58,15 +80,16 @@ class UnitChecks:
         yaw = np.arctan2(np.sin(start.yaw) + np.sin(end.yaw), np.cos(start.yaw) + np.cos(end.yaw))
         self._moved.append((*(way[:2] / seconds), *said, float(yaw)))
 
-    def notes(self, imu: str, velocity: str) -> Iterator[str]:
+    def notes(self, imu: str, velocity: str, attitude: str) -> Iterator[str]:
         """Yield a note on each that differs.
 
         Args:
-            imu: Topic of the orientation and the accelerations, empty for none.
+            imu: Topic of the accelerations, empty for none.
             velocity: Topic of the velocities.
+            attitude: Topic of the orientation, if it is that of the accelerations.
         """
         if imu and self._sensed:
-            yield from self._gravity(imu)
+            yield from self._gravity(imu, attitude)
         moved = np.array(self._moved).reshape(-1, 5)
         fast = moved[np.hypot(moved[:, 0], moved[:, 1]) >= _LEAST_SPEED]
         if len(fast) < _LEAST_STEPS:
@@ -80,13 +103,22 @@ class UnitChecks:
                 f' between the places, at {speed:.1f} m/s: are its axes others? (velocity_axes of'
                 f' the plan)'
             )
-        if imu:
-            yield from self._heading(imu, fast)
+        if attitude:
+            yield from self._heading(attitude, fast)
 
-    def _gravity(self, imu: str) -> Iterator[str]:
+    def _gravity(self, imu: str, attitude: str) -> Iterator[str]:
         forward, left, up = np.mean(self._sensed, axis=0)
         size = float(np.linalg.norm([forward, left, up]))
-        if size < _NO_GRAVITY:
+        least, most = _OF_ONE_G
+        if least <= size <= most and abs(up) > size * np.cos(_OFF_RAD):
+            yield (
+                f'{imu}: its accelerations look like g ({up:.2f} up in the mean, where REP 145 has'
+                f' {_GRAVITY} m/s^2), and are written as they are: let the driver give m/s^2, or'
+                f' multiply ax to au of oxts by {_STANDARD_GRAVITY}'
+            )
+        elif not attitude:
+            return
+        elif size < _NO_GRAVITY:
             yield (
                 f'{imu}: its accelerations are without gravity ({size:.1f} m/s^2 in the mean);'
                 f" KITTI's contain it (REP 145)"

@@ -38,11 +38,11 @@ def made_of(packet, change=lambda imu, fix, velocity: (imu, fix, velocity)):
     return make_packet(*change(*messages))
 
 
-def notes_of(found, seconds=0.1):
+def notes_of(found, seconds=0.1, attitude='/imu'):
     checks = UnitChecks()
     for place, packet in enumerate(found):
         checks.take(round(place * seconds * 1e9), packet)
-    return list(checks.notes('/imu', '/vel'))
+    return list(checks.notes('/imu', '/vel', attitude))
 
 
 def turned(degrees):
@@ -67,6 +67,10 @@ CHANGES = {
         ['gravity is -9.8 m/s^2 up'],
     ),
     'without gravity': (lambda each: replace(each, al=0.2, au=0.1), ['are without gravity (0.2']),
+    'in g': (
+        lambda each: replace(each, af=each.af / 9.81, al=each.al / 9.81, au=each.au / 9.81),
+        ['/imu: its accelerations look like g (1.00 up in the mean'],
+    ),
     'along the axes of the car': (
         lambda each: replace(each, ve=8.0, vn=0.0),
         ['its velocities are off by'],
@@ -80,6 +84,14 @@ def test_axes_that_are_others_are_told(name):
     notes = notes_of(map(change, packets()))
     assert len(notes) == len(said), notes
     assert all(words in note for words, note in zip(said, notes, strict=True))
+
+
+def test_accelerations_in_g_are_told_without_an_orientation_too():
+    change, said = CHANGES['in g']
+    (note,) = notes_of(map(change, packets()), attitude='')
+    assert said[0] in note
+    change, _ = CHANGES['without gravity']
+    assert notes_of(map(change, packets()), attitude='') == []
 
 
 def test_a_unit_that_stands_says_nothing_of_its_heading():

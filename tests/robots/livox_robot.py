@@ -53,3 +53,11 @@ def said(package: str, point_ns: int = 1, base_ns: int = 0) -> list[bags.Said]:
         )
         for frame in range(FRAMES)
     ]
+
+
+def imu(topic: str, number: int, up: float) -> bags.Said:
+    """An Imu without an orientation, as Livox' drivers send it, at 100 Hz."""
+    stamp_ns = START_NS + 10_000_000 * number
+    frame = 'livox_frame' if 'livox' in topic else 'imu'
+    values = {'header': bags.header(stamp_ns, frame), 'linear_acceleration': {'z': up}}
+    return bags.Said(topic, stamp_ns, 'sensor_msgs/msg/Imu', values)

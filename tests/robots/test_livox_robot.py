@@ -12,6 +12,7 @@ import robot_bags as bags
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.oxts_file import parse_packet
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
@@ -62,3 +63,30 @@ def test_scans_are_of_the_middle_of_their_turn(tmp_path, package, point_ns, base
         lines = (drive / 'velodyne_points' / f'timestamps{name}.txt').read_text().split('\n')
         found = [np.datetime64(line.replace(' ', 'T')).astype(int) for line in lines if line]
         assert np.abs(np.array(found) - (first + later)).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ('topic', 'up', 'written', 'told'),
+    [
+        ('/livox/imu', 1.003, 1.003 * 9.80665, 'are in g, as Livox'),
+        ('/livox/imu', 9.79, 9.79, ''),
+        ('/imu', 1.003, 1.003, 'look like g (1.00 up in the mean'),
+    ],
+)
+def test_accelerations_in_g(tmp_path, topic, up, written, told):
+    said = robot.said('livox_ros_driver2')
+    said += [robot.imu(topic, number, up) for number in range(10 * robot.FRAMES)]
+    said.sort(key=lambda each: each.log_ns)
+    bag = bags.write(tmp_path / 'bag', said)
+    options = ImportOptions(layout=Layout.RAW)
+    survey = look([bag])
+    plan = guess([bag], survey, options).plan
+    report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
+    packets = sorted((tmp_path / 'out').glob('*/*_sync/oxts/data/*.txt'))
+    assert len(packets) == robot.FRAMES
+    for path in packets:
+        packet = parse_packet(path.read_text(), path)
+        assert (packet.az, packet.au) == pytest.approx((written, written))
+    notes = [note for note in report.notes if 'its accelerations' in note]
+    assert len(notes) == bool(told)
+    assert all(told in note for note in notes)
