@@ -178,7 +178,7 @@ class BoxConversion:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         if self._only_flat:
             flat = messages
-        cuboids, left_out = self._all_cuboids(
+        cuboids, left_out = self.all_cuboids(
             messages,
             stamp_ns if own_ns is None else own_ns,
             stamp_ns if cloud_ns is None else cloud_ns,
@@ -203,8 +203,8 @@ class BoxConversion:
         self.left_out[OUT_OF_VIEW] += unseen
         return self._joined(boxes, flat, size) if flat else boxes
 
-    def _all_cuboids(
-        self, messages: Sequence[Any], stamp_ns: int, cloud_ns: int
+    def all_cuboids(
+        self, messages: Sequence[Any], stamp_ns: int | None = None, cloud_ns: int | None = None
     ) -> tuple[list[Cuboid], list[str]]:
         """Decode the messages of a moment as cuboids does, each box once.
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,6 +18,7 @@ from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
 from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
+from ..importer.label_messages import joined
 from ..importer.labels import class_name, own_number
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete
@@ -41,7 +43,7 @@ from .ego_track import ego_track
 from .frame import FrameData
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..bags.reader import BagSource
     from ..drawing.pixels import Pixels
@@ -110,6 +112,7 @@ class BagFrames:
             stream.value: np.flatnonzero([place is not None for place in places])
             for stream, places in self._places.items()
         }
+        self._label_places = _label_places(self._plan, survey, frames)
         self._messages = PlacedMessages(bag, set(frame_topics(self._plan).values()))
         self.losses: Sequence[Loss] = damage(survey.losses, path.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
@@ -179,7 +182,7 @@ class BagFrames:
         if stream.camera is not None:
             return self._converted(stream, number, partial(self._image, stream.camera))
         if stream is Stream.LABELS:
-            return self._converted(stream, number, self._labels)
+            return self._labels_of(number)
         return self._converted(stream, number, self._scan)
 
     def scan_at(self, number: int, stamp_ns: int) -> Scan | None:  # noqa: ARG002
@@ -203,20 +206,25 @@ class BagFrames:
         place = self._places[stream][number] if stream in self._places else None
         if place is None:
             return None
-        try:
+        with _described(place, number):
             return convert(self._messages.read(place))
-        except Exception as error:  # a recorder may have written any bytes
-            what = f'{place.topic}: the message of frame {number}: {describe_error(error)}'
-            raise KittiRos2Error(what) from error
 
     def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         scan, _ = self._rigging.scans.scan(message)
         return scan
 
-    def _labels(self, message: Any) -> FrameLabels:  # noqa: ANN401 - of the bag's types
+    def _labels_of(self, number: int) -> FrameLabels | None:
+        """Read the messages with the boxes of a frame; None if it has none."""
+        places = self._label_places[number] if self._label_places else ()
+        if not places:
+            return None
+        with _described(places[0], number):
+            return self._labels([self._messages.read(place) for place in places])
+
+    def _labels(self, messages: Sequence[Any]) -> FrameLabels:
         if self._own_lines:
-            return labels_of_text(decode_text(message))
-        cuboids, left_out = self._rigging.labels.cuboids(message)
+            return labels_of_text(decode_text(messages[0]))
+        cuboids, left_out = self._rigging.labels.all_cuboids(joined(messages))
         topic = frame_topics(self._plan)[Stream.LABELS]
         lost = [
             f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
@@ -280,6 +288,26 @@ def _identified(cuboid: Cuboid) -> Cuboid:
     return replace(
         cuboid, class_name=class_name(cuboid.class_name), track_id=own_number(cuboid.identity)
     )
+
+
+@contextmanager
+def _described(place: Place, number: int) -> Iterator[None]:
+    """Raise any error as that of the message of a frame: a recorder may have written any bytes."""
+    try:
+        yield
+    except Exception as error:
+        what = f'{place.topic}: the message of frame {number}: {describe_error(error)}'
+        raise KittiRos2Error(what) from error
+
+
+def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[Place]]:
+    """Return the places of the messages with the boxes of each frame, none without labels."""
+    if plan.labels is None:
+        return []
+    log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
+    every = (place for group in frames.label_places for place in group)
+    found = iter(places_of(plan.labels.topic, log_ns, every))
+    return [[next(found) for _ in group] for group in frames.label_places]
 
 
 def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[Place | None]:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import robot_bags as bags
 
+from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.join_boxes import rectified_boxes
 from kitti_ros2.importer.label_groups import group_messages
@@ -26,6 +27,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.pictures.bag_frames import BagFrames
 
 
 def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
@@ -280,6 +282,18 @@ class TestArraysOfOneStamp:
         assert report.losses == ()
         found = [len(labels(tmp_path / 'out', number)) for number in range(2 * robot.FRAMES)]
         assert found == [4] * 2 * robot.FRAMES
+
+    @pytest.mark.parametrize(
+        ('kinds', 'topic'), [({'solid'}, '/boxes'), ({'tracked'}, '/objects'), ({'markers'}, '')]
+    )
+    def test_are_one_frame_of_the_viewer(self, tmp_path, kinds, topic):
+        said = divided(robot.said(kinds), topic, again=True)
+        bag = open_bag_source(bags.write(tmp_path / 'bag', said))
+        frames = BagFrames(bag, look([bag]))
+        for number in range(robot.FRAMES):
+            found = frames.read(Stream.LABELS, number).cuboids
+            assert sorted(each.size_lwh[2] for each in found) == [1.4, 1.5, 1.8]
+        frames.close()
 
     def test_near_boxes_of_one_message_stay(self, tmp_path):
         said = robot.said({'solid'})
