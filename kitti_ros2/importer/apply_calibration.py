@@ -27,6 +27,7 @@ from .optical_frames import LINK_T_OPTICAL, frame_of, made_optical_frames
 from .plan import TF, VelocityAxes
 from .planned_topics import topic_of
 from .report import undecoded
+from .rig_cameras import other_cameras
 from .scan_frame import made_frame
 
 if TYPE_CHECKING:
@@ -70,15 +71,16 @@ class Rigging:
         tree = FrameTree(survey.static, survey.moving, lost)
         scan_frame = '' if plan.scan is None else plan.scan.frame
         self._models = camera_models(plan, survey)
-        optical = made_optical_frames(plan, survey)
+        self._others, links = other_cameras(plan, survey)
+        optical = [*links, *made_optical_frames(plan, survey)]
         if optical:
             tree = FrameTree([*survey.static, *optical], survey.moving, lost)
-        plan, made = made_frame(plan, tree, self._models)
+        plan, made = made_frame(plan, tree, self._models, self._others)
         if made:
             tree = FrameTree([*survey.static, *optical, *made], survey.moving, lost)
         self._tree = tree
         self._plan = plan
-        self.calibrations = make_calibrations(plan, survey, self._tree, self._models)
+        self.calibrations = make_calibrations(plan, survey, self._tree, self._models, self._others)
         base = self._moving_base(survey, scan_frame, moving)
         self.scans = ScanConversion(plan.scan, survey, self._tree, base)
         self.images = ImageConversion(plan, survey, self._models)
@@ -149,7 +151,7 @@ class Rigging:
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._models and self._plan.calibration == TF:
-            frame, frame_t_rect = rect_in_frame(self._tree, self._models)
+            frame, frame_t_rect = rect_in_frame(self._tree, self._models, self._others)
             return self._tree.transform(body, frame) @ frame_t_rect
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()

@@ -21,7 +21,7 @@ from ..model.samples import Calibration, CameraCalibration
 from ..rig.stereo import angle_of, viewpoints
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from ..messages.camera_info import CameraModel
     from ..model.geometry import Float64Array
@@ -42,6 +42,7 @@ def make_calibration(
     *,
     rectified: bool,
     straightened: Collection[int] = (),
+    others: Sequence[CameraModel] = (),
 ) -> tuple[Calibration, tuple[str, ...]]:
     """Make the calibration of a rig; also return remarks for the user, a line each.
 
@@ -53,6 +54,7 @@ def make_calibration(
         rectified: Whether the images are; if not, KITTI's files must support their distortion.
         straightened: Cameras whose images are rectified among others that are not: KITTI's
             unrectified camera is then the rectified one, with its K and without distortion.
+        others: As viewpoints.
 
     Raises:
         MissingDataError: There is no camera; the tree does not connect the frames; KITTI's files do
@@ -63,7 +65,7 @@ def make_calibration(
             'no camera has a CameraInfo, so there is no calibration; set calibration: none in the'
             ' plan, or give --calib'
         )
-    views, notes = viewpoints(tree, cameras)
+    views, notes = viewpoints(tree, cameras, others)
     first = min(cameras)
     cam0_t_velo, velo_t_imu, nominal = _mountings(tree, views[first], lidar_frame, imu_frame)
     found = {}
@@ -118,10 +120,15 @@ def _straightened(
     return replace(rig, cameras=cameras, r0_rect=r0_rect, cam0_T_velo=cam0_t_velo)
 
 
-def rect_in_frame(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> tuple[str, Transform]:
-    """Return a frame of the tree, and KITTI's rectified camera 0 in it (frame_T_rect)."""
+def rect_in_frame(
+    tree: FrameTree, cameras: Mapping[int, CameraModel], others: Sequence[CameraModel] = ()
+) -> tuple[str, Transform]:
+    """Return a frame of the tree, and KITTI's rectified camera 0 in it (frame_T_rect).
+
+    Others are as of viewpoints.
+    """
     first = min(cameras)
-    view = viewpoints(tree, cameras)[0][first]
+    view = viewpoints(tree, cameras, others)[0][first]
     cam_t_rect = Transform(cameras[first].r.T.copy(), np.zeros(3))
     return view.frame, view.cam_T_frame.inverse() @ cam_t_rect
 

@@ -62,9 +62,20 @@ def is_extract(plan: Plan) -> bool:
 
 
 def make_calibrations(
-    plan: Plan, survey: Survey, tree: FrameTree, cameras: Mapping[int, CameraModel]
+    plan: Plan,
+    survey: Survey,
+    tree: FrameTree,
+    cameras: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
 ) -> Calibrations:
     """Make the calibrations of a plan.
+
+    Args:
+        plan: The plan.
+        survey: Of its bags.
+        tree: The static transforms.
+        cameras: The plan's, by KITTI index.
+        others: As viewpoints.
 
     Raises:
         UsageError: The calibration that the plan names does not exist.
@@ -94,6 +105,7 @@ def make_calibrations(
         plan.imu_frame or None,
         rectified=not is_extract(plan),
         straightened=straightened if is_extract(plan) else (),
+        others=others,
     )
     if survey.changing:
         links = ', '.join(f'{parent} -> {child}' for parent, child in survey.changing)

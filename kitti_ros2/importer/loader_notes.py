@@ -22,6 +22,7 @@ from .calibration_source import camera_models
 from .camera_sets import plans_of
 from .optical_frames import made_optical_frames
 from .plan import TF
+from .rig_cameras import other_cameras
 from .scan_frame import CAMERA, LEVEL, made_frame, optical_axis
 
 if TYPE_CHECKING:
@@ -82,9 +83,10 @@ def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
         models = camera_models(plan, survey)
         if not models:
             return None
-        static = [*survey.static, *made_optical_frames(plan, survey)]
-        plan, made = made_frame(plan, FrameTree(static, survey.moving), models)
+        others, links = other_cameras(plan, survey)
+        static = [*survey.static, *links, *made_optical_frames(plan, survey)]
+        plan, made = made_frame(plan, FrameTree(static, survey.moving), models, others)
         tree = FrameTree([*static, *made], survey.moving)
-        return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models)
+        return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models, others)
     except KittiRos2Error:  # it stops the conversion, which reports it
         return None

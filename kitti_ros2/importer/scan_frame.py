@@ -47,7 +47,10 @@ LEVEL = np.sin(np.radians(15))
 
 
 def made_frame(
-    plan: Plan, tree: FrameTree, models: Mapping[int, CameraModel]
+    plan: Plan,
+    tree: FrameTree,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
 ) -> tuple[Plan, Sequence[Link]]:
     """Return the plan with the made frame as scan.frame, and the link to it; neither if none is.
 
@@ -55,6 +58,7 @@ def made_frame(
         plan: The plan.
         tree: The static transforms.
         models: Of the cameras with a CameraInfo, by KITTI index.
+        others: Of the other cameras of the bag, as viewpoints.
 
     Raises:
         UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
@@ -66,7 +70,12 @@ def made_frame(
         return plan, ()
     rotation = AXES.get(scan.forward)
     if scan.forward == CAMERA:
-        rotation = _to_camera(plan, scan, tree, models)
+        if plan.calibration != TF or not models:
+            raise UsageError(
+                f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a'
+                f' CameraInfo'
+            )
+        rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
     if rotation is None:
         place = tree.find(scan.frame, scan.forward)
         if place is None:
@@ -80,7 +89,12 @@ def made_frame(
     return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
 
 
-def optical_axis(tree: FrameTree, frame: str, models: Mapping[int, CameraModel]) -> Float64Array:
+def optical_axis(
+    tree: FrameTree,
+    frame: str,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> Float64Array:
     """Return (3,) the optical axis of KITTI's rectified camera 0 in a frame.
 
     Camera 2 has the same: both are rectified to one plane.
@@ -88,20 +102,13 @@ def optical_axis(tree: FrameTree, frame: str, models: Mapping[int, CameraModel])
     Raises:
         MissingDataError: No static transform joins the two.
     """
-    own, frame_t_rect = rect_in_frame(tree, models)
+    own, frame_t_rect = rect_in_frame(tree, models, others)
     axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
     return np.asarray(axis, np.float64)
 
 
-def _to_camera(
-    plan: Plan, scan: ScanPlan, tree: FrameTree, models: Mapping[int, CameraModel]
-) -> Float64Array:
-    """Return (3, 3) forward, left, up in the frame of the scans, forward to camera 2."""
-    if plan.calibration != TF or not models:
-        raise UsageError(
-            f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a CameraInfo'
-        )
-    axis = optical_axis(tree, scan.frame, models)
+def _turned_to(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
+    """Return (3, 3) forward, left, up in the frame of the scans, forward along an optical axis."""
     up = _vertical(tree, scan.frame)
     ahead = axis - up * (up @ axis)
     if np.linalg.norm(ahead) < LEVEL:

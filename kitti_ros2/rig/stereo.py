@@ -27,7 +27,7 @@ from ..model.cameras import LEFT_OF
 from ..model.geometry import Transform
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from ..messages.camera_info import CameraModel
     from ..model.geometry import Float64Array
@@ -39,6 +39,7 @@ _NO_BASELINE_M = 1e-3
 _BASELINE_M = 0.02
 _BASELINE_SHARE = 0.1
 _PLAUSIBLE = 0.5
+_PARALLEL = 'frames of cameras are parallel while their R differ'
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +58,28 @@ class Viewpoint:
 
 
 def viewpoints(
-    tree: FrameTree, cameras: Mapping[int, CameraModel]
+    tree: FrameTree, cameras: Mapping[int, CameraModel], others: Iterable[CameraModel] = ()
 ) -> tuple[dict[int, Viewpoint], list[str]]:
-    """Return the viewpoint of each camera, and notes on ambiguous ones, a line each."""
-    rectified = [index for index in sorted(cameras) if _is_rectified(tree, index, cameras)]
-    unturned = dict(cameras) | {index: replace(cameras[index], r=np.eye(3)) for index in rectified}
+    """Return the viewpoint of each camera, and notes on ambiguous ones, a line each.
+
+    Args:
+        tree: The static transforms.
+        cameras: By KITTI index.
+        others: Further cameras of the rig, to compare with; the same ones again are no harm.
+    """
+    rig = dict(cameras) | dict(enumerate(others, max(cameras, default=0) + 1))
+    why = {index: _why_rectified(tree, index, rig) for index in rig}
+    unturned = {
+        index: replace(model, r=np.eye(3)) if why[index] else model for index, model in rig.items()
+    }
     found, notes = {}, []
-    if rectified:
-        frames = ', '.join(dict.fromkeys(cameras[index].frame for index in rectified))
-        notes.append(
-            f'{frames}: taken as rectified frames, for they are parallel while the R of their'
-            f' cameras differ'
-        )
+    for reason in (_PARALLEL,):
+        frames = dict.fromkeys(cameras[each].frame for each in cameras if why[each] == reason)
+        if frames:
+            notes.append(f'{", ".join(frames)}: taken as rectified frames, for {reason}')
     for index, model in sorted(cameras.items()):
-        view, note = _viewpoint(tree, index, unturned)
-        if index in rectified:
+        view, note = _viewpoint(tree, index, unturned, frozenset(cameras))
+        if why[index]:
             back = Transform(model.r.T.copy(), np.zeros(3))
             view = replace(view, cam_T_frame=back @ view.cam_T_frame)
         found[index] = view
@@ -85,42 +93,59 @@ def angle_of(rotation: Float64Array) -> float:
     return float(np.arctan2(sine, (np.trace(rotation) - 1) / 2))
 
 
-def _is_rectified(tree: FrameTree, index: int, cameras: Mapping[int, CameraModel]) -> bool:
-    """Whether the frame of a camera is parallel to and apart from another's with another R."""
-    model = cameras[index]
-    for other in cameras.values():
+def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) -> str:
+    """Return why the frame of a camera is a rectified one; empty if nothing shows it, or R is I."""
+    model = rig[index]
+    reason = ''
+    if angle_of(model.r) <= _PARALLEL_RAD:
+        return reason
+    for other in rig.values():
         place = tree.find(model.frame, other.frame)
         if place is None or _is_same(place) or angle_of(place.rotation) > _PARALLEL_RAD:
             continue
         if angle_of(model.r @ other.r.T) > _PARALLEL_RAD:
-            return True
-    return False
+            return _PARALLEL
+    return reason
 
 
 def _viewpoint(
-    tree: FrameTree, index: int, cameras: Mapping[int, CameraModel]
+    tree: FrameTree, index: int, rig: Mapping[int, CameraModel], chosen: Collection[int]
 ) -> tuple[Viewpoint, str]:
-    model = cameras[index]
+    """Return the viewpoint of a camera, and a note where it is ambiguous.
+
+    Args:
+        tree: The static transforms.
+        index: Of the camera.
+        rig: All cameras.
+        chosen: Those that get a viewpoint: only one of them can be the left camera of a frame that
+            no transform joins.
+    """
+    model = rig[index]
     offset = model.offset
     own = Viewpoint(model.frame, Transform.identity(), model.p)
     if np.linalg.norm(offset) < _NO_BASELINE_M:
         return own, ''
-    lefts = [
-        (cameras[other], tree.find(model.frame, cameras[other].frame))
-        for other in sorted(cameras, key=lambda other: (other != LEFT_OF.get(index), other))
-        if other != index and np.linalg.norm(cameras[other].offset) < _NO_BASELINE_M
+    around = [
+        (rig[other], place)
+        for other in sorted(rig, key=lambda other: (other != LEFT_OF.get(index), other))
+        for place in [tree.find(model.frame, rig[other].frame)]
+        if other != index and (place is not None or other in chosen)
     ]
+    lefts = [each for each in around if np.linalg.norm(each[0].offset) < _NO_BASELINE_M]
     for left, place in lefts:
         if place is not None and _is_same(place):
             return _beside(model, left), ''
     if lefts and all(place is None for _, place in lefts):
         return _beside(model, lefts[0][0]), ''
-    places = _places(tree, model)
-    if any(_agree(place, offset) for place in places):
+    if any(_agree(place, offset) for place in _places(tree, model)):
         return replace(own, p=_without_offset(model)), ''
-    if any(_agree(place, -offset) for place in places):
+    if any(_agree(place, -offset) for place in _places(tree, model)):
         return own, ''
-    joined = [(left, model.r @ place.translation) for left, place in lefts if place is not None]
+    joined = [
+        (left, model.r @ place.translation)
+        for left, place in lefts
+        if place is not None and angle_of(place.rotation) < _ALIKE_RAD
+    ]
     return _doubtful(index, model, joined, own)
 
 

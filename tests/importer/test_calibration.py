@@ -507,11 +507,39 @@ def test_frames_that_are_rectified_already_are_not_rectified_again(recordings):
     assert_same_lenses(made, rig, SEVEN_DIGITS)
     (note,) = notes
     assert note.startswith('camera_gray_left, camera_gray_right, camera_color_left, camera_color')
+    for index, camera in cameras.items():
+        alone, notes = make(
+            links, {2: camera}, frames.velo, frames.imu, others=list(cameras.values())
+        )
+        np.testing.assert_allclose(pixels_of(alone, 2), pixels_of(made, index), atol=1e-4)
+        assert notes == (note.replace(note.partition(':')[0], camera.frame),)
+
+
+@pytest.mark.parametrize(
+    'name', ['the left frame', 'its own frame', 'its own frame in the left camera']
+)
+def test_a_right_camera_alone_is_compared_with_others_of_its_rig(name):
+    stereo = Stereo()
+    links, frame = stampings()[name]
+    made, notes = make(links, {2: replace(stereo.right, frame=frame)}, others=[stereo.left])
+    np.testing.assert_allclose(pixels_of(made, 2), stereo.true_pixels(), rtol=1e-6)
+    assert notes == ()
+
+
+def test_a_camera_that_nothing_joins_is_no_left_one_unless_the_plan_takes_it():
+    links = [('right', 'lidar', LEFT_T_LIDAR)]
+    made, notes = make(links, {2: right_model('right')}, others=[model('elsewhere')])
+    true = project(right_model('right').p, LEFT_T_LIDAR.apply(POINTS))
+    np.testing.assert_allclose(pixels_of(made, 2), true, rtol=1e-9)
+    assert 'taken as from right' in notes[0]
 
 
 def test_equal_r_of_parallel_frames_is_applied():
+    """The tree has the baseline along the rectified rows."""
     r = rotation_from_rpy(0.02, 0.01, 0)
-    made, notes = make(side_by_side(BASELINE), {0: model(r=r), 1: right_model('right', r=r)})
+    beside = Transform.from_translation(r.T @ [-BASELINE, 0, 0])
+    links = [('left', 'lidar', LEFT_T_LIDAR), ('right', 'left', beside)]
+    made, notes = make(links, {0: model(r=r), 1: right_model('right', r=r)})
     np.testing.assert_array_equal(made.r0_rect, r)
     true = project(model().p, LEFT_T_LIDAR.apply(POINTS) @ r.T)
     np.testing.assert_allclose(pixels_of(made, 0), true, rtol=1e-9)

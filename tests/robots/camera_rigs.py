@@ -60,7 +60,12 @@ class Camera:
 
     Attributes:
         base_T_camera: (4, 4) of the optical frame.
+        k: Of the images, which are rectified.
         offset_m: Of P's fourth column, along x: minus the baseline of a right camera.
+        r: Of its CameraInfo.
+        raw_k: K of its CameraInfo, where it is another one.
+        d: Of its CameraInfo.
+        size: Of its CameraInfo.
     """
 
     folder: str
@@ -71,6 +76,10 @@ class Camera:
     k: np.ndarray = field(default_factory=K.copy)
     offset_m: float = 0.0
     info: str = 'camera_info'
+    r: np.ndarray = field(default_factory=lambda: np.eye(3))
+    raw_k: np.ndarray | None = None
+    d: tuple[float, ...] = (0.0,) * 5
+    size: tuple[int, int] = SIZE
 
     @property
     def topic(self) -> str:
@@ -231,7 +240,8 @@ class _Messages:
 
     def info(self, camera: Camera) -> object:
         p = np.column_stack([camera.k, camera.k @ [camera.offset_m, 0, 0]])
-        numbers = {'d': np.zeros(5), 'k': camera.k.ravel(), 'r': np.eye(3).ravel(), 'p': p.ravel()}
+        k = camera.k if camera.raw_k is None else camera.raw_k
+        numbers = {'d': np.array(camera.d), 'k': k.ravel(), 'r': camera.r.ravel(), 'p': p.ravel()}
         if self.is_ros1:
             numbers = {name.upper(): values for name, values in numbers.items()}
         roi = self.make(
@@ -245,8 +255,8 @@ class _Messages:
         return self.make(
             'sensor_msgs/msg/CameraInfo',
             header=self.header(camera.frame),
-            height=SIZE[1],
-            width=SIZE[0],
+            height=camera.size[1],
+            width=camera.size[0],
             distortion_model='plumb_bob',
             binning_x=0,
             binning_y=0,

@@ -131,6 +131,59 @@ def test_a_camera_that_nothing_joins_is_passed_over_by_name(tmp_path, capsys):
     assert_true(out / 'training_front', ROBOT.cameras[0])
 
 
+def rectified_pair(*, left_r, right_r, left_m=0.0):
+    """A stereo pair whose TF has rectified frames, and the R of unrectified cameras."""
+    robot = small_rigs.stereo()
+    left, right = robot.cameras
+    left = replace(left, r=left_r, offset_m=left_m)
+    right = replace(right, r=right_r, offset_m=left_m + right.offset_m)
+    return replace(robot, cameras=(left, right))
+
+
+@pytest.mark.parametrize('left_m', [0.0])
+def test_frames_mean_in_each_set_what_they_mean_in_a_plan_of_all(left_m, tmp_path, capsys):
+    robot = rectified_pair(
+        left_r=camera_rigs.turned(0.9, 0.4), right_r=camera_rigs.turned(-0.6, 0.7), left_m=left_m
+    )
+    bag = str(camera_rigs.write(robot, tmp_path / 'bag'))
+    words = ['--layout', 'object']
+    assert main(['to-kitti', bag, str(tmp_path / 'pair'), *words]) == 0
+    assert main(['to-kitti', bag, str(tmp_path / 'sets'), *words, '--all-cameras']) == 0
+    assert capsys.readouterr().out.count('stereo_right: taken as rectified frames') == 2
+    for index, camera in enumerate(robot.cameras, 2):
+        assert_true(tmp_path / 'pair/training', camera, index=index)
+        assert_true(tmp_path / f'sets/training_{camera.folder.rpartition("/")[2]}', camera)
+
+
+def test_a_plan_of_the_right_camera_alone_is_compared_with_the_left_one(tmp_path):
+    robot = rectified_pair(left_r=np.eye(3), right_r=camera_rigs.turned(-0.6, 0.7))
+    bag = str(camera_rigs.write(robot, tmp_path / 'bag'))
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(
+        'layout: object\nname: training\nreference: scan\ntolerance_s: 0.05\n'
+        'scan: {topic: /lidar/points, frame: lidar}\n'
+        'cameras: {2: {topic: /stereo/right/image_rect_color, info: /stereo/right/camera_info}}\n'
+    )
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 0
+    assert_true(tmp_path / 'out/training', robot.cameras[1])
+
+
+def test_x_forward_pairs_of_simulators_count_a_baseline_once_in_each_set(tmp_path):
+    stereo = small_rigs.stereo()
+    bodies = {
+        each.frame: each.base_T_camera @ camera_rigs.pose(camera_rigs.OPTICAL.T, (0.0, 0.0, 0.0))
+        for each in stereo.cameras
+    }
+    links = tuple(
+        (parent, child, bodies.get(child, place)) for parent, child, place in stereo.links
+    )
+    bag = str(camera_rigs.write(replace(stereo, links=links), tmp_path / 'bag'))
+    words = ['--layout', 'object', '--all-cameras']
+    assert main(['to-kitti', bag, str(tmp_path / 'sets'), *words]) == 0
+    for camera in stereo.cameras:
+        assert_true(tmp_path / f'sets/training_{camera.folder.rpartition("/")[2]}', camera)
+
+
 def test_all_cameras_needs_camera_infos(tmp_path, capsys):
     robot = replace(small_rigs.sides('front', 'left'), with_boxes=False)
     path = camera_rigs.write(
