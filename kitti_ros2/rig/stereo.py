@@ -11,9 +11,14 @@ header.frame_id differs from bag to bag, and is detected by the static tree:
 - the right camera's own frame, a baseline away from the left one's: the tree has the baseline too.
 - a frame not connected to the left camera: the pair's frame is the left camera's.
 
+Of two cameras that both have a fourth column (KITTI's 2 and 3, from camera 0), the difference of
+the two is compared with the tree: where it is their distance, the tree has both baselines.
+
 Many drivers and kitti2bag name frames that are already rectified (RViz and image_geometry apply no
-R). This is detected where the frames of two cameras are parallel and apart although their R differ:
-the tree includes R.
+R). This is detected where the frames of two cameras are parallel and apart, and
+
+- their R differ: the tree includes R.
+- their baseline in the tree is that of P to 0.1 mm without R, and not with R.
 """
 
 from __future__ import annotations
@@ -34,12 +39,15 @@ if TYPE_CHECKING:
     from .tf_tree import FrameTree
 
 _PARALLEL_RAD = 1e-5
+_EXACT_M = 1e-4
+_INEXACT_M = 1e-3
 _ALIKE_RAD = np.radians(10)
 _NO_BASELINE_M = 1e-3
 _BASELINE_M = 0.02
 _BASELINE_SHARE = 0.1
 _PLAUSIBLE = 0.5
 _PARALLEL = 'frames of cameras are parallel while their R differ'
+_SAME_BASELINE = 'the baseline in them is that of P where R is not applied'
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +81,7 @@ def viewpoints(
         index: replace(model, r=np.eye(3)) if why[index] else model for index, model in rig.items()
     }
     found, notes = {}, []
-    for reason in (_PARALLEL,):
+    for reason in (_PARALLEL, _SAME_BASELINE):
         frames = dict.fromkeys(cameras[each].frame for each in cameras if why[each] == reason)
         if frames:
             notes.append(f'{", ".join(frames)}: taken as rectified frames, for {reason}')
@@ -105,6 +113,10 @@ def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) 
             continue
         if angle_of(model.r @ other.r.T) > _PARALLEL_RAD:
             return _PARALLEL
+        baseline = model.offset - other.offset
+        turned = float(np.linalg.norm(model.r @ place.translation - baseline))
+        if turned > _INEXACT_M and np.linalg.norm(place.translation - baseline) < _EXACT_M:
+            reason = _SAME_BASELINE
     return reason
 
 
@@ -137,7 +149,7 @@ def _viewpoint(
             return _beside(model, left), ''
     if lefts and all(place is None for _, place in lefts):
         return _beside(model, lefts[0][0]), ''
-    if any(_agree(place, offset) for place in _places(tree, model)):
+    if _has_both(model, around) or any(_agree(place, offset) for place in _places(tree, model)):
         return replace(own, p=_without_offset(model)), ''
     if any(_agree(place, -offset) for place in _places(tree, model)):
         return own, ''
@@ -147,6 +159,17 @@ def _viewpoint(
         if place is not None and angle_of(place.rotation) < _ALIKE_RAD
     ]
     return _doubtful(index, model, joined, own)
+
+
+def _has_both(model: CameraModel, around: Iterable[tuple[CameraModel, Transform | None]]) -> bool:
+    """Whether the tree has the baseline between a camera and another one that P displaces."""
+    return any(
+        _agree(model.r @ place.translation, model.offset - other.offset)
+        for other, place in around
+        if place is not None
+        and angle_of(place.rotation) < _ALIKE_RAD
+        and np.linalg.norm(other.offset) >= _NO_BASELINE_M
+    )
 
 
 def _places(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
@@ -196,7 +219,7 @@ def _doubtful(
     baseline = float(np.linalg.norm(model.offset))
     said = f'camera {index}: P has a baseline of {baseline:.3f} m'
     if not joined:
-        return own, f'{said}, taken as from {model.frame}: there is no other camera to compare with'
+        return own, f'{said}, taken as from {model.frame}: no left camera is there to compare with'
     left, place = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
     said += (
         f' but {model.frame} is {np.linalg.norm(place):.3f} m from {left.frame} by the static'

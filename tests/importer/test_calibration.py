@@ -534,6 +534,40 @@ def test_a_camera_that_nothing_joins_is_no_left_one_unless_the_plan_takes_it():
     assert 'taken as from right' in notes[0]
 
 
+def displaced(frame, metres, **values):
+    """A camera whose P counts from another one, that is not there."""
+    return model(frame, np.column_stack([K, K @ [metres, 0, 0]]), **values)
+
+
+def test_two_baselines_from_a_camera_that_is_not_there_are_compared_with_each_other():
+    cameras = {2: displaced('left', 0.06), 3: displaced('right', 0.06 - BASELINE)}
+    made, notes = make(side_by_side(BASELINE), cameras)
+    assert notes == ()
+    np.testing.assert_allclose(made.cameras[2].p_rect[:, 3], 0, atol=1e-9)
+    np.testing.assert_allclose(made.cameras[3].p_rect[:, 3], K @ [-BASELINE, 0, 0], atol=1e-9)
+
+
+def test_two_baselines_of_one_frame_are_taken_from_it():
+    cameras = {2: displaced('left', 0.06), 3: displaced('left', 0.06 - BASELINE)}
+    made, notes = make([('left', 'lidar', LEFT_T_LIDAR)], cameras)
+    offsets = [made.cameras[index].p_rect[0, 3] / 500 for index in (2, 3)]
+    np.testing.assert_allclose(offsets, [0.06, 0.06 - BASELINE])
+    assert all('no left camera is there to compare with' in note for note in notes)
+    assert len(notes) == len(cameras)
+
+
+@pytest.mark.parametrize('first', [0.0, 0.06])
+def test_a_baseline_that_is_that_of_p_without_r_is_of_rectified_frames(first):
+    r = rotation_from_rpy(0.004, 0.01, -0.02)
+    cameras = {2: displaced('left', first, r=r), 3: displaced('right', first - BASELINE, r=r)}
+    made, notes = make(side_by_side(BASELINE), cameras)
+    for index, x in ((2, 0.0), (3, -BASELINE)):
+        true = project(K @ np.eye(3, 4), LEFT_T_LIDAR.apply(POINTS) + np.array([x, 0, 0]))
+        np.testing.assert_allclose(pixels_of(made, index), true, rtol=1e-6)
+    (note,) = notes
+    assert 'left, right: taken as rectified frames, for the baseline in them is that of P' in note
+
+
 def test_equal_r_of_parallel_frames_is_applied():
     """The tree has the baseline along the rectified rows."""
     r = rotation_from_rpy(0.02, 0.01, 0)

@@ -140,7 +140,7 @@ def rectified_pair(*, left_r, right_r, left_m=0.0):
     return replace(robot, cameras=(left, right))
 
 
-@pytest.mark.parametrize('left_m', [0.0])
+@pytest.mark.parametrize('left_m', [0.0, 0.06])
 def test_frames_mean_in_each_set_what_they_mean_in_a_plan_of_all(left_m, tmp_path, capsys):
     robot = rectified_pair(
         left_r=camera_rigs.turned(0.9, 0.4), right_r=camera_rigs.turned(-0.6, 0.7), left_m=left_m
