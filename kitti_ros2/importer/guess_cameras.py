@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.camera_info import PLUMB_BOB, lens_model
+from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
 from ..model.streams import CAMERA_NAMES
-from ..rig.rectify import needs_rectifying
+from ..rig.rectify import has_lens_of_larger_image, needs_rectifying
 from .camera_geometry import choose_cameras
 from .camera_notes import describe_others, describe_steep, joined_cameras, why_not_joined
 from .camera_topics import leaf
@@ -66,6 +66,7 @@ def guess_cameras(
         choice = choose_cameras(tree, heading, cameras)
         found = choice.cameras
         notes += describe_others(tree, heading, cameras, choice, scan_frame)
+    notes += _describe_rectified(found.values())
     return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
 
 
@@ -104,6 +105,7 @@ def guess_camera_sets(
         ]
         cameras = joined
     notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
+    notes += _describe_rectified(cameras)
     names = _short_names([each.name for each in cameras])
     return {
         name: _plan(layout, camera)
@@ -116,7 +118,9 @@ def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
     """Whether raw images stay distorted, so that the drive is an extract."""
     for plan in cameras:
         looks = survey.topics[plan.info].looks if plan.info else []
-        if looks and not plan.rectify and 'rect' not in leaf(plan.topic) and np.any(looks[0].d):
+        if not looks or plan.rectify or 'rect' in leaf(plan.topic):
+            continue
+        if np.any(looks[0].d) and not _is_rectified(looks[0]):
             return True
     return False
 
@@ -155,15 +159,46 @@ def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
 
 def _rectify(layout: Layout, camera: RigCamera) -> bool:
     """Whether to rectify: distorted images, except in raw where K and D describe them."""
+    if camera.info is None or not _has_lens(camera):
+        return False
+    message = camera.info.looks[0]
+    d = np.asarray(message.d, np.float64)
+    plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
+    return not (layout.traits.extracts and plain) and not _is_rectified(message)
+
+
+def _has_lens(camera: RigCamera) -> bool:
+    """Whether a camera is not rectified by its numbers, nor by the name of its images."""
     looks = camera.info.looks if camera.info is not None else []
     if not looks or 'rect' in leaf(camera.topic.name):
         return False
     message = looks[0]
-    if not needs_rectifying(message.k, message.d, message.r, message.p):
+    return needs_rectifying(message.k, message.d, message.r, message.p)
+
+
+def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
+    """Return a note on the cameras whose lens is that of other images."""
+    names = [
+        each.topic.name
+        for each in cameras
+        if each.info is not None and _has_lens(each) and _is_rectified(each.info.looks[0])
+    ]
+    if not names:
+        return []
+    note = (
+        f'{", ".join(names)}: taken as rectified already, for K, D and R of the camera_info are'
+        f' those of a larger image, and P is that of its size, as kitti2bag writes them; otherwise'
+        f' set rectify: true'
+    )
+    return [note]
+
+
+def _is_rectified(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether a CameraInfo shows that its images are rectified, though it has a distortion."""
+    try:
+        return has_lens_of_larger_image(camera_model(message))
+    except ValueError:  # the conversion refuses it
         return False
-    d = np.asarray(message.d, np.float64)
-    plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
-    return not (layout.traits.extracts and plain)
 
 
 def _short_names(names: Iterable[str]) -> list[str]:

@@ -15,6 +15,7 @@ import rerun as rr
 
 from ..messages.camera_info import camera_model
 from ..model.geometry import Transform
+from ..rig.rectify import has_lens_of_larger_image
 from .entities import Converter, EntityUpdate, entity_path, image_frame
 
 if TYPE_CHECKING:
@@ -88,13 +89,14 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entity
 
 
 def is_rectified(image: str, model: CameraModel) -> bool:
-    """Whether an image is rectified (the target of P after R): by name, else by calibration.
+    """Whether an image is rectified (the target of P after R): by its name or its calibration.
 
     image_proc names such images image_rect and image_rect_color.
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
     turned = np.abs(model.r - np.eye(3)).max() > _SAME
-    return 'rect' in name or not (model.d.any() or turned)
+    plain = not (model.d.any() or turned)
+    return 'rect' in name or plain or has_lens_of_larger_image(model)
 
 
 def projection_of(

@@ -46,6 +46,8 @@ def compressed(name, form='png', frame=''):
 
 def info(name, frame='', d=(), model='plumb_bob'):
     look = SimpleNamespace(
+        width=0,
+        height=0,
         k=K.ravel(),
         d=np.array(d, float),
         r=np.eye(3).ravel(),

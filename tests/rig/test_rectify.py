@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from itertools import product
+
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +14,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2.messages.camera_info import EQUIDISTANT, CameraModel, lens_model
 from kitti_ros2.model.geometry import rotation_from_rpy
-from kitti_ros2.rig.rectify import Rectifier, needs_rectifying
+from kitti_ros2.rig.rectify import Rectifier, has_lens_of_larger_image, needs_rectifying
 
 SIZE = (640, 400)
 K = np.array([[350.0, 0, 322.3], [0, 347.0, 197.6], [0, 0, 1]])
@@ -234,3 +237,56 @@ class TestNeedsRectifying:
     )
     def test_any_other_does(self, d, r, p):
         assert needs_rectifying(K, d, r, p)
+
+
+def lens_at(x: float, y: float) -> np.ndarray:
+    """K with a principal point, in parts of the size."""
+    return np.array([[480.0, 0, x * SIZE[0]], [0, 482.0, y * SIZE[1]], [0, 0, 1]])
+
+
+class TestLensOfLargerImage:
+    D = np.array([-0.3, 0.11, 0.0005, -0.0003, -0.01])
+    PLACES = ((0.5, 0.5), (0.54, 0.56), (0.56, 0.62), (0.62, 0.55), (0.45, 0.6), (0.42, 0.4))
+
+    def test_kitti_s_raw_cameras_have_that_of_a_larger_image_than_the_rectified(self, real_kitti):
+        lines = (real_kitti / 'raw/2011_09_26/calib_cam_to_cam.txt').read_text().splitlines()
+        found = dict(line.split(': ', 1) for line in lines)
+        for index in range(4):
+            d, s, k, r, p = (
+                np.array(found[f'{name}_0{index}'].split(), float)
+                for name in ('D', 'S', 'K', 'R_rect', 'P_rect')
+            )
+            size = tuple(int(float(each)) for each in found[f'S_rect_0{index}'].split())
+            matrices = k.reshape(3, 3), d, r.reshape(3, 3), p.reshape(3, 4)
+            assert has_lens_of_larger_image(CameraModel('camera', size, *matrices))
+            whole = int(s[0]), int(s[1])
+            assert not has_lens_of_larger_image(CameraModel('camera', whole, *matrices))
+
+    @pytest.mark.parametrize('place', PLACES)
+    @pytest.mark.parametrize('alpha', [-1, 0, 0.5, 1])
+    @pytest.mark.parametrize('flags', [0, cv2.CALIB_ZERO_DISPARITY])
+    def test_stereo_calibrations_have_that_of_their_images(self, place, alpha, flags):
+        for other, yaw in product(self.PLACES, (-0.02, 0.03)):
+            ks = lens_at(*place), lens_at(*other)
+            motion = rotation_from_rpy(0.01, yaw, 0.005), np.array([[-0.12], [0.002], [0.003]])
+            lenses = ks[0], self.D, ks[1], self.D
+            r1, r2, p1, p2, *_ = cv2.stereoRectify(*lenses, SIZE, *motion, alpha=alpha, flags=flags)
+            for k, r, p in zip(ks, (r1, r2), (p1, p2), strict=True):
+                assert not has_lens_of_larger_image(CameraModel('', SIZE, k, self.D, r, p))
+
+    @pytest.mark.parametrize('place', PLACES)
+    @pytest.mark.parametrize('alpha', [0, 0.5, 1])
+    @pytest.mark.parametrize('centred', [True, False])
+    def test_calibrations_of_one_camera_have_that_of_their_images(self, place, alpha, centred):
+        k = lens_at(*place)
+        own, _ = cv2.getOptimalNewCameraMatrix(k, self.D, SIZE, alpha, centerPrincipalPoint=centred)
+        for k_rect in (own, k):
+            p = np.column_stack([k_rect, np.zeros(3)])
+            assert not has_lens_of_larger_image(CameraModel('', SIZE, k, self.D, np.eye(3), p))
+
+    def test_a_lens_that_is_unknown_is_none_of_a_larger_image(self):
+        p = np.column_stack([lens_at(0.5, 0.5), np.zeros(3)])
+        camera = CameraModel('', SIZE, lens_at(0.6, 0.6), self.D, R, p)
+        assert has_lens_of_larger_image(camera)
+        odd = CameraModel('', SIZE, camera.k, self.D, R, p, model='odd')
+        assert not has_lens_of_larger_image(odd)
