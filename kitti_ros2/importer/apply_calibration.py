@@ -17,7 +17,7 @@ from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..model.streams import Stream
 from ..rig.tf_tree import FrameTree
 from .calibration import rect_in_frame
-from .calibration_source import camera_models, make_calibrations
+from .calibration_source import camera_models, make_calibrations, swapped_sizes
 from .convert_boxes import BoxConversion
 from .convert_images import ImageConversion
 from .convert_scans import ScanConversion
@@ -89,6 +89,7 @@ class Rigging:
             for camera in plan.cameras.values()
             if camera.info and topic_of(survey, camera.info).changes
         ]
+        self._swapped = swapped_sizes(plan, survey, self._models)
         self.imu_t_topic = self._unit_transforms(survey)
         self._lever_arm = list(self._lever_arm_notes(survey))
         self.labels = BoxConversion(
@@ -187,7 +188,8 @@ class Rigging:
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         found += self._nominal_places() if first is None else ()
         found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
-        return [*found, *self._lever_arm, *self._changing, *self.calibrations.notes]
+        found += [*self._lever_arm, *self._changing, *self._swapped]
+        return [*found, *self.calibrations.notes]
 
     def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:
         """Yield a note on the place of a NavSatFix's antenna, where the imu's is known."""

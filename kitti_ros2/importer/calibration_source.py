@@ -18,7 +18,7 @@ from ..model.errors import BadFileError, MissingDataError, UsageError
 from .calibration import make_calibration
 from .optical_frames import optical_name
 from .plan import NONE, SOURCE, TF
-from .planned_topics import camera_of
+from .planned_topics import camera_of, of_images, topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -195,6 +195,18 @@ def camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
     return models
 
 
+def swapped_sizes(plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> list[str]:
+    """Return a note on the cameras whose CameraInfo has width and height swapped."""
+    names = [
+        plan.cameras[index].info
+        for index, model in sorted(models.items())
+        if camera_of(survey, plan.cameras[index].info).size != model.size
+    ]
+    if not names:
+        return []
+    return [f'{", ".join(names)}: width and height are swapped; the size of the images is taken']
+
+
 def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
     try:
         model = camera_of(survey, camera.info)
@@ -203,4 +215,5 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
             f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
             f' rectify: false where its images are rectified)'
         ) from None
+    model = of_images(model, topic_of(survey, camera.topic))
     return replace(model, frame=optical_name(camera.frame or model.frame, camera.forward))

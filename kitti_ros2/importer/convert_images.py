@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..files.png.encode import encode_png
 from ..files.png.header import parse_image
-from ..messages.pixels import pixels_of, png_of, size_of
+from ..messages.pixels import pixels_of, png_of
 from ..model.errors import BadFileError, UsageError
 from ..rig.rectify import Rectifier
-from .planned_topics import topic_of
+from .planned_topics import image_size, topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -129,8 +129,7 @@ def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
     """Return (width, height) of each camera, from the first of its images with a known size."""
     found = {}
     for index, camera in plan.cameras.items():
-        sizes = (size_of(look) for look in topic_of(survey, camera.topic).looks)
-        size = next(filter(None, sizes), None)
+        size = image_size(topic_of(survey, camera.topic))
         if size is not None:
             found[index] = size
     return found

@@ -16,6 +16,7 @@ from .camera_geometry import choose_cameras
 from .camera_notes import describe_others, describe_steep, joined_cameras, why_not_joined
 from .camera_topics import leaf
 from .plan import CameraPlan
+from .planned_topics import of_images
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..rig.tf_tree import FrameTree
     from .camera_topics import RigCamera
     from .survey import Survey
+    from .topic_survey import TopicSurvey
 
 _NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
 
@@ -120,7 +122,7 @@ def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
         looks = survey.topics[plan.info].looks if plan.info else []
         if not looks or plan.rectify or 'rect' in leaf(plan.topic):
             continue
-        if np.any(looks[0].d) and not _is_rectified(looks[0]):
+        if np.any(looks[0].d) and not _is_rectified(looks[0], survey.topics[plan.topic]):
             return True
     return False
 
@@ -164,7 +166,7 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
     message = camera.info.looks[0]
     d = np.asarray(message.d, np.float64)
     plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
-    return not (layout.traits.extracts and plain) and not _is_rectified(message)
+    return not (layout.traits.extracts and plain) and not _is_rectified(message, camera.topic)
 
 
 def _has_lens(camera: RigCamera) -> bool:
@@ -181,7 +183,9 @@ def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
     names = [
         each.topic.name
         for each in cameras
-        if each.info is not None and _has_lens(each) and _is_rectified(each.info.looks[0])
+        if each.info is not None
+        and _has_lens(each)
+        and _is_rectified(each.info.looks[0], each.topic)
     ]
     if not names:
         return []
@@ -193,10 +197,10 @@ def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
     return [note]
 
 
-def _is_rectified(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+def _is_rectified(message: Any, images: TopicSurvey) -> bool:  # noqa: ANN401 - of the bag's types
     """Whether a CameraInfo shows that its images are rectified, though it has a distortion."""
     try:
-        return has_lens_of_larger_image(camera_model(message))
+        return has_lens_of_larger_image(of_images(camera_model(message), images))
     except ValueError:  # the conversion refuses it
         return False
 

@@ -57,6 +57,53 @@ def test_images_that_are_rectified_stay_as_they_are(layout, words, tmp_path, cap
             assert_true(out / f'training{own}', camera, index=2 if words else index)
 
 
+@pytest.mark.parametrize('words', [(), ('--all-cameras',)])
+@pytest.mark.parametrize('twice', [True, False])
+def test_a_size_with_width_and_height_swapped_is_that_of_the_images(twice, words, tmp_path, capsys):
+    robot = kitti2bag_pair() if twice else small_rigs.stereo()
+
+    def swapped(camera):
+        return replace(camera, size=SIZE[::-1])
+
+    bag = str(camera_rigs.write(robot, tmp_path / 'bag', change_info=swapped))
+    out = tmp_path / 'out'
+    assert main(['to-kitti', bag, str(out), '--layout', 'object', *words]) == 0
+    said = capsys.readouterr().out
+    told = 'width and height are swapped; the size of the images is taken'
+    assert said.count(told) == (2 if words else 1)
+    assert ('taken as rectified already' in said) == twice
+    for index, camera in enumerate(robot.cameras, 2):
+        own = f'_{camera.folder.rpartition("/")[2]}' if words else ''
+        number = 2 if words else index
+        assert_true(out / f'training{own}', camera, index=number)
+        image = cv2.imread(str(out / f'training{own}/image_{number}/000000.png'))
+        np.testing.assert_array_equal(image, np.full((*SIZE[::-1], 3), 60))
+
+
+@pytest.mark.parametrize('size', [(SIZE[1], SIZE[0] + 1), (2 * SIZE[0], 2 * SIZE[1])])
+def test_any_other_size_than_that_of_the_images_is_a_loss(size, tmp_path, capsys):
+    def other(camera):
+        return replace(camera, size=size)
+
+    bag = str(camera_rigs.write(small_rigs.sides('front'), tmp_path / 'bag', change_info=other))
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--layout', 'object']) == 1
+    said = capsys.readouterr()
+    assert f'expected {size[0]}x{size[1]}' in said.out + said.err
+    assert 'swapped' not in said.out
+
+
+def test_a_camera_info_of_images_before_they_were_turned_is_a_loss(tmp_path, capsys):
+    """Its principal point is in the middle of its own size."""
+    upright = np.array([[200.0, 0, SIZE[1] / 2], [0, 201.0, SIZE[0] / 2], [0, 0, 1]])
+
+    def other(camera):
+        return replace(camera, size=SIZE[::-1], k=upright)
+
+    bag = str(camera_rigs.write(small_rigs.sides('front'), tmp_path / 'bag', change_info=other))
+    assert main(['to-kitti', bag, str(tmp_path / 'out'), '--layout', 'object']) == 1
+    assert 'swapped' not in capsys.readouterr().out
+
+
 def test_a_camera_with_the_lens_of_its_images_is_rectified(tmp_path, capsys):
     robot = kitti2bag_pair(K)
     bag = str(camera_rigs.write(robot, tmp_path / 'bag'))
