@@ -105,7 +105,8 @@ def _scan_of(
     dark = types.CLOUD in source.msgtypes and intensity_field(_with_points(best)) is None
     if dark:
         notes.append(
-            f'{best.name} has no field {", ".join(INTENSITIES)}: the reflectance of the scans is 0'
+            f'{best.name} has no field of intensity ({", ".join(INTENSITIES)}): the reflectance of'
+            f' the scans is 0'
         )
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
