@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from urllib.parse import unquote, urlsplit
 
 from ..model.errors import KittiRos2Error, UsageError
+from .http_client import HttpClient
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +27,7 @@ _MISSING = {403, 404, 410}
 _CONTENT_RANGE = re.compile(r'bytes (\d+)-(\d+)/(\d+|\*)')
 _ALL_OF = re.compile(r'bytes \*/(\d+)')
 _LONGEST_WAIT_S = 120.0
+_HEADERS = {'Accept-Encoding': 'identity'}
 
 
 class DownloadError(KittiRos2Error):
@@ -153,22 +155,16 @@ class HttpSource:
     """
 
     def __init__(self, timeout_s: float) -> None:
-        try:
-            import httpx  # noqa: PLC0415 - it takes as long as everything else
-        except ImportError:
-            raise UsageError(
-                'downloading needs httpx: pip install httpx, or apt install python3-httpx'
-            ) from None
-        self._httpx = httpx
-        self._client = httpx.Client(timeout=timeout_s, follow_redirects=True)
+        self._client = HttpClient(timeout_s)
+        self._httpx = self._client.httpx
 
     def size(self, url: str) -> int | None:
         """Return the size of a file; see ArchiveSource."""
         try:
-            response = self._client.head(url, headers={'Accept-Encoding': 'identity'})
+            with self._client.stream('HEAD', url, _HEADERS) as response:
+                return _declared_size(response) if response.status_code == 200 else None
         except self._httpx.HTTPError as error:
             raise BrokenTransferError(str(error)) from error
-        return _declared_size(response) if response.status_code == 200 else None
 
     def close(self) -> None:
         """Close all connections."""
@@ -177,11 +173,11 @@ class HttpSource:
     @contextmanager
     def open(self, url: str, start: int, validator: str) -> Iterator[Opened]:
         """Open a file; see ArchiveSource."""
-        headers = {'Accept-Encoding': 'identity'}
+        headers = _HEADERS
         if start:
-            headers |= {'Range': f'bytes={start}-', 'If-Range': validator}
+            headers = headers | {'Range': f'bytes={start}-', 'If-Range': validator}
         try:
-            with self._client.stream('GET', url, headers=headers) as response:
+            with self._client.stream('GET', url, headers) as response:
                 yield self._opened(response, url, start)
         except self._httpx.TooManyRedirects as error:
             raise DownloadError(f'{without_password(url)}: redirects without an end') from error

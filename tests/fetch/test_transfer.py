@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import json
 import random
 import threading
+import tracemalloc
+from contextlib import contextmanager
 
 import pytest
 from http_mirror import Mirror, etag_of, serving
@@ -316,6 +319,77 @@ def test_a_redirect_without_an_end(tmp_path):
     mirror = Mirror({}, fault=lambda handler: handler.reply(302, {'Location': PATH}) or True)
     with serving(mirror), pytest.raises(DownloadError, match='redirects without an end'):
         Run(tmp_path, mirror).run()
+
+
+@contextmanager
+def little_memory():
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < 20 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_body_of_a_redirect_is_not_read(tmp_path):
+    broken_off = threading.Event()
+
+    def redirect(handler):
+        if handler.path != PATH:
+            return False
+        handler.send_response(302)
+        handler.send_header('Location', '/elsewhere.zip')
+        handler.end_headers()
+        try:
+            for _ in range(200):
+                handler.wfile.write(bytes(1 << 20))
+        except OSError:
+            broken_off.set()
+        return handler.hang_up()
+
+    with serving(Mirror({'/elsewhere.zip': CONTENT}, fault=redirect)) as mirror, little_memory():
+        assert Run(tmp_path, mirror).run() == CONTENT
+        assert broken_off.wait(10)
+
+
+def test_the_body_of_a_redirect_is_not_decompressed(tmp_path):
+    body = gzip.compress(bytes(64 << 20))
+
+    def redirect(handler):
+        if handler.path == PATH:
+            headers = {'Location': '/elsewhere.zip', 'Content-Encoding': 'gzip'}
+            handler.reply(302, headers, body)
+        return handler.path == PATH
+
+    with serving(Mirror({'/elsewhere.zip': CONTENT}, fault=redirect)) as mirror, little_memory():
+        assert Run(tmp_path, mirror).run() == CONTENT
+
+
+def test_redirects_are_followed_to_relative_places(tmp_path):
+    def redirect(handler):
+        if handler.path == PATH:
+            handler.reply(301, {'Location': '../b/c.zip?d=1'}, b'moved')
+        return handler.path == PATH
+
+    with serving(Mirror({'/b/c.zip?d=1': CONTENT}, fault=redirect)) as mirror:
+        base = mirror.url.replace('://', '://user:secret@')
+        assert Run(tmp_path, mirror).run(base=base) == CONTENT
+    assert [each[2][:6] for each in mirror.requests] == ['Basic ', 'Basic ']
+
+
+@pytest.mark.parametrize(('redirects', 'found'), [(20, True), (21, False)])
+def test_redirects_are_counted(tmp_path, redirects, found):
+    def redirect(handler):
+        number = len(mirror.requests)
+        return number <= redirects and (handler.reply(302, {'Location': f'/{number}'}) or True)
+
+    with serving(Mirror({f'/{redirects}': CONTENT}, fault=redirect)) as mirror:
+        if found:
+            assert Run(tmp_path, mirror).run() == CONTENT
+        else:
+            with pytest.raises(DownloadError, match='redirects without an end'):
+                Run(tmp_path, mirror).run()
+    assert len(mirror.requests) == 21
 
 
 @pytest.mark.parametrize('target', ['file:///etc/passwd', 'ftp://127.0.0.1/x'])
