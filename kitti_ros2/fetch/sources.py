@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from urllib.parse import unquote, urlsplit
 
 from ..model.errors import KittiRos2Error, UsageError
+from ..model.text import shown
 from .http_client import HttpClient
 
 if TYPE_CHECKING:
@@ -196,6 +197,8 @@ class HttpSource:
         if not validator or validator.startswith('W/'):  # If-Range takes strong validators only
             validator = headers.get('Last-Modified', '')
         code = response.status_code
+        if code in {200, 206}:
+            _check_coding(response, url)
         if code == 206:
             return _opened_part(response, validator, start)
         if code == 416:
@@ -204,9 +207,6 @@ class HttpSource:
                 return Opened(start, start, validator, iter(()))
             raise ChangedFileError('the server has less than before')
         _check_status(response, url)
-        if headers.get('Content-Encoding', 'identity') != 'identity':
-            # What a server compresses has no known size, and cannot be continued.
-            return Opened(0, None, '', response.iter_bytes())
         return Opened(0, _declared_size(response), validator, response.iter_raw())
 
 
@@ -221,6 +221,23 @@ def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened
         raise BrokenTransferError('the server sent another part than was requested')
     size = None if found[3] == '*' else int(found[3])
     return Opened(start, size, validator, response.iter_raw())
+
+
+def _check_coding(response: httpx.Response, url: str) -> None:
+    """Check that the content is sent as it is.
+
+    What a server compresses has no known size, cannot be continued, and may be a million times as
+    long as what is sent. Archives are compressed already, and no coding was asked for.
+
+    Raises:
+        DownloadError: It is compressed.
+    """
+    coding = response.headers.get('Content-Encoding', '').strip()
+    if coding.lower() not in {'', 'identity'}:
+        raise DownloadError(
+            f'{without_password(url)}: the server compresses the archive (Content-Encoding'
+            f' {shown(coding)}), which was not requested; give another server by --base-url'
+        )
 
 
 def _check_status(response: httpx.Response, url: str) -> None:

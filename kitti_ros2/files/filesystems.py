@@ -43,12 +43,25 @@ def _filesystem(scheme: str, host: str, process: int) -> FileSystem:  # noqa: AR
     if scheme not in known_implementations and scheme not in registry:
         raise UsageError(f'{place}: unknown scheme {scheme}://; known are s3, gs, http and https')
     try:
-        return url_to_fs(place)[0]
+        return url_to_fs(place, **_options(scheme))[0]
     except ImportError as error:
         package = _PACKAGES.get(scheme)
         install = f'pip install {package}' if package else "pip install 'kitti_ros2[remote]'"
         reason = ' '.join(str(error).split())
         raise UsageError(f'{place}: needs a package, run {install} ({reason})') from None
+
+
+def _options(scheme: str) -> dict[str, Any]:
+    """Return the options of a file system.
+
+    Raises:
+        ImportError: A package is missing.
+    """
+    if scheme not in {'http', 'https'}:
+        return {}
+    from .http_session import open_session  # noqa: PLC0415 - it needs aiohttp
+
+    return {'get_client': open_session}
 
 
 def key_of(path: UrlPath) -> str:

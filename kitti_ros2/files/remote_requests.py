@@ -157,6 +157,8 @@ def _failure(path: UrlPath, error: Exception) -> Exception:
     """Return what to raise for the error of a request: _PassingError if it may pass."""
     reason = _reason(error)
     for each in _causes(error):
+        if isinstance(each, RemoteError):
+            return each
         if type(each).__name__ in _CREDENTIALS:
             return RemoteError(
                 path,

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import gzip
 import hashlib
 import threading
 from contextlib import contextmanager
@@ -82,9 +81,6 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body if most is None else body[:most])
         if most is not None and len(body) > most:
             self.close_connection = True
-
-    def reply_gzip(self, body: bytes) -> None:
-        self.reply(200, {'Content-Encoding': 'gzip'}, gzip.compress(body))
 
     def hang_up(self) -> bool:
         """Close the connection without a reply."""

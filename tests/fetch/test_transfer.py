@@ -400,8 +400,41 @@ def test_a_redirect_to_another_scheme(tmp_path, target):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_server_that_compresses(tmp_path):
-    mirror = Mirror({}, fault=lambda handler: handler.reply_gzip(CONTENT) or True)
+@pytest.mark.parametrize(
+    'coding', ['gzip', 'zstd', 'GZIP, gzip', 'identity, br', 'x' * 9000], ids=range(5)
+)
+def test_a_server_that_compresses_is_refused(tmp_path, coding):
+    """Before anything is decompressed: 65 kB may be gigabytes."""
+    body = gzip.compress(bytes(64 << 20))
+    headers = {'Content-Encoding': coding}
+    mirror = Mirror({}, fault=lambda handler: handler.reply(200, headers, body) or True)
+    refused = pytest.raises(DownloadError, match=r'a\.zip: the server compresses the archive')
+    with serving(mirror), little_memory(), refused as raised:
+        Run(tmp_path, mirror).run()
+    assert len(str(raised.value)) < 400
+    assert len(mirror.requests) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_server_that_compresses_the_rest_is_refused(tmp_path):
+    mirror = Mirror({PATH: CONTENT}, break_after=250_000)
+
+    def compress(handler):
+        if len(mirror.requests) == 2:
+            where = 'bytes 250000-699999/700000'
+            headers = {'Content-Encoding': 'gzip', 'Content-Range': where}
+            handler.reply(206, headers, CONTENT[250_000:])
+        return len(mirror.requests) == 2
+
+    mirror.fault = compress
+    with serving(mirror), pytest.raises(DownloadError, match='compresses the archive'):
+        Run(tmp_path, mirror).run()
+
+
+@pytest.mark.parametrize('coding', ['identity', 'Identity', ''])
+def test_a_server_that_does_not_compress_may_say_so(tmp_path, coding):
+    headers = {'Content-Encoding': coding}
+    mirror = Mirror({}, fault=lambda handler: handler.reply(200, headers, CONTENT) or True)
     with serving(mirror):
         assert Run(tmp_path, mirror).run() == CONTENT
 

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The session of aiohttp by which fsspec asks web servers, which are not trusted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from aiohttp import ClientResponse, ClientSession
+from multidict import CIMultiDict
+
+from ..model.errors import RemoteError
+from ..model.text import shown
+
+if TYPE_CHECKING:
+    from aiohttp.connector import Connection
+
+_PLAIN = ('', 'identity')
+
+
+async def open_session(**options: object) -> ClientSession:
+    """Open a session; fsspec awaits it.
+
+    Args:
+        options: Those of fsspec and of its configuration.
+    """
+    given: Any = options
+    given['headers'] = CIMultiDict(given.get('headers') or {})
+    given['headers']['Accept-Encoding'] = 'identity'
+    return ClientSession(**{**given, 'response_class': _Response, 'auto_decompress': False})
+
+
+class _Response(ClientResponse):
+    """A response whose content is what was sent."""
+
+    async def start(self, connection: Connection) -> ClientResponse:
+        """Read the header.
+
+        Raises:
+            RemoteError: The content is compressed, and may be a million times as long as what is
+                sent.
+        """
+        await super().start(connection)
+        coding = self.headers.get('Content-Encoding', '').strip()
+        if self.method != 'HEAD' and 200 <= self.status < 300 and coding.lower() not in _PLAIN:
+            place = str(self.url.with_user(None).with_query(None))
+            what = f'the server compresses the file (Content-Encoding {shown(coding)})'
+            raise RemoteError(place, f'{what}, which was not requested', 'download it')
+        return self
