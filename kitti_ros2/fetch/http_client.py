@@ -59,17 +59,26 @@ class HttpClient:
         self, method: str, url: str, headers: Mapping[str, str]
     ) -> httpx.Response:
         """Follow redirects here: httpx reads the body of each into memory, however long it is."""
-        request = self._client.build_request(method, url, headers=headers)
-        response = self._client.send(request, stream=True)
-        for _ in range(_MOST_REDIRECTS):
-            following = response.next_request
-            if following is None:
-                return response
-            response.close()
-            # Its headers have the credentials if the server may have them.
-            request = following
-            response = self._client.send(request, auth=self.httpx.Auth(), stream=True)
+        with self._valid_urls():
+            request = self._client.build_request(method, url, headers=headers)
+            response = self._client.send(request, stream=True)
+            for _ in range(_MOST_REDIRECTS):
+                following = response.next_request
+                if following is None:
+                    return response
+                response.close()
+                # Its headers have the credentials if the server may have them.
+                request = following
+                response = self._client.send(request, auth=self.httpx.Auth(), stream=True)
         if response.next_request is None:
             return response
         response.close()
         raise self.httpx.TooManyRedirects('too many redirects', request=request)
+
+    @contextmanager
+    def _valid_urls(self) -> Iterator[None]:
+        """Raise InvalidURL for all that a URL may be refused by: also idna and sockets do."""
+        try:
+            yield
+        except (self.httpx.InvalidURL, ValueError, OverflowError) as error:
+            raise self.httpx.InvalidURL(f'leads to an invalid URL ({error})') from error

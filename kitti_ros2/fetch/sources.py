@@ -25,8 +25,10 @@ _PIECE_BYTES = 1 << 18
 _RETRIED = {408, 425, 429, 500, 502, 503, 504}
 _MISSING = {403, 404, 410}
 """S3 replies 403 for a file that does not exist."""
-_CONTENT_RANGE = re.compile(r'bytes (\d+)-(\d+)/(\d+|\*)')
-_ALL_OF = re.compile(r'bytes \*/(\d+)')
+_COUNT = '[0-9]{1,18}'
+_LENGTH = re.compile(_COUNT)
+_CONTENT_RANGE = re.compile(rf'bytes ({_COUNT})-{_COUNT}/({_COUNT}|\*)')
+_ALL_OF = re.compile(rf'bytes \*/({_COUNT})')
 _LONGEST_WAIT_S = 120.0
 _HEADERS = {'Accept-Encoding': 'identity'}
 
@@ -164,6 +166,8 @@ class HttpSource:
         try:
             with self._client.stream('HEAD', url, _HEADERS) as response:
                 return _declared_size(response) if response.status_code == 200 else None
+        except self._httpx.InvalidURL:
+            return None
         except self._httpx.HTTPError as error:
             raise BrokenTransferError(str(error)) from error
 
@@ -212,14 +216,14 @@ class HttpSource:
 
 def _declared_size(response: httpx.Response) -> int | None:
     length = response.headers.get('Content-Length', '')
-    return int(length) if length.isdecimal() else None
+    return int(length) if _LENGTH.fullmatch(length) else None
 
 
 def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened:
     found = _CONTENT_RANGE.fullmatch(response.headers.get('Content-Range', ''))
     if found is None or int(found[1]) != start:
         raise BrokenTransferError('the server sent another part than was requested')
-    size = None if found[3] == '*' else int(found[3])
+    size = None if found[2] == '*' else int(found[2])
     return Opened(start, size, validator, response.iter_raw())
 
 

@@ -22,6 +22,7 @@ class Mirror:
     Attributes:
         files: Content by path.
         fault: Called with each request before anything is sent; True if it has replied.
+        faulty_head: Whether the fault is for HEAD, too.
         break_after: Bytes of each response after which the connection is closed.
         ranges: Whether Range is supported.
         validators: Whether ETag is sent.
@@ -30,6 +31,7 @@ class Mirror:
 
     files: dict[str, bytes]
     fault: Callable[[Handler], bool] = lambda _: False
+    faulty_head: bool = False
     break_after: int | None = None
     ranges: bool = True
     validators: bool = True
@@ -66,6 +68,8 @@ class Handler(BaseHTTPRequestHandler):
             self.reply(200, headers, content)
 
     def do_HEAD(self) -> None:
+        if self.mirror.faulty_head and self.mirror.fault(self):
+            return
         content = self.mirror.files.get(self.path)
         self.send_response(404 if content is None else 200)
         self.send_header('Content-Length', str(len(content or b'')))

@@ -10,12 +10,18 @@ import json
 import random
 import threading
 import tracemalloc
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 from http_mirror import Mirror, etag_of, serving
 
-from kitti_ros2.fetch.sources import DownloadError, FolderSource, HttpSource, MissingArchiveError
+from kitti_ros2.fetch.sources import (
+    BrokenTransferError,
+    DownloadError,
+    FolderSource,
+    HttpSource,
+    MissingArchiveError,
+)
 from kitti_ros2.fetch.transfer import Backoff, Transfer
 
 pytest.importorskip('httpx')
@@ -23,6 +29,8 @@ pytest.importorskip('httpx')
 CONTENT = random.Random(0).randbytes(700_000)
 NEW = random.Random(1).randbytes(600_000)
 PATH = '/raw_data/a.zip'
+MANY = '9' * 5000
+"""Python refuses to make a number of so many digits."""
 
 
 @pytest.fixture(autouse=True)
@@ -143,14 +151,29 @@ def test_a_part_of_another_version_is_not_appended(tmp_path):
     assert run.done == len(NEW)
 
 
-def test_a_file_that_became_shorter_is_begun_again(tmp_path):
+def test_a_size_of_too_many_digits_is_not_known():
+    def declare(handler):
+        handler.send_response(200)
+        handler.send_header('Content-Length', MANY)
+        handler.end_headers()
+        return True
+
+    with serving(Mirror({}, fault=declare, faulty_head=True)) as mirror:
+        source = HttpSource(5.0)
+        with suppress(BrokenTransferError):
+            assert source.size(mirror.url + PATH) is None
+        source.close()
+
+
+@pytest.mark.parametrize('size', [str(len(NEW)), MANY, '*'])
+def test_a_file_that_became_shorter_is_begun_again(tmp_path, size):
     """The server ignores If-Range: the requested part does not exist."""
     mirror = Mirror({PATH: CONTENT}, break_after=650_000)
 
     def shorten(handler):
         if len(mirror.requests) == 2:
             mirror.files[PATH] = NEW
-            handler.reply(416, {'Content-Range': f'bytes */{len(NEW)}'})
+            handler.reply(416, {'Content-Range': f'bytes */{size}'})
         return len(mirror.requests) == 2
 
     mirror.fault = shorten
@@ -169,7 +192,10 @@ def test_a_redirect_that_is_not_encrypted():
     source.close()
 
 
-@pytest.mark.parametrize('where', ['bytes 5-9/10', 'bytes x', ''])
+@pytest.mark.parametrize(
+    'where',
+    ['bytes 5-9/10', f'bytes 250000-{MANY}/{MANY}', f'bytes {MANY}-{MANY}/*', 'bytes x', ''],
+)
 def test_another_part_than_requested(tmp_path, where):
     mirror = Mirror({PATH: CONTENT}, break_after=250_000)
 
@@ -390,6 +416,27 @@ def test_redirects_are_counted(tmp_path, redirects, found):
             with pytest.raises(DownloadError, match='redirects without an end'):
                 Run(tmp_path, mirror).run()
     assert len(mirror.requests) == 21
+
+
+@pytest.mark.parametrize(
+    'target',
+    ['http://xn--a/', 'http://..a/', 'http://[::x/', 'javascript:x', 'http://127.0.0.1:99999/x'],
+)
+def test_a_redirect_to_an_invalid_url(tmp_path, target):
+    def redirect(handler):
+        handler.reply(302, {'Location': target})
+        return True
+
+    refused = pytest.raises(DownloadError, match=r'/raw_data/a\.zip: .*')
+    mirror = Mirror({}, fault=redirect, faulty_head=True)
+    with serving(mirror), refused as raised:
+        source = HttpSource(5.0)
+        with suppress(BrokenTransferError):
+            assert source.size(f'{mirror.url}{PATH}') is None
+        source.close()
+        Run(tmp_path, mirror, retries=0).run()
+    assert '\n' not in str(raised.value)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize('target', ['file:///etc/passwd', 'ftp://127.0.0.1/x'])
