@@ -8,6 +8,7 @@ import re
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import unquote, urlsplit
 
@@ -158,13 +159,18 @@ class HttpSource:
     """
 
     def __init__(self, timeout_s: float) -> None:
-        self._client = HttpClient(timeout_s)
-        self._httpx = self._client.httpx
+        client = HttpClient(timeout_s)
+        self._httpx = client.httpx
+        self._timeout_s = timeout_s
+        self._clients = {get_ident(): client}
+        self._closed = False
 
     def size(self, url: str) -> int | None:
         """Return the size of a file; see ArchiveSource."""
         try:
-            with self._client.stream('HEAD', url, _HEADERS) as response:
+            with self._client().stream('HEAD', url, _HEADERS) as response:
+                for _ in response.iter_raw():  # there is nothing; the connection is kept
+                    pass
                 return _declared_size(response) if response.status_code == 200 else None
         except self._httpx.InvalidURL:
             return None
@@ -173,7 +179,18 @@ class HttpSource:
 
     def close(self) -> None:
         """Close all connections."""
-        self._client.close()
+        self._closed = True
+        for each in list(self._clients.values()):
+            each.close()
+
+    def _client(self) -> HttpClient:
+        """Return the client of this thread."""
+        thread = get_ident()
+        if thread not in self._clients:
+            self._clients[thread] = HttpClient(self._timeout_s)
+            if self._closed:
+                self._clients[thread].close()
+        return self._clients[thread]
 
     @contextmanager
     def open(self, url: str, start: int, validator: str) -> Iterator[Opened]:
@@ -182,7 +199,7 @@ class HttpSource:
         if start:
             headers = headers | {'Range': f'bytes={start}-', 'If-Range': validator}
         try:
-            with self._client.stream('GET', url, headers) as response:
+            with self._client().stream('GET', url, headers) as response:
                 yield self._opened(response, url, start)
         except self._httpx.TooManyRedirects as error:
             raise DownloadError(f'{without_password(url)}: redirects without an end') from error

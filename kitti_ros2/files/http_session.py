@@ -1,10 +1,16 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The session of aiohttp by which fsspec asks web servers, which are not trusted."""
+"""The session of aiohttp by which fsspec asks web servers, which are not trusted.
+
+The time-outs of aiohttp are of silence, or of a whole answer, which may be long. A server that
+sends its header a byte at a time is never silent.
+"""
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from aiohttp import ClientResponse, ClientSession
 from multidict import CIMultiDict
@@ -16,6 +22,10 @@ if TYPE_CHECKING:
     from aiohttp.connector import Connection
 
 _PLAIN = ('', 'identity')
+_HEADERS_S = 20.0
+"""For all headers that one call of fsspec waits for: those of HEAD, GET and their redirects."""
+_LEFT_S: WeakKeyDictionary[object, float] = WeakKeyDictionary()
+"""Of it, by the task of the call."""
 
 
 async def open_session(**options: object) -> ClientSession:
@@ -37,10 +47,16 @@ class _Response(ClientResponse):
         """Read the header.
 
         Raises:
+            TimeoutError: It does not come in time.
             RemoteError: The content is compressed, and may be a million times as long as what is
                 sent.
         """
-        await super().start(connection)
+        task, began = asyncio.current_task(), asyncio.get_running_loop().time()
+        left_s = _LEFT_S.get(task, _HEADERS_S)
+        try:
+            await asyncio.wait_for(super().start(connection), left_s)
+        finally:
+            _LEFT_S[task] = left_s - asyncio.get_running_loop().time() + began
         coding = self.headers.get('Content-Encoding', '').strip()
         if self.method != 'HEAD' and 200 <= self.status < 300 and coding.lower() not in _PLAIN:
             place = str(self.url.with_user(None).with_query(None))

@@ -8,13 +8,16 @@ import gzip
 import hashlib
 import json
 import random
+import socket
 import threading
 import tracemalloc
 from contextlib import contextmanager, suppress
+from types import SimpleNamespace
 
 import pytest
 from http_mirror import Mirror, etag_of, serving
 
+from kitti_ros2.fetch import http_client
 from kitti_ros2.fetch.sources import (
     BrokenTransferError,
     DownloadError,
@@ -274,6 +277,96 @@ def test_a_server_that_stalls(tmp_path):
         end.set()
     assert mirror.requests[1][1].startswith('bytes=')
     assert run.done == len(CONTENT)
+
+
+@pytest.mark.parametrize('redirected', [False, True])
+def test_a_server_that_sends_its_header_by_and_by(tmp_path, redirected):
+    """It is never silent for as long as the time-out is."""
+    given_up, never = threading.Event(), threading.Event()
+
+    def drip(handler):
+        if redirected and handler.path == PATH:
+            handler.reply(302, {'Location': '/slow.zip'})
+            return True
+        with suppress(OSError):
+            handler.wfile.write(b'HTTP/1.1 200 OK\r\nX: ')
+            while not never.wait(0.02):
+                handler.wfile.write(b'x')
+        given_up.set()
+        return handler.hang_up()
+
+    with serving(Mirror({}, fault=drip, faulty_head=True)) as mirror:
+        with pytest.raises(DownloadError, match=r'cannot be read \(no response within 0\.4 s\)'):
+            Run(tmp_path, mirror, retries=0, timeout_s=0.2).run()
+        assert given_up.wait(10)
+        given_up.clear()
+        source = HttpSource(0.2)
+        with pytest.raises(BrokenTransferError, match='no response within'):
+            source.size(mirror.url + PATH)
+        source.close()
+
+
+def test_the_time_for_a_header_ends_with_it(monkeypatch):
+    """A timer that was too late to be cancelled does not break off the body."""
+    timers = []
+
+    class LateTimer:
+        def __init__(self, _, function, args):
+            self.run = lambda: function(*args)
+            timers.append(self)
+
+        def start(self):
+            """Do not run yet."""
+
+        def cancel(self):
+            """Come too late."""
+
+    monkeypatch.setattr(http_client, 'Timer', LateTimer)
+    begun = threading.Event()
+
+    def drip(handler):
+        handler.send_response(200)
+        handler.send_header('Content-Length', '9')
+        handler.end_headers()
+        handler.wfile.write(b'x')
+        assert begun.wait(10)
+        handler.wfile.write(b'x' * 8)
+        return True
+
+    with serving(Mirror({}, fault=drip)) as mirror:
+        source = HttpSource(5.0)
+        with source.open(mirror.url + PATH, 0, '') as opened:
+            for timer in timers:
+                timer.run()
+            begun.set()
+            assert b''.join(opened.pieces) == b'x' * 9
+        source.close()
+    assert timers
+
+
+def test_a_connection_that_is_made_too_late_is_ended():
+    made, other = socket.socketpair()
+    connections = http_client._Connections()
+    stream = SimpleNamespace(get_extra_info=lambda _: made)
+    with made, other, connections.ending_after(60.0) as ended:
+        connections._end(0)
+        assert ended()
+        connections.note('connection.connect_tcp.complete', {'return_value': stream})
+        assert made.recv(1) == other.recv(1) == b''
+
+
+def test_a_connection_is_used_again():
+    peers = set()
+
+    def note(handler):
+        peers.add(handler.client_address)
+        return False
+
+    with serving(Mirror({PATH: CONTENT}, fault=note, faulty_head=True)) as mirror:
+        source = HttpSource(5.0)
+        assert [source.size(mirror.url + PATH) for _ in range(3)] == [len(CONTENT)] * 3
+        source.close()
+    assert len(peers) == 1
 
 
 @pytest.mark.parametrize('code', [408, 429, 500, 502, 503, 504])

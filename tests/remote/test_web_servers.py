@@ -7,7 +7,7 @@ from __future__ import annotations
 import gzip
 import threading
 import tracemalloc
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 pytest.importorskip('aiohttp', reason='http:// needs aiohttp')
 
 from kitti_ros2.cli import main
-from kitti_ros2.files import remote_requests
+from kitti_ros2.files import http_session, remote_requests
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.model.errors import RemoteError
 
@@ -33,9 +33,13 @@ class Handler(BaseHTTPRequestHandler):
 
     protocol_version = 'HTTP/1.1'
     answer: Callable[[Handler], None]
+    answers_head = False
     asked: list[str]
 
     def do_HEAD(self) -> None:
+        if self.answers_head:
+            self.do_GET()
+            return
         self.send_response(200)
         self.send_header('Content-Length', str(SIZE))
         self.end_headers()
@@ -129,3 +133,30 @@ def test_a_server_that_does_not_compress_may_say_so():
 
     with serving(answer) as (url, _):
         assert as_path(url).read_bytes() == CONTENT
+
+
+def test_headers_that_come_by_and_by_are_given_up(monkeypatch: pytest.MonkeyPatch, capsys):
+    """The server is never silent for long; HEAD, GET and redirects share their time."""
+    monkeypatch.setattr(http_session, '_HEADERS_S', 0.4)
+    monkeypatch.setattr(remote_requests, 'TRIES', 2)
+    monkeypatch.setattr(Handler, 'answers_head', True)
+    broken_off, never = threading.Event(), threading.Event()
+
+    def answer(handler: Handler) -> None:
+        handler.close_connection = True
+        if not handler.path.endswith('x'):
+            handler.reply(302, {'Location': f'{handler.path}x'}, b'')
+            return
+        with suppress(OSError):
+            handler.wfile.write(b'HTTP/1.1 200 OK\r\nX: ')
+            while not never.wait(0.02):
+                handler.wfile.write(b'x')
+        broken_off.set()
+
+    with serving(answer) as (url, asked):
+        assert main(['info', url]) == 2
+        assert broken_off.wait(10)
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert 'b.bin: no answer in time, 2 times; try again later' in error
+    assert len(asked) < 9
