@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from ..model.containers import CONTAINERS
@@ -140,27 +141,31 @@ def _span(tallies: Sequence[Tally]) -> tuple[int, int]:
 
 
 def _yaml(value: Mapping[str, Any] | Sequence[Any]) -> str:
-    return '\n'.join(_lines(value)) + '\n'
+    text = StringIO()  # by line: a list of all lines of 65,000 topics takes more than the text
+    for line in _lines(value):
+        text.write(line)
+        text.write('\n')
+    return text.getvalue()
 
 
 def _lines(value: object) -> Iterator[str]:
     # PyYAML quotes and escapes differently; its Python emitter takes longer than a small bag does.
     if isinstance(value, dict):
         for key, item in value.items():
-            head, *rest = _lines(item)
+            lines = _lines(item)
             if isinstance(item, list) and item:
                 yield f'{_scalar(key)}:'
-                yield from (head, *rest)
+                yield from lines
             elif isinstance(item, dict) and item:
                 yield f'{_scalar(key)}:'
-                yield from (f'  {line}' for line in (head, *rest))
+                yield from (f'  {line}' for line in lines)
             else:
-                yield f'{_scalar(key)}: {head}'
+                yield f'{_scalar(key)}: {next(lines)}'
     elif isinstance(value, list):
         for item in value:
-            head, *rest = _lines(item)
-            yield f'- {head}'
-            yield from (f'  {line}' for line in rest)
+            lines = _lines(item)
+            yield f'- {next(lines)}'
+            yield from (f'  {line}' for line in lines)
     if not isinstance(value, (dict, list)) or not value:
         yield _scalar(value)
 
