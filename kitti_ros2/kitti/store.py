@@ -64,15 +64,27 @@ def _opened(path: Path) -> Iterator[tuple[int, int]]:
         status = os.fstat(file)
         if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
             raise BadFileError(path, 'is no regular file', 'a file')
-        if status.st_size > MOST_BYTES:
-            found, most = map(format_bytes, (status.st_size, MOST_BYTES))
-            raise BadFileError(path, f'{found}, which is not read', f'a file of at most {most}')
+        _check_size(path, status.st_size)
         yield file, status.st_size
     except OSError as error:
         error.filename = str(path)
         raise
     finally:
         os.close(file)
+
+
+def _check_size(path: Path, size: int) -> None:
+    if size > MOST_BYTES:
+        found, most = map(format_bytes, (size, MOST_BYTES))
+        raise BadFileError(path, f'{found}, which is not read', f'a file of at most {most}')
+
+
+def _pread(file: int, length: int, position: int) -> bytes:
+    """Read bytes of a file; fewer only where it ends."""
+    data = b''
+    while piece := os.pread(file, length - len(data), position + len(data)):
+        data += piece
+    return data
 
 
 def decode_text(data: bytes, path: Path) -> str:
@@ -152,7 +164,10 @@ class FileStore:
             return _read_remote(path)
         with _opened(path) as (file, size):
             pieces = [os.read(file, size + 1)]
+            count = 0
             while pieces[-1]:
+                count += len(pieces[-1])
+                _check_size(path, count)
                 pieces.append(os.read(file, _PIECE_BYTES))
         return pieces[0] if len(pieces) == 2 else b''.join(pieces)
 
@@ -172,18 +187,17 @@ class FileStore:
         return data[:filled]
 
     def read_ends(self, path: Path, length: int) -> tuple[bytes, int]:
-        """Read the first and the last count bytes of a file, and its size.
+        """Read the first and the last bytes of a file, `length` each, and its size.
 
         Raises:
-            OSError: The file cannot be read.
+            BadFileError, OSError: As read.
         """
         if isinstance(path, RemotePath):
             return _read_remote_ends(path, length)
-        with path.open('rb', buffering=0) as file:
-            size = os.fstat(file.fileno()).st_size
-            head = file.read(length)
-            file.seek(max(size - length, len(head)))
-            return head + file.read(), size
+        with _opened(path) as (file, size):
+            head = _pread(file, min(length, size), 0)
+            start = max(size - length, len(head))
+            return head + _pread(file, size - start, start), size
 
     def read_text(self, path: Path) -> str:
         """Read a whole text file, line ends unchanged.

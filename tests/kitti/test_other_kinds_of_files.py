@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.kitti.label_file import parse_labels
 from kitti_ros2.kitti.poses_file import parse_poses
 from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
+from kitti_ros2.kitti.store import STORE
 from kitti_ros2.kitti.text_file import parse_lines
 from kitti_ros2.kitti.track_file import TrackFile
 from kitti_ros2.model.errors import BadFileError
@@ -129,3 +131,21 @@ def test_stamps_in_a_pipe_are_not_said_to_be_absent(drive, tmp_path, capsys):
     said = capsys.readouterr().err
     assert f'{path}: is no regular file' in said
     assert 'no such file' not in said
+
+
+def test_a_report_names_images_that_are_no_regular_files(drive, tmp_path, capsys):
+    first, second, third = sorted((drive / 'image_02' / 'data').iterdir())[:3]
+    for path in (first, second, third):
+        path.unlink()
+    os.mkfifo(first)
+    second.symlink_to('/dev/zero')
+    os.mkfifo(third)
+    assert main(['report', str(drive), '-o', str(tmp_path / 'out.html')]) == 1
+    assert f'{first}: is no regular file; expected a file; and 2 more' in capsys.readouterr().err
+
+
+def test_a_file_of_the_system_is_not_read_without_end(tmp_path, monkeypatch):
+    monkeypatch.setattr('kitti_ros2.kitti.store.MOST_BYTES', 100)
+    path = Path('/proc/self/smaps')
+    with pytest.raises(BadFileError, match='which is not read; expected a file of at most 100'):
+        STORE.read(path)

@@ -141,3 +141,13 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     for path in (tmp_path / 'pipe', Path('/dev/zero')):
         with pytest.raises(BadFileError, match='is no regular file'):
             STORE.read_text(path)
+        with pytest.raises(BadFileError, match='is no regular file'):
+            STORE.read_ends(path, 8)
+
+
+@pytest.mark.parametrize('size', [0, 1, 4, 5, 8, 9, 100])
+def test_the_ends_of_a_file(tmp_path, size):
+    data = bytes(range(size))
+    (tmp_path / 'file').write_bytes(data)
+    ends, found = STORE.read_ends(tmp_path / 'file', 4)
+    assert (ends, found) == (data if size <= 8 else data[:4] + data[-4:], size)
