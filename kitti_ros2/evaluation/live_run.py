@@ -138,7 +138,7 @@ class _Stage:
         total = len({*player.session.program.frames.tolist()})
         player.playback.resume()
         problem = ''
-        while not (problem or (player.ended.is_set() and answers.all_in())):
+        while not (problem or player.error or (player.ended.is_set() and answers.all_in())):
             time.sleep(_LOOK_EVERY_S)
             progress(len(answers.latencies_ns), total)
             problem = self._problem()

@@ -52,6 +52,10 @@ class LivePlayer(KittiPlayer):
     def _connect(self, program: Program, overrides: Mapping[str, QosOverride]) -> Outlets:
         return AnsweredOutlets(self, program, overrides, self._tell_time, self._answers)
 
+    def tell_of(self, error: Exception) -> None:
+        """End with the error of a callback: an answer may be missing."""
+        self.finish(error)
+
     def types_of(self, topic: str) -> list[str]:
         """Return the types of a topic's publishers now, such as nav_msgs/msg/Odometry."""
         found = self.get_publishers_info_by_topic(topic)

@@ -20,6 +20,7 @@ from ..options.table import make_play_settings
 from ..player.session import Session
 from ..player.source import CLOCK, describe, open_program, publishes_clock, reserved_by_node
 from ..player.state import encode_state
+from .callbacks import contained, describe_unexpected
 from .controls import create_services
 from .outlets import Outlets
 from .parameters import declare, given
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 NODE_NAME = 'kitti_player'
 _STATE_EVERY_NS = 200_000_000
+_WARN_EVERY_S = 1.0
 _LIVE = ('rate', 'loop', 'step')
 _OF_SOURCE = ('source', 'layout', 'sequence', 'predictions', 'iou', 'imu_from', 'imu_stamps')
 
@@ -102,6 +104,14 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         """Return the logger, which calls before_log first."""
         return _AnnouncedLogger(super().get_logger(), self._before_log)
 
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:  # noqa: ANN401 - those of Node
+        """Create a service, also those of Node, that answers requests which raise an error."""
+        handler = contained(srv_type, callback, self._warn)
+        return super().create_service(srv_type, srv_name, handler, **options)
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=_WARN_EVERY_S)
+
     # Start and stop.
 
     def start(self) -> None:
@@ -126,6 +136,16 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if session is not None:
             self._say_who_was_missing(session)
             session.stop()
+
+    def tell_of(self, error: Exception) -> None:
+        """Report the error of a callback, which concerns nothing else."""
+        self._warn(f'a callback failed: {describe_unexpected(error)}')
+
+    def finish(self, error: BaseException | None) -> None:
+        """Report the end, and the error that led to it, if any."""
+        self.error = error
+        self.ended.set()
+        self.on_ended()
 
     @property
     def session(self) -> Session:
@@ -219,9 +239,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if session is not self._session:
             return  # another source has replaced it
         self.tell_state()
-        self.error = error
-        self.ended.set()
-        self.on_ended()
+        self.finish(error)
 
     def _tell_state_sometimes(self) -> None:
         if time.monotonic_ns() - self._state_ns > _STATE_EVERY_NS:

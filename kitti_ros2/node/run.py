@@ -7,12 +7,12 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity
 
 from ..player.session import LAST_WAIT_S, favour_what_is_due
 from ..player.status import StatusLine, Terminal
 from ..player.to_the_end import play_to_the_end
+from .callbacks import Executor
 from .closing import Closing
 from .creation import create_node
 from .middleware import start_ros
@@ -21,8 +21,6 @@ from .player import KittiPlayer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-
-    from rclpy.node import Node
 
     from ..player.to_the_end import StopRequest
 
@@ -80,38 +78,34 @@ def run_player(
         return losses
 
 
-def spin_in_thread(node: Node, closing: Closing, ended: Callable[[], None]) -> None:
-    """Run the callbacks of a node in a thread, until it is closed or ROS shuts down.
+def spin_in_thread(player: KittiPlayer, closing: Closing, ended: Callable[[], None]) -> None:
+    """Run the callbacks of a player in a thread, until it is closed or ROS shuts down.
 
     Args:
-        node: The node.
+        player: The player.
         closing: Ends the thread.
         ended: Called when it has ended.
     """
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
+    executor = Executor(context=player.context)
+    executor.add_node(player)
     stop = threading.Event()
-    thread = threading.Thread(target=_spin, args=(executor, stop, ended), name='executor')
+    thread = threading.Thread(target=_spin, args=(executor, player, stop, ended), name='executor')
     thread.start()
     closing.callback(_end_spin, executor, stop, thread)
 
 
 def _spin(
-    executor: SingleThreadedExecutor, stop: threading.Event, ended: Callable[[], None]
+    executor: Executor, player: KittiPlayer, stop: threading.Event, ended: Callable[[], None]
 ) -> None:
-    """Run callbacks until stopped, or ROS shuts down."""
     try:
-        while not stop.is_set():
-            executor.spin_once()
-    except ExternalShutdownException:
-        pass
+        executor.run(stop, player.tell_of)
+    except Exception as error:  # noqa: BLE001 - the main thread raises it
+        player.finish(error)
     finally:
         ended()
 
 
-def _end_spin(
-    executor: SingleThreadedExecutor, stop: threading.Event, thread: threading.Thread
-) -> None:
+def _end_spin(executor: Executor, stop: threading.Event, thread: threading.Thread) -> None:
     # Shutting down a spinning executor destroys the wait set it is about to use; and it spins
     # until it has a task.
     stop.set()

@@ -144,7 +144,7 @@ def test_a_report_names_images_that_are_no_regular_files(drive, tmp_path, capsys
     assert f'{first}: is no regular file; expected a file; and 2 more' in capsys.readouterr().err
 
 
-def test_a_file_of_the_system_is_not_read_without_end(tmp_path, monkeypatch):
+def test_a_file_of_the_system_is_not_read_without_end(monkeypatch):
     monkeypatch.setattr('kitti_ros2.kitti.store.MOST_BYTES', 100)
     path = Path('/proc/self/smaps')
     with pytest.raises(BadFileError, match='which is not read; expected a file of at most 100'):
