@@ -193,9 +193,20 @@ def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:
         text = str(error)
         separator = ' ' if text.endswith('?') else ': '
         return f'{text}{separator}{commands}' if commands else text
-    if isinstance(error, OSError) and error.filename is None and error.errno == errno.ENOSPC:
-        return f'standard output: {error.strerror}'  # only standard streams have no file name
+    if isinstance(error, OSError) and error.filename is None:
+        if error.errno == errno.ENOSPC:
+            return f'standard output: {error.strerror}'  # only standard streams have no file name
+        if error.errno == errno.ENOENT and not _has_working_directory():
+            return 'the working directory was deleted; change to one that exists'
     return describe_error(error)
+
+
+def _has_working_directory() -> bool:
+    try:
+        os.getcwd()  # noqa: PTH109 - Path is not imported yet
+    except OSError:
+        return False
+    return True
 
 
 def _complain(message: str) -> None:

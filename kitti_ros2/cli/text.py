@@ -40,7 +40,7 @@ def format_path(path: Path) -> str:
     """Return a path, relative if it is below the working directory."""
     try:
         return str(path.relative_to(Path.cwd()))
-    except ValueError:
+    except (ValueError, OSError):  # elsewhere; or the working directory was deleted
         return str(path)
 
 

@@ -482,3 +482,32 @@ def test_commands_keep_the_words_that_were_typed():
 def test_no_command_is_made_for_a_source_that_was_not_typed():
     """A parameter or a file of options may name it."""
     assert format_remedies([Remedy(Path('a'), Path('b'))], ['play', '--config', 'c.yaml']) == ''
+
+
+@pytest.fixture
+def no_directory(tmp_path, monkeypatch):
+    """A working directory that was deleted."""
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+
+
+@pytest.mark.usefixtures('no_directory')
+def test_whole_paths_need_no_working_directory(recordings, tmp_path, capsys):
+    drive, bag = recordings[Layout.RAW], tmp_path / 'out.mcap'
+    for words in (
+        ('to-bag', drive, bag),
+        ('to-kitti', bag, tmp_path / 'kitti'),
+        ('crop', drive, tmp_path / 'cropped', '--range', ':30'),
+        ('validate', drive),
+        ('report', drive, '-o', tmp_path / 'out.html'),
+    ):
+        assert main(list(map(str, words))) == 0
+        assert not capsys.readouterr().err
+
+
+@pytest.mark.usefixtures('no_directory')
+def test_a_deleted_working_directory_is_named(capsys):
+    said = complain(['info', 'drive'], capsys)
+    assert said == 'kitti-ros2: the working directory was deleted; change to one that exists'
