@@ -107,7 +107,7 @@ class RecordingCrop:
         Raises:
             OSError: The output cannot be written.
         """
-        for source, place in self._paths.others(self._fail_folder):
+        for source, place in self._paths.others(self._fail):
             if place not in taken:
                 self._place(source, root / place)
         taken |= self._paths.single_files
@@ -144,7 +144,11 @@ class RecordingCrop:
         if not rows:
             self._place(source, root / place)
             return
-        data = without_tracks(STORE.read_text(source), rows).encode()
+        try:
+            data = without_tracks(STORE.read_text(source), rows).encode()
+        except (KittiRos2Error, OSError) as error:
+            self._fail(error)
+            return
         STORE.write(root / place, data, new=True)
         self.result.size_bytes += len(data)
 
@@ -152,12 +156,12 @@ class RecordingCrop:
         try:
             linked = self._placer.place(source, target)
         except KittiRos2Error as error:
-            self._failures[Stream.RECORDING, f'{error}; it is left out'] = []
+            self._fail(error)
             return
         self.result.linked += linked
         self.result.copied += not linked
 
-    def _fail_folder(self, error: OSError) -> None:
+    def _fail(self, error: KittiRos2Error | OSError) -> None:
         self._failures[Stream.RECORDING, f'{describe_error(error)}; it is left out'] = []
 
 

@@ -13,7 +13,7 @@ from ..kitti import names
 from ..kitti.scan_file import format_scan, parse_scan, parse_scan_text
 from ..kitti.semantic_file import format_point_labels, parse_point_labels
 from ..kitti.store import STORE
-from ..model.errors import KittiRos2Error, UnreadableFileError, describe_error
+from ..model.errors import KittiRos2Error, describe_error
 from ..model.streams import Stream
 from .camera_view import CameraViews
 from .empty_labels import empty_rows, without_rows
@@ -146,11 +146,17 @@ class ScanCropper:
         paths = self._paths.frame_labels(result.number)
         if paths is None:
             return
-        if result.empty_rows:
-            text = without_rows(STORE.read_text(paths[0]), result.empty_rows)
-            self._write(result, paths, text.encode())
-        else:
+        if not result.empty_rows:
             self._place(result, paths)
+            return
+        try:
+            text = without_rows(STORE.read_text(paths[0]), result.empty_rows)
+        except (KittiRos2Error, OSError) as error:
+            result.empty_rows = ()
+            reason = f'{describe_error(error)}; it is left out'
+            result.failures.append((Stream.LABELS, reason))
+        else:
+            self._write(result, paths, text.encode())
 
     def _put(
         self, result: CutScan, paths: Placed, cut: Callable[[Mask], bytes], keep: Mask
@@ -164,8 +170,8 @@ class ScanCropper:
     def _place(self, result: CutScan, paths: Placed) -> bool:
         try:
             result.placed.append(self._placer.place(paths[0], self._root / paths[1]))
-        except (KittiRos2Error, UnreadableFileError) as error:
-            result.failures.append((Stream.SCAN, str(error)))
+        except KittiRos2Error as error:
+            result.failures.append((Stream.SCAN, f'{error}; it is left out'))
             return False
         return True
 

@@ -6,15 +6,15 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import stat
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError, UnreadableFileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from io import FileIO
 
 _NO_LINKS = {
     errno.EXDEV: 'they are on another file system',
@@ -49,7 +49,7 @@ class FilePlacer:
         """
         try:
             # A hard link to a symbolic link would be one itself.
-            real = source.resolve() if source.is_symlink() else source
+            real = Path(os.path.realpath(source)) if source.is_symlink() else source
             mode = real.stat().st_mode
         except OSError as error:
             raise UnreadableFileError(source, error) from None
@@ -70,12 +70,27 @@ class FilePlacer:
 
 
 def _copy(source: Path, target: Path) -> None:
+    """Copy the bytes that a file has now: some files of the system have no end."""
     try:
-        file = source.open('rb')
+        file = source.open('rb', buffering=0)
+        rest = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise UnreadableFileError(source, error) from None
     with file, target.open('xb') as copied:
-        shutil.copyfileobj(file, copied, _BUFFER_BYTES)
+        try:
+            while rest and (piece := _read(file, min(rest, _BUFFER_BYTES), source)):
+                copied.write(piece)
+                rest -= len(piece)
+        except UnreadableFileError:
+            target.unlink()
+            raise
+
+
+def _read(file: FileIO, length: int, source: Path) -> bytes | None:
+    try:
+        return file.read(length)
+    except OSError as error:
+        raise UnreadableFileError(source, error) from None
 
 
 def walk_files(

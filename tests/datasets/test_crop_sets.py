@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import warnings
@@ -21,6 +22,7 @@ from kitti_ros2.datasets import crop
 from kitti_ros2.kitti.layouts import open_recording, open_recordings
 from kitti_ros2.kitti.names import parse_drive
 from kitti_ros2.model.boxes import DONT_CARE
+from kitti_ros2.model.errors import UnreadableFileError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 
@@ -669,6 +671,30 @@ def test_pipes_broken_links_and_hidden_files(recordings, tmp_path):
     assert ['broken.txt' in texts[0], 'pipe: is no regular file' in texts[1]] == [True, True]
     assert len(texts) == 2
     assert files(tmp_path / 'out').keys() == files(recordings[Layout.OBJECT]).keys()
+
+
+def test_a_file_that_cannot_be_copied_is_left_out(recordings, tmp_path, monkeypatch):
+    def refuse(source, _):
+        raise UnreadableFileError(source, OSError(errno.EIO, 'Input/output error'))
+
+    monkeypatch.setattr('kitti_ros2.files.hard_links._copy', refuse)
+    root = recordings[Layout.OBJECT]
+    report = cut(root, tmp_path / 'out', range=':30', copy=True)
+    texts = {loss.text() for loss in report.losses}
+    path = root / 'training/image_2/000003.png'
+    assert f'{path}: Input/output error; it is left out' in texts
+    assert {path.suffix for path in (tmp_path / 'out').rglob('*.*')} == {'.bin'}
+
+
+def test_labels_that_vanish_are_left_out(recordings, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.EIO, 'Input/output error', 'labels')
+
+    monkeypatch.setattr('kitti_ros2.datasets.scan_crop.without_rows', refuse)
+    report = cut(recordings[Layout.OBJECT], tmp_path / 'out', range=':1', empty_labels='drop')
+    (text,) = {loss.text() for loss in report.losses}
+    assert 'labels: Input/output error; it is left out' in text
+    assert not list((tmp_path / 'out').rglob('label_2/*'))
 
 
 def test_nothing_is_left_of_a_failed_run(recordings, tmp_path, monkeypatch):

@@ -201,4 +201,6 @@ CASES = {
         gradual=True,
         retry=('--retry',),
     ),
+    'crop': Case(('crop', '{source}', '{out}', '-q', '--range', ':20'), _drive),
+    'crop --copy': Case(('crop', '{source}', '{out}', '-q', '--copy'), _drive),
 }  # fmt: skip

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
+from pathlib import Path
 
 import pytest
 
@@ -66,13 +68,39 @@ def test_other_errors_of_links_are_raised(source, tmp_path):
 def test_what_is_no_file_is_named(tmp_path, copy):
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'broken').symlink_to('nowhere')
+    (tmp_path / 'loop').symlink_to('loop')
     placer = FilePlacer(copy=copy)
     with pytest.raises(BadFileError, match=r'pipe: is no regular file'):
         placer.place(tmp_path / 'pipe', tmp_path / 'out')
     for name in ('broken', 'absent'):
         with pytest.raises(UnreadableFileError, match=f'{name}: No such file'):
             placer.place(tmp_path / name, tmp_path / 'out')
+    with pytest.raises(UnreadableFileError, match='loop: Too many levels of symbolic links'):
+        placer.place(tmp_path / 'loop', tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
+
+
+def test_a_read_error_is_that_of_the_source(source, tmp_path, monkeypatch):
+    class Damaged(io.FileIO):
+        def read(self, size=-1):
+            if self.tell():
+                raise OSError(errno.EIO, 'Input/output error')
+            return super().read(size // 2)
+
+    opened = type(source).open
+
+    def open_damaged(path, *mode, **options):
+        return Damaged(path) if path == source else opened(path, *mode, **options)
+
+    monkeypatch.setattr(type(source), 'open', open_damaged)
+    with pytest.raises(UnreadableFileError, match='source: Input/output error'):
+        FilePlacer(copy=True).place(source, tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_file_of_the_system_is_not_copied_without_end(tmp_path):
+    assert not FilePlacer(copy=True).place(Path('/proc/self/mem'), tmp_path / 'out')
+    assert (tmp_path / 'out').read_bytes() == b''
 
 
 def test_folders_are_walked_once(tmp_path):
