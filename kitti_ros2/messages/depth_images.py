@@ -18,8 +18,9 @@ import numpy as np
 
 from ..files.picture_headers import PNG_SIGNATURE, png_size
 from ..files.png.inflate import inflated
+from ..model.samples import MOST_PIXELS
 from .camera_info import EQUIDISTANT
-from .pixels import MOST_PIXELS, stored_values
+from .pixels import stored_values
 from .scan_points import ScanPoints, make_points
 
 if TYPE_CHECKING:

@@ -25,6 +25,7 @@ from ..files.picture_headers import (
     webp_size,
 )
 from ..files.png.inflate import inflated
+from ..model.samples import MOST_PIXELS
 from .jpeg import decode_jpeg
 
 if TYPE_CHECKING:
@@ -40,9 +41,6 @@ _SIZES = {'PNG': png_size, 'JPEG': jpeg_size, 'WebP': webp_size}
 _PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
 _PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0), (16, 2, 0, 0, 0)}
 """Depth, colour (0 grey, 2 RGB), compression, filter and interlace, as in IHDR."""
-
-MOST_PIXELS = 2**26
-"""The limit of an image, above the size of any camera on a vehicle, within memory."""
 
 _TRAILING_BYTES = 52
 _DEPTH_HEAD_BYTES = 12

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 Float32Array: TypeAlias = npt.NDArray[np.float32]
 Int64Array: TypeAlias = npt.NDArray[np.int64]
 
+MOST_PIXELS = 2**26
+"""The limit of an image, above the size of any camera on a vehicle, within memory."""
+
 
 @dataclass(frozen=True)
 class TextFile:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..messages.camera_info import EQUIDISTANT, PLUMB_BOB, RATIONAL
-from ..messages.pixels import MOST_PIXELS
+from ..model.samples import MOST_PIXELS
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -34,21 +34,21 @@ class ImageFile:
     image: Image
 
     @cached_property
-    def pixels(self) -> npt.NDArray[np.uint8 | np.uint16] | None:
-        """The decoded pixels; None if they cannot be decoded."""
+    def pixels(self) -> npt.NDArray[np.uint8 | np.uint16] | str:
+        """The decoded pixels; the reason if they cannot be decoded."""
         try:
             return decode_png(self.image)
-        except ValueError:
-            return None
+        except ValueError as error:
+            return str(error)
 
 
 def _find_undecodable(file: ImageFile) -> Iterator[Breach]:
-    if file.pixels is None:
-        yield Breach('the pixels cannot be decoded', file.path)
+    if isinstance(file.pixels, str):
+        yield Breach(f'the pixels cannot be decoded: {file.pixels}', file.path)
 
 
 def _find_blank(file: ImageFile) -> Iterator[Breach]:
-    if file.pixels is not None and file.pixels.min() == file.pixels.max():
+    if not isinstance(file.pixels, str) and file.pixels.min() == file.pixels.max():
         yield Breach(f'all pixels are {int(file.pixels.max())}', file.path)
 
 

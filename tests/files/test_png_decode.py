@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import zlib
 from dataclasses import replace
 
@@ -197,6 +198,8 @@ def test_a_header_of_more_pixels_than_the_data_can_have_is_refused(size):
     head = data[12:16] + struct.pack('>II', *size) + data[24:29]
     made = data[:12] + head + struct.pack('>I', zlib.crc32(head)) + data[33:]
     with pytest.raises(ValueError, match='bytes of image data, which is too little'):
+        inflated(made)
+    with pytest.raises(ValueError, match='PNG of'):
         decode_png(parse_image(made, 'x'))
 
 
@@ -205,3 +208,17 @@ def test_the_most_compressible_image_is_decoded(channels):
     shape = (2000, 3000, 3) if channels == 3 else (2000, 3000)
     data = cv2.imencode('.png', np.zeros(shape, np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
     assert not decode_png(parse_image(data.tobytes(), 'x')).any()
+
+
+def test_an_image_that_would_fill_the_memory_is_not_decoded():
+    side = 2**13
+    rows = zlib.compress(bytes((side + 1) * (side + 1)), 1)
+    data = png(chunk(b'IDAT', rows), size=(side, side + 1))
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match='8192 x 8193 pixels is not decoded'):
+            decode_png(parse_image(data, 'x'))
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 10**6

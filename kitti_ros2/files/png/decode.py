@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ...model.samples import MOST_PIXELS
 from .inflate import inflated
 
 if TYPE_CHECKING:
@@ -22,8 +23,10 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
     Of colour of 16 bits these are the upper 8.
 
     Raises:
-        ValueError: The PNG cannot be decoded.
+        ValueError: The PNG cannot be decoded, or is too large.
     """
+    if image.width * image.height > MOST_PIXELS:
+        raise ValueError(f'a PNG of {image.width} x {image.height} pixels is not decoded')
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
     grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
