@@ -42,6 +42,8 @@ _ARROWS = {key.value: key for key in (Key.UP, Key.DOWN, Key.RIGHT, Key.LEFT)}
 _REST_OF_ESCAPE_S = 0.05
 _LOOK_AGAIN_S = 0.5
 _NOT_OURS = termios.ICANON | termios.ECHO
+_DEADLY = (signal.SIGQUIT, signal.SIGALRM, signal.SIGUSR1, signal.SIGUSR2)
+"""Signals that end a process which does not handle them; the others end it in an orderly way."""
 
 
 class Keyboard:
@@ -64,6 +66,8 @@ class Keyboard:
         self._stream = stream
         self._thread: threading.Thread | None = None
         self._closing = contextlib.ExitStack()
+        self._mode = threading.Lock()
+        self._over = False
 
     @property
     def listening(self) -> bool:
@@ -87,12 +91,30 @@ class Keyboard:
         self._reader, writer = os.pipe()
         stack.callback(os.close, self._reader)
         stack.callback(os.close, writer)
-        stack.callback(_restore, terminal, termios.tcgetattr(terminal))
+        attributes = termios.tcgetattr(terminal)
+        stack.callback(_restore, terminal, attributes)
+        if threading.current_thread() is threading.main_thread():
+            self._restore_at_signals(attributes, stack)
         tty.setcbreak(terminal, termios.TCSANOW)
         self._thread = threading.Thread(target=self._listen, name='keyboard', daemon=True)
         self._thread.start()
         stack.callback(self._thread.join)
         stack.callback(os.write, writer, b'.')
+
+    def _restore_at_signals(self, attributes: list[Any], stack: contextlib.ExitStack) -> None:
+        """Restore the mode before a signal ends the process, such as that of Ctrl-Backslash."""
+
+        def end(number: int, _: object) -> None:
+            with self._mode:
+                self._over = True
+                _restore(self._terminal, attributes)
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+
+        for number in _DEADLY:
+            if signal.getsignal(number) is signal.SIG_DFL:
+                stack.callback(signal.signal, number, signal.SIG_DFL)
+                signal.signal(number, end)
 
     def _listen(self) -> None:
         # If the process goes to the background before a read, the read fails instead of stopping
@@ -110,7 +132,9 @@ class Keyboard:
         """Wait for a key or the next check of the terminal; False at the end."""
         watched = [self._reader]
         if in_foreground(self._terminal):
-            _set_again(self._terminal)
+            with self._mode:
+                if not self._over:
+                    _set_again(self._terminal)
             watched.append(self._terminal)
         ready, _, _ = select.select(watched, [], [], _LOOK_AGAIN_S)
         if self._reader in ready:

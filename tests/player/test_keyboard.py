@@ -6,6 +6,7 @@ import fcntl
 import io
 import os
 import pty
+import signal
 import struct
 import subprocess
 import sys
@@ -124,6 +125,7 @@ def test_what_was_begun_is_undone_when_no_thread_can_start(terminal, monkeypatch
 def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
     monkeypatch.setattr(keyboard, '_LOOK_AGAIN_S', 3600)
     monkeypatch.setattr(keyboard, '_REST_OF_ESCAPE_S', 3600)
+    monkeypatch.setattr(keyboard, '_DEADLY', ())  # only the main thread may handle signals
     entered = Keyboard({}, lambda _: None, terminal[1]).__enter__()
     type_in(terminal, keys)
     closing = threading.Thread(target=entered.__exit__, args=(None, None, None), daemon=True)
@@ -273,3 +275,56 @@ def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(way):
         assert shell.stderr.readline() == 'False 7 True\n'
     watchdog.cancel()
     os.close(master)
+
+
+# A foreground process of its terminal that a signal ends.
+KILLED = """
+    import fcntl, resource, signal, termios
+    from kitti_ros2.player.keyboard import Keyboard
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    with Keyboard({}, print):
+        assert not termios.tcgetattr(0)[3] & termios.ICANON
+        print('ready', flush=True)
+        while True:
+            signal.pause()
+"""
+
+
+@pytest.mark.parametrize('number', keyboard._DEADLY)
+def test_a_signal_that_ends_the_process_leaves_the_mode_of_before(number):
+    master, slave = pty.openpty()
+    before = termios.tcgetattr(slave)
+    process = subprocess.Popen(
+        [sys.executable, '-c', textwrap.dedent(KILLED)],
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    with process:
+        assert process.stdout.readline() == 'ready\n'
+        if number == signal.SIGQUIT:
+            os.write(master, b'\x1c')
+        else:
+            process.send_signal(number)
+        assert process.wait() == -number
+    assert termios.tcgetattr(slave) == before
+    os.close(slave)
+    os.close(master)
+
+
+def test_signals_that_are_handled_are_left_alone(terminal):
+    def handle(*_):
+        pass
+
+    before = signal.signal(signal.SIGUSR1, handle)
+    try:
+        with Keyboard({}, lambda _: None, terminal[1]):
+            assert signal.getsignal(signal.SIGUSR1) is handle
+            assert signal.getsignal(signal.SIGQUIT) is not signal.SIG_DFL
+        assert signal.getsignal(signal.SIGUSR1) is handle
+        assert signal.getsignal(signal.SIGQUIT) is signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGUSR1, before)
