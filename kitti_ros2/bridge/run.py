@@ -13,6 +13,7 @@ from ..player.session import favour_what_is_due
 from ..player.source import describe, open_program, reserved_by_viewers
 from ..player.to_the_end import play_to_the_end
 from .gate import exposure
+from .sdk_log import few_lines
 from .server import ViewerServer
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def run_bridge(
     program = open_program(source, settings, reserved_by_viewers)
     with ExitStack() as stack:
         stack.callback(program.close)
+        stack.enter_context(few_lines(terminal.complain))
         server = ViewerServer(program, settings, port, terminal.complain, admission)
         server.on_ended = stop_request.set
         if not terminal.quiet:

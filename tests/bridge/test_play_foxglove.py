@@ -20,6 +20,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from viewer import Player, Viewer  # isort: skip
+from waiting import PATIENCE_S  # isort: skip
 
 OXTS = '/kitti/oxts/imu'
 PROTOCOL = 'foxglove.sdk.v1'
@@ -169,3 +170,18 @@ def test_without_the_sdk_it_says_what_to_install(recordings, monkeypatch, capsys
     complaint = capsys.readouterr().err
     assert len(complaint.splitlines()) == 1
     assert "pip install 'kitti_ros2[foxglove]'" in complaint
+
+
+def test_a_viewer_cannot_fill_the_terminal(play):
+    player = play()
+    with connect(player.url, subprotocols=[PROTOCOL]) as client:
+        for _ in range(500):
+            client.send('')
+        client.ping().wait(PATIENCE_S)
+    code, said = player.end(signal.SIGINT)
+    assert code == 0
+    lines = said.splitlines()
+    assert all(line.startswith('foxglove-sdk: Invalid message from') for line in lines[:3])
+    assert lines[3:] == [
+        'foxglove-sdk: more lines about viewers are not shown; FOXGLOVE_LOG_LEVEL=warn shows all'
+    ]
