@@ -4,22 +4,18 @@
 
 from __future__ import annotations
 
-import os
+import errno
 import re
-import sys
-import tempfile
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
-
-from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ..model.errors import UsageError
 from ..model.text import one_line
+from .held_stderr import TOO_MANY, held_stderr, lacks_files
 from .installed import middleware
 from .middleware import settings_variable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
 T = TypeVar('T')
 
@@ -39,15 +35,21 @@ def create_node(create: Callable[[], T]) -> T:
     Raises:
         UsageError: The middleware fails; with its own message and the variable of its settings.
     """
-    with _written_to_stderr() as written:
+    with held_stderr() as written:
         try:
             return create()
-        except rclpy_implementation.RCLError as error:
+        except RuntimeError as error:  # those of rclpy, and of the C++ below it
             raise UsageError(_refusal(written(), str(error))) from error
+        except OSError as error:  # of a module that is imported late
+            if error.errno != errno.EMFILE:
+                raise
+            raise UsageError(_refusal(written(), TOO_MANY)) from error
 
 
 def _refusal(lines: Sequence[str], error: str) -> str:
     """Format one line: the middleware, its reason, and the variable of its settings."""
+    if lacks_files(error):
+        return f'{middleware()} cannot create the node: {TOO_MANY}'
     text = f'{middleware()} cannot create the node: {_reason(lines) or one_line(error)}'
     variable = settings_variable()
     return f'{text}; check {variable}' if variable else text
@@ -65,27 +67,3 @@ def _reason(lines: Sequence[str]) -> str:
             if found := beginning.match(plain):
                 reason = plain[found.end() :].strip()
     return reason
-
-
-@contextmanager
-def _written_to_stderr() -> Iterator[Callable[[], list[str]]]:
-    """Hold back what libraries write to stderr; write it at the end unless it was read."""
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as file:
-        held = os.dup(2)
-        read = False
-
-        def written() -> list[str]:
-            nonlocal read
-            read = True
-            file.seek(0)
-            return file.read().decode(errors='replace').splitlines()
-
-        os.dup2(file.fileno(), 2)
-        try:
-            yield written
-        finally:
-            os.dup2(held, 2)
-            os.close(held)
-            if not read:
-                sys.stderr.writelines(f'{line}\n' for line in written())

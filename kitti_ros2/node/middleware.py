@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import os
+import pwd
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ..model.errors import UsageError
 from ..model.text import one_line
+from .held_stderr import TOO_MANY, held_stderr, lacks_files
 from .installed import middleware
 
 if TYPE_CHECKING:
@@ -45,14 +48,32 @@ def start_ros(ros_args: Sequence[str]) -> rclpy.Context:
         UsageError: The middleware cannot be loaded, or the arguments are invalid.
     """
     _use_profile()
+    _find_home()
     context = rclpy.Context()
-    try:
-        rclpy.init(
-            args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
-        )
-    except Exception as error:
-        raise UsageError(f'ROS cannot start: {one_line(str(error))}') from error
+    with held_stderr() as written:
+        try:
+            rclpy.init(
+                args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
+            )
+        except Exception as error:
+            written()  # the error has what matters of it
+            raise UsageError(f'ROS cannot start: {_reason(one_line(str(error)))}') from error
     return context
+
+
+def _reason(error: str) -> str:
+    if lacks_files(error):
+        return TOO_MANY
+    of_log = 'log directory' in error or 'logging directory' in error
+    return error + '; set ROS_LOG_DIR to a folder that you may write to' * of_log
+
+
+def _find_home() -> None:
+    """Name the folder of ROS's log if HOME is not set: ROS would not start."""
+    if any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
+        return
+    with suppress(KeyError):  # the user has no account
+        os.environ['ROS_HOME'] = f'{pwd.getpwuid(os.getuid()).pw_dir}/.ros'
 
 
 def settings_variable() -> str:

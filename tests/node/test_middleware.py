@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings that the middleware is given, and what it refuses."""
 
+import errno
 import os
+import pwd
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -17,7 +19,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.node.creation import create_node
-from kitti_ros2.node.middleware import _use_profile, cyclone_settings, stays_on_this_machine
+from kitti_ros2.node.middleware import (
+    _find_home,
+    _use_profile,
+    cyclone_settings,
+    start_ros,
+    stays_on_this_machine,
+)
 
 # As Cyclone DDS 11.0.1 writes them where its settings are wrong.
 ELEMENT = 'config: //CycloneDDS/Domain/General: Bogus: unknown element (CYCLONEDDS_URI+0 line 1)'
@@ -159,6 +167,72 @@ def test_other_errors_stay_what_they_are(capfd):
     with pytest.raises(UsageError, match='parameter rate: out of range'):
         create_node(create)
     assert capfd.readouterr().err == 'said before\n'
+
+
+@pytest.mark.parametrize(
+    'error',
+    [
+        RuntimeError('epoll: Too many open files'),
+        rclpy_implementation.RCLError('cannot open: Too many open files, at ./src/rcl/node.c:415'),
+        OSError(errno.EMFILE, os.strerror(errno.EMFILE), 'typesupport.so'),
+    ],
+)
+def test_a_lack_of_files_is_one_line(cyclone, capfd, error):  # noqa: ARG001
+    def create():
+        os.write(2, b'rcutils_reset_error() should be called\n')
+        raise error
+
+    with pytest.raises(UsageError) as refused:
+        create_node(create)
+    assert str(refused.value) == (
+        'rmw_cyclonedds_cpp cannot create the node: too many open files; raise the limit'
+        ' (ulimit -n)'
+    )
+    assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize(
+    ('reason', 'said'),
+    [
+        ('no such argument', 'no such argument'),
+        ('eventfd: Too many open files', 'too many open files; raise the limit (ulimit -n)'),
+        (
+            "no log directory '/x'",
+            "no log directory '/x'; set ROS_LOG_DIR to a folder that you may write to",
+        ),
+    ],
+)
+def test_ros_that_does_not_start_is_one_line(cyclone, capfd, reason, said):
+    def init(**_):
+        os.write(2, b'rcutils_reset_error() should be called\n')
+        raise RuntimeError(reason)
+
+    cyclone.setattr('rclpy.init', init)
+    with pytest.raises(UsageError) as refused:
+        start_ros([])
+    assert str(refused.value) == f'ROS cannot start: {said}'
+    assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('home', [None, ''])
+def test_without_home_the_log_is_in_that_of_the_account(cyclone, home):
+    for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR'):
+        cyclone.setenv(name, '')
+        cyclone.delenv(name)
+    if home is not None:
+        cyclone.setenv('HOME', home)
+    _find_home()
+    assert os.environ['ROS_HOME'] == f'{pwd.getpwuid(os.getuid()).pw_dir}/.ros'
+
+
+@pytest.mark.parametrize('name', ['HOME', 'ROS_HOME', 'ROS_LOG_DIR'])
+def test_a_folder_that_is_given_stays(cyclone, name):
+    for other in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR'):
+        cyclone.setenv(other, '')
+        cyclone.delenv(other)
+    cyclone.setenv(name, '/given')
+    _find_home()
+    assert os.environ.get('ROS_HOME') == ('/given' if name == 'ROS_HOME' else None)
 
 
 REFUSED = f"""
