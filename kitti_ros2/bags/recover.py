@@ -137,7 +137,9 @@ class _Copy:
             except (KittiRos2Error, MemoryError):
                 raise
             except Exception as error:  # noqa: BLE001 - types of any kind
-                text = f'{topic}: {channel.msgtype} cannot be written to {storage} ({error})'
+                circular = isinstance(error, RecursionError)
+                why = 'its definition refers to itself' if circular else error
+                text = f'{topic}: {channel.msgtype} cannot be written to {storage} ({why})'
                 self._unwritten[topic] = text
                 self.losses[text] = 0
             else:

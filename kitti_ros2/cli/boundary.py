@@ -27,6 +27,7 @@ from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED,
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TextIO
 
 _DEBUG = '--debug'
 _CLEANING_S = 3.0
@@ -84,7 +85,7 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
         raise
     except BrokenPipeError:
         # The reader of the pipe closed it, as head does; Python would report it again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard(sys.stdout)
         return EXIT_OK
     except (KittiRos2Error, OSError) as error:
         if debug:
@@ -96,6 +97,11 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
             raise
         _complain(_describe_unexpected(error))
         return EXIT_USAGE
+
+
+def _discard(stream: TextIO) -> None:
+    """Let what a standard stream still holds go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _interruption_of(error: RuntimeError) -> BaseException | None:
@@ -138,6 +144,10 @@ def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
         _on_interrupt(_end)
     try:
         code = run(words)
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):  # typer and rich make it exit code 1
+            raise error.__context__ from None
+        raise
     except RuntimeError as error:
         if interruption := _interruption_of(error):
             raise interruption from None
@@ -210,7 +220,11 @@ def _has_working_directory() -> bool:
 
 
 def _complain(message: str) -> None:
-    sys.stderr.write(f'kitti-ros2: {one_line(message)}\n')
+    try:
+        sys.stderr.write(f'kitti-ros2: {one_line(message)}\n')
+        sys.stderr.flush()
+    except OSError:  # a full disk: there is nobody to tell, and the exit code stays
+        _discard(sys.stderr)
 
 
 def player() -> int:

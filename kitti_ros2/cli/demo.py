@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
-import shutil
+import os
 import sys
 from typing import TYPE_CHECKING
 
-from ..model.errors import OutputExistsError, naming
+from ..files.staging import staged
+from ..kitti.replacing import keep_all_but_data_sets
+from ..model.errors import OutputExistsError
 from ..options.read import ReadOptions
 from ..options.table import make_settings
 from ..synthetic import SyntheticOptions, write_synthetic
@@ -46,16 +48,21 @@ def run_demo(
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
     recording, bag = out / 'kitti', out / 'bag'
+    if out.is_symlink():
+        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
     for taken in (recording, bag):
         if taken.exists() and not overwrite:
             raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
-        shutil.rmtree(taken, ignore_errors=True)
     if kind is None:
         raise AssertionError('a given layout is never None')
     making = step_progress('making the street', frames, show=not quiet)
-    with making as progress, naming(recording):
-        source = write_synthetic(recording, kind, options, progress=progress)
-    code = run_to_bag(source, bag, {'layout': layout}, None, quiet=quiet)
+    refusal = keep_all_but_data_sets(1) if overwrite else None
+    with making as progress, staged(recording, refusal) as stage:
+        made = write_synthetic(stage, kind, options, progress=progress)
+        inside = os.path.relpath(made, os.path.realpath(stage))
+    source = recording / inside
+    given = {'layout': layout, 'overwrite': overwrite}
+    code = run_to_bag(source, bag, given, None, quiet=quiet)
     if not quiet:
         print_overview(overlook(bag, ReadOptions()))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))

@@ -3,7 +3,7 @@
 """Exit codes of the command line."""
 
 EXIT_OK = 0
-"""Everything was written."""
+"""Everything was written; or what reads the output had enough of it, as `head` does."""
 EXIT_LOSSES = 1
 """Some data was missing or bad: it is listed, also with -q, and everything else was written."""
 EXIT_USAGE = 2

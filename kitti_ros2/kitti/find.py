@@ -40,7 +40,10 @@ class Candidate:
 
 def absolute(path: Path) -> Path:
     """Return an absolute path whose names are those of folders."""
-    return path.resolve() if '..' in path.parts else path.absolute()
+    try:
+        return path.resolve() if '..' in path.parts else path.absolute()
+    except RuntimeError:  # symbolic links in a circle, before Python 3.13
+        return path.absolute()
 
 
 def find_raw(path: Path) -> list[Candidate]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import shutil
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..kitti.layout_files import make_writer
@@ -17,7 +18,6 @@ from .drive import SyntheticDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from ..kitti.writer import LayoutWriter
     from .options import SyntheticOptions
@@ -53,7 +53,7 @@ def write_synthetic(
     """
     if options is not None and options.extract and not layout.traits.extracts:
         raise UsageError(f'layout {layout.value} has no unsynchronised drives; expected raw')
-    root = root.resolve()
+    root = Path(os.path.realpath(root))
     if root.exists() and not (root.is_dir() and not any(root.iterdir())):
         raise OutputExistsError(root, 'choose a folder that is not there yet, or is empty')
     partial = root.with_name(f'.{root.name}.partial')

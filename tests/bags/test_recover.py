@@ -8,6 +8,7 @@ import random
 from collections import Counter
 
 import pytest
+from mcap.writer import Writer
 from rosbags.rosbag1 import Reader
 
 from kitti_ros2.bags.reader import open_messages, summarize_bag
@@ -137,3 +138,16 @@ def test_the_command_says_what_it_saved_and_what_is_lost(bags, tmp_path, capsys)
     assert 'cut off at byte' in said.err
     assert main(['recover', str(tmp_path / 'none'), str(tmp_path / 'x.mcap')]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_definition_that_refers_to_itself_is_named(tmp_path, capsys):
+    with (tmp_path / 'in.mcap').open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('a/msg/S', 'ros2msg', b'a/S itself\n')
+        channel = writer.register_channel('/a', 'cdr', schema)
+        writer.add_message(channel, 1, b'\0\1\0\0', 1)
+        writer.finish()
+    assert main(['recover', str(tmp_path / 'in.mcap'), str(tmp_path / 'out.mcap')]) == 1
+    said = capsys.readouterr().err
+    assert '/a: a/msg/S cannot be written to mcap (its definition refers to itself)' in said

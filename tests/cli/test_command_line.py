@@ -23,6 +23,7 @@ from folder_and_bag import make_holes
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.cli.config_file import load_config
+from kitti_ros2.files.staging import Staging
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
@@ -373,7 +374,35 @@ def test_a_demo_that_the_disk_refuses_is_named(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr('kitti_ros2.cli.demo.write_synthetic', full)
     assert main(['demo', str(tmp_path / 'd')]) == 2
-    assert f'{tmp_path}/d/kitti: No space left on device' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f'{tmp_path}/d/kitti: the disk is full (No space left on device)' in said
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('layout', Layout)
+def test_a_demo_replaces_its_own_recording_only(layout, tmp_path, capsys):
+    words = ['demo', str(tmp_path / 'd'), '--frames', '2', '--layout', layout.value, '-q']
+    assert main(words) == 0
+    assert main([*words, '--overwrite']) == 0
+    assert sorted(path.name for path in (tmp_path / 'd').iterdir()) == ['bag', 'kitti']
+    (tmp_path / 'd/kitti/thesis.pdf').touch()
+    assert main([*words, '--overwrite']) == 2
+    assert 'it is no KITTI data set' in capsys.readouterr().err
+    assert (tmp_path / 'd/kitti/thesis.pdf').exists()
+
+
+def test_a_demo_waits_for_no_other_and_follows_no_link(tmp_path, capsys):
+    words = ['demo', str(tmp_path / 'd'), '--frames', '2', '-q']
+    running = Staging(tmp_path / 'd/kitti', lambda _: None)
+    assert main([*words, '--overwrite']) == 2
+    running.discard()
+    assert 'another run' in capsys.readouterr().err
+    (tmp_path / 'link').symlink_to(tmp_path / 'd')
+    assert main(['demo', str(tmp_path / 'link'), '-q']) == 2
+    assert 'it is a symbolic link; give the path it points to' in capsys.readouterr().err
+    (tmp_path / 'loop').symlink_to('loop')
+    assert main(['demo', str(tmp_path / 'loop/d'), '-q']) == 2
+    assert 'loop/d/kitti: cannot be written' in one_line(capsys.readouterr().err)
 
 
 def test_config_file_gives_options_and_the_command_line_wins(recordings, tmp_path):
@@ -559,3 +588,27 @@ def test_names_of_files_may_be_any_bytes_and_none_reaches_the_terminal(
         assert all(line.isprintable() for line in lines)
     made, source = Path(f'{bag}.out'), recordings[Layout.OBJECT]
     assert {path.name for path in made.iterdir()} == {path.name for path in source.iterdir()}
+
+
+@pytest.mark.parametrize(
+    'words',
+    [('info', '{drive}'), ('stats', '{drive}'), ('validate', '{drive}'), ('download', '--list')],
+)
+def test_a_reader_that_has_enough_is_no_failure(recordings, words):
+    given = [word.format(drive=recordings[Layout.RAW]) for word in words]
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, 'wb') as unread:
+        done = subprocess.run(
+            [sys.executable, '-m', 'kitti_ros2', *given],
+            check=False,
+            stdout=unread,
+            stderr=subprocess.PIPE,
+        )
+    assert (done.returncode, done.stderr) == (0, b'')
+
+
+def test_the_exit_code_stays_where_nothing_can_be_told(tmp_path):
+    words = [sys.executable, '-m', 'kitti_ros2', 'info', str(tmp_path / 'nowhere')]
+    with open('/dev/full', 'wb') as full:  # noqa: PTH123 - a device
+        assert subprocess.run(words, check=False, stderr=full).returncode == 2

@@ -511,3 +511,11 @@ def test_whole_paths_need_no_working_directory(recordings, tmp_path, capsys):
 def test_a_deleted_working_directory_is_named(capsys):
     said = complain(['info', 'drive'], capsys)
     assert said == 'kitti-ros2: the working directory was deleted; change to one that exists'
+
+
+@pytest.mark.parametrize('words', [('info', '{}/../loop'), ('to-bag', '{}/../loop', 'o.mcap')])
+def test_a_link_in_a_circle_is_no_folder(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    loop = tmp_path / 'loop'
+    loop.symlink_to('loop')
+    assert 'no such file or folder' in complain([word.format(loop) for word in words], capsys)

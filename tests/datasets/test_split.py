@@ -336,6 +336,14 @@ def test_mistakes_are_one_line(words, complaint, labelled, capsys, tmp_path, mon
     assert not (labelled / 'ImageSets').exists()
 
 
+def test_a_linked_folder_is_not_followed(labelled, tmp_path, capsys):
+    (tmp_path / 'other').mkdir()
+    (tmp_path / 'out').symlink_to(tmp_path / 'other')
+    assert main(['split', str(labelled), '--out', str(tmp_path / 'out')]) == 2
+    assert 'it is a symbolic link; give the path it points to' in one_line(capsys.readouterr().err)
+    assert not list((tmp_path / 'other').iterdir())
+
+
 def test_lists_without_an_entry_are_not_written(labelled, tmp_path, capsys):
     lists = write(tmp_path / 'given', train='000000\n', val='\n\n')
     out = tmp_path / 'out'

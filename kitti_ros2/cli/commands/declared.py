@@ -26,6 +26,7 @@ FsyncOption = Annotated[
     bool,
     typer.Option(
         '--fsync/--no-fsync',
+        show_default=False,
         help='Wait until the output is on the disk, safe from a power cut [default: on]',
     ),
 ]
