@@ -283,6 +283,8 @@ KILLED = """
     from kitti_ros2.player.keyboard import Keyboard
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    # Of tests that run in the background the shell lets SIGQUIT be ignored.
+    signal.signal(signal.SIGQUIT, signal.SIG_DFL)
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
     with Keyboard({}, print):
         assert not termios.tcgetattr(0)[3] & termios.ICANON
@@ -309,7 +311,7 @@ def test_a_signal_that_ends_the_process_leaves_the_mode_of_before(number):
             os.write(master, b'\x1c')
         else:
             process.send_signal(number)
-        assert process.wait() == -number
+        assert process.wait(timeout=60) == -number
     assert termios.tcgetattr(slave) == before
     os.close(slave)
     os.close(master)
