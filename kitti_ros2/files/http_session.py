@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 from aiohttp import ClientResponse, ClientSession
-from multidict import CIMultiDict
 
 from ..model.errors import RemoteError
 from ..model.text import shown
@@ -35,8 +34,9 @@ async def open_session(**options: object) -> ClientSession:
         options: Those of fsspec and of its configuration.
     """
     given: Any = options
-    given['headers'] = CIMultiDict(given.get('headers') or {})
-    given['headers']['Accept-Encoding'] = 'identity'
+    headers = dict(given.get('headers') or {})
+    others = {name: headers[name] for name in headers if name.lower() != 'accept-encoding'}
+    given['headers'] = {**others, 'Accept-Encoding': 'identity'}
     return ClientSession(**{**given, 'response_class': _Response, 'auto_decompress': False})
 
 

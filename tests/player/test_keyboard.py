@@ -322,6 +322,7 @@ def test_signals_that_are_handled_are_left_alone(terminal):
         pass
 
     before = signal.signal(signal.SIGUSR1, handle)
+    quitting = signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # ignored in the background
     try:
         with Keyboard({}, lambda _: None, terminal[1]):
             assert signal.getsignal(signal.SIGUSR1) is handle
@@ -330,3 +331,4 @@ def test_signals_that_are_handled_are_left_alone(terminal):
         assert signal.getsignal(signal.SIGQUIT) is signal.SIG_DFL
     finally:
         signal.signal(signal.SIGUSR1, before)
+        signal.signal(signal.SIGQUIT, quitting)
