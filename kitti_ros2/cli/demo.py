@@ -8,7 +8,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from ..files.staging import staged
+from ..files.staging import refuse_link, staged
 from ..kitti.replacing import keep_all_but_data_sets
 from ..model.errors import OutputExistsError
 from ..options.read import ReadOptions
@@ -48,8 +48,7 @@ def run_demo(
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
     recording, bag = out / 'kitti', out / 'bag'
-    if out.is_symlink():
-        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
+    refuse_link(out)
     for taken in (recording, bag):
         if taken.exists() and not overwrite:
             raise OutputExistsError(taken, 'name another folder, or pass --overwrite')

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..files.remote import as_path
-from ..files.staging import Staging, reported
+from ..files.staging import Staging, refuse_link, reported
 from ..kitti import names as kitti_names
 from ..kitti.image_set import format_image_set
 from ..kitti.store import STORE
-from ..model.errors import OutputExistsError, UsageError
+from ..model.errors import UsageError
 from ..model.text import format_count
 from .comparing import compare_lists
 from .dividing import divide
@@ -125,8 +125,8 @@ def split_set(path: Path, options: SplitOptions, layout: Layout | None = None) -
         OSError: A file cannot be read.
     """
     found = find_units(path, layout, options.mapping, by_drive=options.by_drive)
-    if options.out is not None and options.out.is_symlink():
-        raise OutputExistsError(options.out, 'it is a symbolic link; give the path it points to')
+    if options.out is not None:
+        refuse_link(options.out)
     folder = options.out or found.folder / kitti_names.IMAGE_SETS
     if not (options.lists or options.check):
         return _divided(path, found, folder, options)

@@ -62,6 +62,16 @@ def output_error(path: Path, error: OSError) -> OutputError:
     return OutputError(path, f'cannot be written ({reason})', 'check the path and the disk')
 
 
+def refuse_link(path: Path) -> None:
+    """Refuse an output that is a symbolic link.
+
+    Raises:
+        OutputExistsError: It is one.
+    """
+    if path.is_symlink():
+        raise OutputExistsError(path, 'it is a symbolic link; give the path it points to')
+
+
 @contextmanager
 def reported(path: Path) -> Iterator[None]:
     """Convert errors of the operating system about an output to OutputError."""
@@ -201,10 +211,7 @@ class Staging:
         with reported(self.path):
             if not os.path.lexists(self.path):
                 return
-            if self.path.is_symlink():
-                raise OutputExistsError(
-                    self.path, 'it is a symbolic link; give the path it points to'
-                )
+            refuse_link(self.path)
             refusal = self._refusal(self.path)
             if refusal is not None:
                 raise OutputExistsError(self.path, refusal)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from ..files.durability import sync_folders, sync_tree
 from ..files.remote import is_remote
 from ..files.signal_hold import deferred_signals
-from ..files.staging import lock_exclusively, may_exist, reported, staged
+from ..files.staging import lock_exclusively, may_exist, refuse_link, reported, staged
 from ..kitti import names
 from ..kitti.append_journal import (
     BEFORE,
@@ -86,8 +86,7 @@ def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending
         with staged(out, fsync=fsync) as stage:
             yield Appending(stage, 0)
         return
-    if out.is_symlink():
-        raise OutputExistsError(out, 'it is a symbolic link; give the path it points to')
+    refuse_link(out)
     if not out.is_dir():
         raise OutputExistsError(out, 'it is no folder; choose another name')
     with reported(out), _locked(out), _remains_told(out):
