@@ -10,11 +10,11 @@ import json
 import random
 import socket
 import threading
-import tracemalloc
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
+from allocations import little_memory
 from http_mirror import Mirror, etag_of, serving
 
 from kitti_ros2.fetch import http_client
@@ -438,16 +438,6 @@ def test_a_redirect_without_an_end(tmp_path):
     mirror = Mirror({}, fault=lambda handler: handler.reply(302, {'Location': PATH}) or True)
     with serving(mirror), pytest.raises(DownloadError, match='redirects without an end'):
         Run(tmp_path, mirror).run()
-
-
-@contextmanager
-def little_memory():
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < 20 << 20
-    finally:
-        tracemalloc.stop()
 
 
 def test_the_body_of_a_redirect_is_not_read(tmp_path):

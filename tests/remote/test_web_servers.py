@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import gzip
 import threading
-import tracemalloc
 from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
 import pytest
+from allocations import little_memory
 
 pytest.importorskip('fsspec', reason='URLs need fsspec')
 pytest.importorskip('aiohttp', reason='http:// needs aiohttp')
@@ -87,16 +87,6 @@ def serving(answer: Callable[[Handler], None]) -> Iterator[tuple[str, list[str]]
 @pytest.fixture(autouse=True)
 def no_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote_requests, 'wait', lambda _: None)
-
-
-@contextmanager
-def little_memory() -> Iterator[None]:
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < 20 << 20
-    finally:
-        tracemalloc.stop()
 
 
 @pytest.mark.parametrize('coding', ['gzip', 'deflate, gzip', 'x' * 3000], ids=range(3))

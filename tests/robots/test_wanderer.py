@@ -28,6 +28,8 @@ from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import make_import_options
 from kitti_ros2.pictures.bag_frames import BagFrames
 
+ODOMETRY = ('odom', 'base_link')
+
 
 def convert(path, out, layout, change=lambda plan: plan, **options):
     """The plan with its notes, and the report."""
@@ -521,39 +523,35 @@ def test_velocities_of_a_receiver_are_along_east_and_north(frame, said, tmp_path
         assert (packet.ve, packet.vn, packet.vu) == pytest.approx(tuple(moving), abs=1e-4)
 
 
-def test_a_velocity_that_nothing_joins_is_passed_over(tmp_path):
-    robot = Robot(
-        map_tf=False, odom_tf=False, boxes=None, imu=True, receiver='antenna',
-        velocity_frame='elsewhere', odometry=('odom', 'base_link'),
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ('parts', 'taken', 'said'),
+    [
+        (
+            {'receiver': 'antenna', 'velocity_frame': 'elsewhere', 'odometry': ODOMETRY},
+            {'fix': '/fix', 'velocity': '/odom', 'imu': '/imu', 'imu_frame': 'imu'},
+            'passed over for velocity: /vel',
+        ),
+        (
+            {'bare_imu': True, 'imu_frame': 'elsewhere'},
+            {'imu': '/camera/imu', 'imu_frame': 'base_link'},
+            'passed over for imu: /imu',
+        ),
+        (
+            {'imu_frame': 'elsewhere', 'receiver': 'antenna', 'velocity_frame': 'somewhere'},
+            {'imu': '/imu', 'imu_frame': '', 'velocity': '/vel'},
+            'missing: a static transform from elsewhere',
+        ),
+    ],
+)
+def test_parts_of_a_unit_that_nothing_joins_give_way_to_those_that_are_joined(
+    parts, taken, said, tmp_path
+):
+    robot = Robot(map_tf=False, odom_tf=False, boxes=None, imu=True, **parts)
     wanderer.write(tmp_path / 'bag', robot)
     guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
-    assert (guessed.plan.fix, guessed.plan.velocity) == ('/fix', '/odom')
+    assert {name: getattr(guessed.plan, name) for name in taken} == taken
     assert report.frames == wanderer.FRAMES
-    assert any('passed over for velocity: /vel' in note for note in guessed.notes)
-
-
-def test_an_imu_that_is_joined_is_taken(tmp_path):
-    robot = Robot(
-        map_tf=False, odom_tf=False, boxes=None, imu=True, bare_imu=True, imu_frame='elsewhere'
-    )
-    wanderer.write(tmp_path / 'bag', robot)
-    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
-    assert (guessed.plan.imu, guessed.plan.imu_frame) == ('/camera/imu', 'base_link')
-    assert report.frames == wanderer.FRAMES
-    assert any('passed over for imu: /imu' in note for note in guessed.notes)
-
-
-def test_an_imu_that_nothing_joins_has_a_nominal_place(tmp_path):
-    robot = Robot(
-        map_tf=False, odom_tf=False, boxes=None, imu=True, imu_frame='elsewhere',
-        receiver='antenna', velocity_frame='somewhere',
-    )  # fmt: skip
-    wanderer.write(tmp_path / 'bag', robot)
-    guessed, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.RAW)
-    assert (guessed.plan.imu, guessed.plan.imu_frame) == ('/imu', '')
-    assert report.frames == wanderer.FRAMES
-    assert any('missing: a static transform from elsewhere' in note for note in guessed.notes)
+    assert any(said in note for note in guessed.notes)
 
 
 def test_the_twist_of_an_odometry_is_the_velocity_beside_a_fix(tmp_path):
