@@ -65,14 +65,15 @@ def _best_topics(
 ) -> dict[str, str]:
     """Return the topics of the unit by their keys, and note those that are passed over."""
     found: dict[str, str] = {}
+    joined = _joined_frames(survey, scan)
     for key, msgtype, rank in (
-        ('imu', types.IMU, partial(_imu_rank, joined=_joined_frames(survey, scan))),
+        ('imu', types.IMU, partial(_imu_rank, joined=joined)),
         ('fix', types.FIX, _fix_rank),
         ('velocity', types.TWIST, _velocity_rank),
     ):
         topics = _of_vehicle(survey, msgtype, scan)
         if key == 'velocity':
-            topics = _in_known_axes(topics, survey, scan, pose, found)
+            topics = _in_known_axes(topics, survey, joined, pose, found)
         notes += [
             f'passed over for {key}: {each.name} ({each.count}); no transform joins its frame,'
             f' {each.frame}, to that of the scans'
@@ -102,12 +103,11 @@ def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
 def _in_known_axes(
     topics: list[TopicSurvey],
     survey: Survey,
-    scan: ScanPlan | None,
+    joined: Collection[str],
     pose: PosePlan | None,
     unit: Mapping[str, str],
 ) -> list[TopicSurvey]:
     """Return the velocities that can be turned into the axes of the unit, if that has a place."""
-    joined = _joined_frames(survey, scan)
     imu, fix = (survey.topics[unit[key]].frame if key in unit else '' for key in ('imu', 'fix'))
     has_place = imu in joined if 'imu' in unit else pose is not None and pose.body in joined
     if not has_place:

@@ -19,7 +19,7 @@ from .between_messages import fix_between, imu_between, velocity_between
 from .oxts_poses import as_velocity
 from .plan import VelocityAxes
 from .planned_topics import topic_of
-from .unit_checks import UnitChecks, acceleration_unit, in_metres
+from .unit_checks import UnitChecks, acceleration_unit, scaled_accelerations
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -178,7 +178,7 @@ class PacketMaker:
 
     def _prepared(self, topic: str, message: Any) -> Any:  # noqa: ANN401 - of the bag
         if topic == self._topics['imu'] and self._imu_unit != 1:
-            return in_metres(message, self._imu_unit)
+            return scaled_accelerations(message, self._imu_unit)
         return as_velocity(message)
 
     def write(self, writer: LayoutWriter, first: int) -> int:

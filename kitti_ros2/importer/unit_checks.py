@@ -46,7 +46,7 @@ def acceleration_unit(imu: TopicSurvey) -> float:
     return _STANDARD_GRAVITY if least <= np.median(norms) <= most else 1.0
 
 
-def in_metres(imu: Any, unit: float) -> Any:  # noqa: ANN401 - of the bag's types
+def scaled_accelerations(imu: Any, unit: float) -> Any:  # noqa: ANN401 - of the bag's types
     """Return an Imu with accelerations in m/s^2, by the m/s^2 of its unit."""
     told = imu.linear_acceleration
     found = replace(told, x=told.x * unit, y=told.y * unit, z=told.z * unit)
