@@ -25,6 +25,7 @@ _LONGEST_NAME_BYTES = 2048
 _MOST_MEMBERS = 1_000_000
 _LEAST_SUSPICIOUS_BYTES = 100_000_000
 """Smaller contents may be compressed by any ratio, as files of zeros are."""
+_LEAST_DICTIONARY_BYTES = 1 << 26
 DECOMPRESSION_ERRORS = (zlib.error, lzma.LZMAError, OSError)
 """bz2 and gzip raise OSError."""
 PIECE_BYTES = 1 << 20
@@ -122,6 +123,14 @@ def checked(packed: Packed, limits: Limits) -> Iterator[Member]:
             found = f'declares at least {format_bytes(total)} of content'
             raise BadArchiveError(packed.path, found, 'allow more with --max-size')
         yield member
+
+
+def most_dictionary_bytes(archive: Path) -> int:
+    """Return the largest LZMA dictionary, which is memory, for an archive of its size.
+
+    64 MB is that of xz -9 and 7-Zip's ultra; no sound archive has one far larger than itself.
+    """
+    return max(_LEAST_DICTIONARY_BYTES, 16 * archive.stat().st_size)
 
 
 def _refusal(member: Member) -> str:

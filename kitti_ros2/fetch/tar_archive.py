@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import bz2
 import gzip
-import lzma
 import tarfile
 from typing import TYPE_CHECKING, Any, cast
 
 from ..model.errors import describe_error
 from .errors import BadArchiveError, BadMemberError
-from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member
+from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member, most_dictionary_bytes
+from .xz_file import open_xz
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -30,7 +30,7 @@ _MOST_PADDING = 1 << 20
 _OPENERS: dict[bytes, Any] = {
     b'\x1f\x8b': gzip.GzipFile,
     b'BZh': bz2.BZ2File,
-    b'\xfd7zXZ\0': lzma.LZMAFile,
+    b'\xfd7zXZ\0': lambda path: open_xz(path, most_dictionary_bytes(path)),
 }
 MAGICS = tuple(_OPENERS)
 

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import os
 import stat
+import struct
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, LargeZipFile, ZipFile, ZipInfo
 
+from ..model.text import format_bytes
 from .errors import BadArchiveError, BadMemberError
-from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member
+from .members import DECOMPRESSION_ERRORS, PIECE_BYTES, Member, most_dictionary_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -20,8 +23,12 @@ if TYPE_CHECKING:
 _UNIX = 3
 _ENCRYPTED = 0x1
 _STRONGLY_ENCRYPTED = 0x40
-_METHODS = {0, 8, 12, 14}
+_LZMA = 14
+_METHODS = {0, 8, 12, _LZMA}
 """Stored, deflate, bzip2, LZMA."""
+_LOCAL_HEADER = struct.Struct('<26xHH')
+_LZMA_HEADER = struct.Struct('<5xI')
+"""After two versions, the length of the properties and a byte of them: APPNOTE.TXT 5.8.8."""
 _KINDS = {
     stat.S_IFLNK: 'symbolic link',
     stat.S_IFCHR: 'device',
@@ -82,11 +89,28 @@ class ZipArchive:
 
     def _pieces(self, info: ZipInfo) -> Iterator[bytes]:
         try:
+            if info.compress_type == _LZMA:
+                self._check_dictionary(info)
             with self._zip.open(info) as stream:
                 while piece := stream.read(PIECE_BYTES):
                     yield piece
         except (BadZipFile, EOFError, RuntimeError, ValueError, *DECOMPRESSION_ERRORS) as error:
             raise BadMemberError(error) from error
+
+    def _check_dictionary(self, info: ZipInfo) -> None:
+        """Refuse a large dictionary: zipfile takes up to 4 GB for it."""
+        with self.path.open('rb') as file:
+            file.seek(info.header_offset)
+            lengths = file.read(_LOCAL_HEADER.size)
+            if len(lengths) == _LOCAL_HEADER.size:
+                file.seek(sum(_LOCAL_HEADER.unpack(lengths)), os.SEEK_CUR)
+            head = file.read(_LZMA_HEADER.size)
+        if len(head) < _LZMA_HEADER.size:
+            raise EOFError('ends in its header')
+        dictionary_bytes: int = _LZMA_HEADER.unpack(head)[0]
+        if dictionary_bytes > most_dictionary_bytes(self.path):
+            text = f'needs a dictionary of {format_bytes(dictionary_bytes)}; extract it with 7z'
+            raise BadMemberError(text)
 
 
 def _kind(info: ZipInfo) -> str:

@@ -6,13 +6,15 @@ from __future__ import annotations
 
 import gzip
 import io
+import lzma
+import random
 import struct
 import tarfile
 import warnings
 import zlib
 from contextlib import suppress
 from typing import TYPE_CHECKING
-from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
+from zipfile import ZIP_DEFLATED, ZIP_LZMA, ZipFile, ZipInfo
 
 import pytest
 from archives_of import SCAN, pack, tree_of
@@ -147,6 +149,16 @@ def declared(folder: Path) -> Path:
     return folder / 'a.tar'
 
 
+def large_dictionary(folder: Path) -> Path:
+    """A tar.xz of two streams, as xz joins them; the second needs a gigabyte of memory."""
+    data = pack(folder / 'b.tar', {SCAN: b'1'}).read_bytes()
+    filters = [{'id': lzma.FILTER_LZMA2, 'dict_size': 1 << 30}]
+    second = lzma.compress(data[1024:], filters=filters)
+    (folder / 'a.tar.xz').write_bytes(lzma.compress(data[:1024]) + second)
+    (folder / 'b.tar').unlink()
+    return folder / 'a.tar.xz'
+
+
 def sparse(folder: Path) -> Path:
     info = tarfile.TarInfo(SCAN)
     info.type = tarfile.GNUTYPE_SPARSE
@@ -191,6 +203,7 @@ ARCHIVES: dict[str, tuple[Callable[[Path], Path], str]] = {
     'bomb in a zip': (packed('a.zip', **{SCAN: bytes(3_000_000)}), 'times its own size'),
     'bomb in a tar.bz2': (packed('a.tar.bz2', **{SCAN: bytes(3_000_000)}), 'its own size'),
     'a header of a gigabyte': (huge_header, 'a header of unreasonable size'),
+    'a dictionary of a gigabyte': (large_dictionary, 'needs a dictionary of over 67.1 MB'),
     'a declared terabyte': (declared, 'declares at least 1.1 TB of content'),
     'nothing of KITTI': (packed('a.zip', **{'x/y.bin': b''}), 'contains no folder of KITTI'),
     'no files': (packed('a.zip'), 'contains no folder of KITTI in 0 files'),
@@ -340,6 +353,28 @@ def test_a_zip_with_a_deflated_bomb_below_its_declared_size(tmp_path):
     [loss] = datasets.extract(tmp_path / 'a.zip', tmp_path / 'out').losses
     assert 'damaged' in loss.text()
     assert tree_of(tmp_path / 'out') == {OTHER: b'sound'}
+
+
+def test_a_large_dictionary_in_a_zip_costs_its_member_only(tmp_path):
+    with ZipFile(tmp_path / 'a.zip', 'w') as made:
+        made.writestr(SCAN, b'1' * 1000, ZIP_LZMA)
+        made.writestr(OTHER, b'sound', ZIP_LZMA)
+    data = bytearray((tmp_path / 'a.zip').read_bytes())
+    at = 30 + len(SCAN) + 5
+    data[at : at + 4] = struct.pack('<I', 0xFD800000)
+    (tmp_path / 'a.zip').write_bytes(data)
+    [loss] = datasets.extract(tmp_path / 'a.zip', tmp_path / 'out').losses
+    assert 'needs a dictionary of 4.3 GB; extract it with 7z' in loss.text()
+    assert tree_of(tmp_path / 'out') == {OTHER: b'sound'}
+
+
+def test_xz_of_several_streams_with_padding(tmp_path):
+    scan = random.Random(7).randbytes(1_000_000)
+    data = pack(tmp_path / 'b.tar', {SCAN: scan, OTHER: b'2'}).read_bytes()
+    streams = [lzma.compress(data[at : at + 300_000]) for at in range(0, len(data), 300_000)]
+    (tmp_path / 'a.tar.xz').write_bytes(bytes(8).join(streams) + bytes(4))
+    assert not datasets.extract(tmp_path / 'a.tar.xz', tmp_path / 'out').losses
+    assert tree_of(tmp_path / 'out') == {SCAN: scan, OTHER: b'2'}
 
 
 def test_the_only_archive_that_is_refused_is_an_error_of_the_library(tmp_path):

@@ -142,7 +142,7 @@ _WORDS = (
 TARGETS = (
     Target('archive', _archive, _archives,
            ('fetch/open_archive.py', 'fetch/members.py', 'fetch/zip_archive.py',
-            'fetch/tar_archive.py'), _WORDS, mend=_summed, short=150),
+            'fetch/tar_archive.py', 'fetch/xz_file.py'), _WORDS, mend=_summed, short=150),
     Target('extract', _extract, _archives,
            ('fetch/extract.py', 'fetch/placement.py', 'fetch/tree.py', 'fetch/members.py',
             'fetch/open_archive.py'), _WORDS, mend=_summed,
