@@ -36,10 +36,16 @@ BARE = ('timer', 'publisher')
 
 
 class Reporter:
-    """A process, and the lines of JSON that it prints or writes to a pipe."""
+    """A process, and the lines of JSON that it prints or writes to a pipe.
+
+    Attributes:
+        lines: What they say.
+        others: Other lines, such as of Fast DDS, which prints some of its errors.
+    """
 
     def __init__(self, stack: ExitStack, script: str, *words: object, fd: bool = False) -> None:
         self.lines: list[dict] = []
+        self.others: list[str] = []
         self.errors = tempfile.TemporaryFile('w+')  # noqa: SIM115 - read after the end
         reader, writer = os.pipe()
         begin = [sys.executable, str(HERE / script), *([str(writer)] if fd else [])]
@@ -55,7 +61,10 @@ class Reporter:
 
     def _read(self) -> None:
         for line in self._source:
-            self.lines.append(json.loads(line))
+            try:
+                self.lines.append(json.loads(line))
+            except ValueError:
+                self.others.append(line)
 
     @property
     def last(self) -> dict:
@@ -73,9 +82,9 @@ class Reporter:
             return self.process.wait()
 
     def said(self) -> list[str]:
-        """Its lines on stderr."""
+        """Its other lines and those on stderr."""
         self.errors.seek(0)
-        return self.errors.read().splitlines()
+        return self.others + self.errors.read().splitlines()
 
 
 def make_drive(folder: Path, frames: int) -> Path:
