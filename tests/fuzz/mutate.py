@@ -64,9 +64,10 @@ class Mutator:
         random = self._random
         if random.random() < 0.05 and other:
             data = self._splice(data, other)
+        longest = max(_LONGEST, len(other))
         for _ in range(random.choice((1, 1, 1, 2, 2, 3, 5, 8))):
-            data = random.choice(self._kinds)(data)
-        return data[: max(_LONGEST, len(other))]
+            data = random.choice(self._kinds)(data)[:longest]
+        return data
 
     def _at(self, data: bytes) -> int:
         return self._random.randrange(len(data) + 1)
@@ -158,7 +159,8 @@ class Mutator:
         elif kind == 2:
             lines.insert(first, lines[second])
         else:
-            lines[first] *= self._random.choice((*[2] * 10, *[10] * 5, 300))
+            times = self._random.choice((*[2] * 10, *[10] * 5, 300))
+            lines[first] *= min(times, _LONGEST // len(lines[first]) + 1)
         return b''.join(lines)
 
     def _splice(self, data: bytes, other: bytes) -> bytes:
