@@ -13,6 +13,7 @@ import numpy as np
 
 from ..importer.sync import NONE, default_tolerance_ns
 from ..kitti.turns import find_turns
+from ..model.nearest import nearest_stamps
 from ..model.stamps import LAST_NS
 from ..model.streams import FRAME_STREAMS, Stream
 
@@ -83,7 +84,7 @@ class _Moments(NamedTuple):
 
     def frames_at(self, stamps_ns: Int64Array, within_ns: int) -> int:
         """Return how many of the frames have one of (M,) stamps."""
-        place, off = _nearest(self.stamps_ns, stamps_ns)
+        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
         return len(np.unique(place[np.abs(off) <= within_ns]))
 
 
@@ -140,7 +141,7 @@ class StampedFrames:
             tolerance_ns: Another one than that of the frames.
         """
         tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
-        place, off = _nearest(self.stamps_ns, stamps_ns)
+        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
         distances, nearest = np.abs(off), self._numbers[place]
         offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
         numbers = np.where(distances <= tolerance, nearest, NONE)
@@ -151,7 +152,7 @@ class StampedFrames:
         )
         if 2 * frames < min(len(stamps_ns), len(self.numbers)):
             return StampMatch(numbers, distances, offsets)
-        place, off = _nearest(best.stamps_ns, stamps_ns)
+        place, off = nearest_stamps(best.stamps_ns, stamps_ns)
         at_it = np.abs(off) <= rounded
         return StampMatch(
             np.where(at_it, best.numbers[place], numbers),
@@ -255,15 +256,6 @@ def _turns(recording: FramedRecording) -> Mapping[int, Turn]:
     index = streams[Stream.SCAN] if Stream.SCAN in streams else next(iter(streams.values()))
     forward = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
     return find_turns(forward, {}, {}, recording.period_ns)
-
-
-def _nearest(known: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Return the place of the nearest of (N,) ascending stamps, and how much later (M,) are."""
-    after = np.minimum(np.searchsorted(known, stamps_ns), len(known) - 1)
-    before = np.maximum(after - 1, 0)
-    is_before = stamps_ns - known[before] <= np.abs(known[after] - stamps_ns)
-    place = np.where(is_before, before, after)
-    return place, stamps_ns - known[place]
 
 
 class PlayedTime:

@@ -7,6 +7,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..model.nearest import nearest_stamps
 from ..model.stamps import NS_PER_S
 from .plan import StampSource
 
@@ -22,6 +25,9 @@ _EVEN_NS = 5_000_000
 
 LATENCY_NS = NS_PER_S
 """Drivers and video encoders take up to a second; a larger difference is one of clocks."""
+
+_ROUNDED_NS = 2_000_000
+"""Detectors and labelling tools write stamps in milliseconds, or as seconds in a float."""
 
 _DETECTION_NS = 10 * NS_PER_S
 
@@ -122,7 +128,7 @@ def clocked(survey: Survey, plan: Plan) -> Survey:
         names = {plan.scan.topic}
         if plan.labels is not None and plan.labels.topic in topics:
             labels = topics[plan.labels.topic]
-            if share_stamps(topics[plan.scan.topic], labels):
+            if share_stamps(topics[plan.scan.topic], labels, _ROUNDED_NS):
                 names.add(labels.name)
         for name in names:
             topics[name] = replace(topics[name], middle_ns=middle_ns)
@@ -147,23 +153,28 @@ def scan_middle_ns(survey: Survey, plan: Plan) -> int:
     return middle_ns if abs(middle_ns) > _EVEN_NS else 0
 
 
-def share_stamps(first: TopicSurvey, second: TopicSurvey) -> bool:
+def share_stamps(first: TopicSurvey, second: TopicSurvey, rounded_ns: int = 0) -> bool:
     """Whether most header stamps of the smaller topic are also those of the other.
 
     Messages of one stamp are also recorded within moments, where detectors take up to ten seconds:
     clocks that differ by a whole number of periods have the same stamps at other times.
+
+    Args:
+        first: A topic.
+        second: Another one.
+        rounded_ns: How far apart two stamps are taken for one.
     """
     least = min(len(set(first.header_ns)), len(set(second.header_ns)))
     if not least or len(first.header_ns) != first.count or len(second.header_ns) != second.count:
         return False
     within_ns = _DETECTION_NS if first.classes or second.classes else LATENCY_NS
-    logs = dict(zip(first.header_ns, first.log_ns, strict=True))
-    same = {
-        stamp
-        for stamp, log in zip(second.header_ns, second.log_ns, strict=True)
-        if stamp and abs(logs.get(stamp, log + 2 * within_ns) - log) <= within_ns
-    }
-    return 2 * len(same) > least
+    stamps, logs = (np.asarray(each) for each in (second.header_ns, second.log_ns))
+    order = np.argsort(first.header_ns, kind='stable')
+    others, logs_of_others = (np.asarray(each)[order] for each in (first.header_ns, first.log_ns))
+    near, later_ns = nearest_stamps(others, stamps)
+    same = (stamps != 0) & (np.abs(later_ns) <= rounded_ns)
+    same &= np.abs(logs_of_others[near] - logs) <= within_ns
+    return 2 * len(set(stamps[same].tolist())) > least
 
 
 def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:

@@ -125,7 +125,14 @@ def test_poses_that_alone_join_boxes_to_the_scans_are_in_the_plan(cloud, tmp_pat
 @pytest.mark.parametrize('boxes', ['odom', 'base_link'])
 @pytest.mark.parametrize(
     ('timed', 'after_ns'),
-    [(False, 0), (False, 20 * MS), (False, -20 * MS), (True, 0), (True, 20 * MS)],
+    [
+        (False, 0),
+        (False, 20 * MS),
+        (False, -20 * MS),
+        (True, 0),
+        (True, 20 * MS),
+        (True, -3 * MS // 2),
+    ],
 )
 @pytest.mark.parametrize('markers', [False, True])
 def test_boxes_lie_on_clouds_in_a_frame_that_moves_whatever_the_stamps_of_both(
