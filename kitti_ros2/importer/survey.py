@@ -20,10 +20,11 @@ from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.oxts import has_fix
 from ..messages.point_spans import turn_of
+from ..messages.scan_sources import SCAN_TYPES
 from ..messages.solid_boxes import boxes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, LIVOX, MARKERS, STRING, TF_TYPES
+from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
 from .survey_types import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
@@ -159,7 +160,9 @@ class _Pass:
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
             # Scans of to-bag are stamped facing forward.
-            if topic.msgtype in LIVOX or (topic.msgtype == CLOUD and RECORDING not in self._topics):
+            if topic.msgtype in SCAN_TYPES and (
+                topic.msgtype != CLOUD or RECORDING not in self._topics
+            ):
                 topic.turn_ns = turn_of(topic.looks)
         invalid = {
             f'the transforms {parent} -> {child} of /tf are no transforms: NaN, infinite or without'

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The time of the first and last point of a turn, of any driver's clouds and of Livox' messages.
+"""The time of the first and last point of a turn, of clouds, Livox' messages, packets and rings.
 
 Drivers agree neither on the field nor on its unit: t (Ouster, uint32 nanoseconds), time (Velodyne,
 float32 seconds), timestamp (Hesai and RoboSense, float64 seconds since 1970; Livox, nanoseconds),
 time_stamp (Autoware, uint32 nanoseconds), offset_time (Livox, uint32 nanoseconds), offset_ns
 (Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values tells their unit. The
-points of a CustomMsg have nanoseconds from its timebase, which is its stamp.
+points of a CustomMsg have nanoseconds from its timebase, which is its stamp; the packets of a
+VelodyneScan each have a stamp; a LaserScan has that of its first ray, and seconds between rays.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..model.stamps import NS_PER_S, from_sec_nanosec
 from .clouds import read_field
 from .header import stamp_ns_of
 
@@ -46,20 +48,26 @@ def turn_of(messages: Iterable[Any]) -> tuple[int, int] | None:
     """Return when the first and last points were measured, nanoseconds from the stamp.
 
     Args:
-        messages: PointCloud2, or CustomMsg of Livox.
+        messages: PointCloud2, CustomMsg of Livox, VelodyneScan or LaserScan.
 
     Returns:
         Medians over messages with a time for each point; None if there are none.
     """
-    found = (
-        livox_span_ns(each) if hasattr(each, 'timebase') else point_span_ns(each)
-        for each in messages
-    )
-    spans = [span for span in found if span is not None]
+    spans = [span for each in messages if (span := _span_ns(each)) is not None]
     if not spans:
         return None
     start, end = (int(each) for each in np.median(np.array(spans), axis=0))
     return start, end
+
+
+def _span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
+    own = {
+        'timebase': livox_span_ns,
+        'packets': packet_span_ns,
+        'time_increment': ray_span_ns,
+        'fields': point_span_ns,
+    }
+    return next(span_ns(message) for name, span_ns in own.items() if hasattr(message, name))
 
 
 def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
@@ -86,8 +94,7 @@ def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
         start = round(lowest * unit)
         if abs(start) > _MOST_SPAN_NS:  # since 1970, or since the scanner started
             start -= stamp_ns_of(cloud.header)
-        span = start, start + round((highest - lowest) * unit)
-        return span if all(abs(each) <= _MOST_SPAN_NS for each in span) else None
+        return _turn(start, start + round((highest - lowest) * unit))
     return None
 
 
@@ -97,11 +104,39 @@ def livox_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of 
     None if they are not those of a turn.
     """
     times = [each.offset_time for each in message.points if each.x or each.y or each.z]
-    if not times or not _LEAST_SPAN_NS <= max(times) - min(times) <= _MOST_SPAN_NS:
+    if not times:
         return None
     later = int(message.timebase) - stamp_ns_of(message.header)
     start = min(times) + (later if abs(later) <= _MOST_SPAN_NS else 0)  # else of another clock
-    return start, start + max(times) - min(times)
+    return _turn(start, start + max(times) - min(times))
+
+
+def packet_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
+    """Return the times of the first and last packet of a VelodyneScan, nanoseconds from its stamp.
+
+    The driver stamps packets when they arrive, and the message as its last packet, or its first.
+    None if they are not those of a turn.
+    """
+    scan_ns = stamp_ns_of(message.header)
+    times = [
+        from_sec_nanosec(each.stamp.sec, each.stamp.nanosec) - scan_ns for each in message.packets
+    ]
+    return _turn(min(times, default=0), max(times, default=0))
+
+
+def ray_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
+    """Return the times of the first and last ray of a LaserScan, nanoseconds from its stamp.
+
+    None if they are not those of a turn: simulators measure all rays at once.
+    """
+    seconds = float(message.time_increment) * max(len(message.ranges) - 1, 0)
+    return _turn(0, round(seconds * NS_PER_S)) if abs(seconds) < 1 else None
+
+
+def _turn(start_ns: int, end_ns: int) -> tuple[int, int] | None:
+    """Return a span; None if it is not that of a turn around its stamp."""
+    lasts = _LEAST_SPAN_NS <= end_ns - start_ns <= _MOST_SPAN_NS
+    return (start_ns, end_ns) if lasts and max(-start_ns, end_ns) <= _MOST_SPAN_NS else None
 
 
 def _is_return(cloud: PointCloud2) -> npt.NDArray[np.bool_]:

@@ -230,3 +230,15 @@ def image(stamp_ns, frame, pixels, encoding, *, bigendian=False):
         'step': data[0].nbytes,
         'data': data.reshape(-1).view(np.uint8),
     }
+
+
+def scan_stamps(out: Path) -> np.ndarray:
+    """(N, 3) stamps of the scans of the one drive: of each, of its start and of its end."""
+    (folder,) = out.glob('*/*_sync/velodyne_points')
+    texts = [(folder / f'timestamps{end}.txt').read_text() for end in ('', '_start', '_end')]
+    return np.array(
+        [
+            [np.datetime64(line.replace(' ', 'T')).astype(int) for line in text.split('\n') if line]
+            for text in texts
+        ]
+    ).T

@@ -163,6 +163,33 @@ def test_the_plan_may_choose_depth(tmp_path):
     assert np.abs(recording.read(Stream.SCAN, 3).points[:, :3] - true).max() < 1e-3
 
 
+@pytest.mark.parametrize(
+    ('between_s', 'turn_ns'),
+    [(95e-3 / (robot.RAYS - 1), (0, 95_000_000)), (0.0, None), (1e9, None)],
+)
+def test_rings_are_of_the_middle_of_their_turn(tmp_path, between_s, turn_ns):
+    """Images 60 ms after the first ray are of that ring, not of the next."""
+    said = [
+        bags.Said(
+            each.topic,
+            each.log_ns,
+            each.msgtype,
+            robot.laser_scan(each.log_ns - 60_000_000, time_increment=between_s),
+        )
+        if each.topic == '/scan'
+        else each
+        for each in robot.said()
+    ]
+    bag = bags.write(tmp_path / 'bag', said)
+    assert look([bag]).topics['/scan'].turn_ns == pytest.approx(turn_ns, abs=10)
+    if turn_ns:
+        _, report, _ = convert(bag, tmp_path / 'out', layout=Layout.RAW)
+        assert report.frames == robot.FRAMES
+        true = robot.START_NS - 60_000_000 + robot.PERIOD_NS * np.arange(robot.FRAMES)
+        found = bags.scan_stamps(tmp_path / 'out') - true[:, None]
+        assert np.abs(found - (47_500_000, 0, 95_000_000)).max() <= 10
+
+
 class TestWrongPlans:
     @pytest.mark.parametrize(
         ('changed', 'told'),

@@ -209,6 +209,26 @@ class TestHostile:
             )
 
 
+@pytest.mark.parametrize('place', [0, -1])
+def test_scans_are_of_the_middle_of_their_packets(tmp_path, place):
+    """The driver stamps a message as its last packet, or as its first."""
+    packets, _ = robot.encode(robot.UNITS['VLP-16'], sequences=240)
+    starts = robot.START_NS + 100_000_000 * np.arange(robot.FRAMES)
+    said = []
+    for start in starts.tolist():
+        stamps = [start + 90_000_000 * n // (len(packets) - 1) for n in range(len(packets))]
+        message = robot.scan_message(packets, stamps[place], stamps)
+        said.append(bags.Said('/packets', stamps[-1], 'velodyne_msgs/msg/VelodyneScan', message))
+    bag = bags.write(tmp_path / 'bag', said)
+    options = ImportOptions(layout=Layout.RAW)
+    survey = look([bag])
+    plan = guess([bag], survey, options).plan
+    report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
+    assert any('paired and stamped in the middle' in note for note in report.notes)
+    true = starts[:, None] + (45_000_000, 0, 90_000_000)
+    assert np.abs(bags.scan_stamps(tmp_path / 'out') - true).max() <= 1
+
+
 def test_pictures_of_a_bag_without_the_calibration_show_its_images(tmp_path):
     packets, _ = robot.encode_hdl_64(robot.hdl_64_file(np.random.default_rng(3)), 60)
     said = turtlebot.said(scans=False)

@@ -196,13 +196,14 @@ def _hdl_64_point(raw, azimuth, laser):
     return y, -x, metres_y * np.sin(tilt) + up * np.cos(tilt)
 
 
-def scan_message(packets, stamp_ns):
-    """A velodyne_msgs/VelodyneScan of packets."""
-    stamp = bags.header(stamp_ns, '')['stamp']
+def scan_message(packets, stamp_ns, packets_ns=None):
+    """A velodyne_msgs/VelodyneScan of packets, which have its stamp or their own."""
+    stamps = packets_ns or [stamp_ns] * len(packets)
     return {
         'header': bags.header(stamp_ns, 'velodyne'),
         'packets': [
-            {'stamp': stamp, 'data': np.frombuffer(packet, np.uint8)} for packet in packets
+            {'stamp': bags.header(stamp, '')['stamp'], 'data': np.frombuffer(packet, np.uint8)}
+            for packet, stamp in zip(packets, stamps, strict=True)
         ],
     }
 
