@@ -22,7 +22,7 @@ _OVERHEAD_BYTES = 4 << 20
 
 
 class _XzReader(io.RawIOBase):
-    """The content of a file of one or more xz streams, which is seeked forward best."""
+    """The content of a file of one or more xz streams, which is best read forwards."""
 
     def __init__(self, path: Path, most_dictionary_bytes: int) -> None:
         self._path = path

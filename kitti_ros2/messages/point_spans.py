@@ -61,13 +61,18 @@ def turn_of(messages: Iterable[Any]) -> tuple[int, int] | None:
 
 
 def _span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
+    """Return the span of a message of any type; None where its definition has no times."""
     own = {
         'timebase': livox_span_ns,
         'packets': packet_span_ns,
         'time_increment': ray_span_ns,
         'fields': point_span_ns,
     }
-    return next(span_ns(message) for name, span_ns in own.items() if hasattr(message, name))
+    found = next((span_ns for name, span_ns in own.items() if hasattr(message, name)), None)
+    try:
+        return None if found is None else found(message)
+    except (AttributeError, TypeError, ValueError):  # forks define fields without, or otherwise
+        return None
 
 
 def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:

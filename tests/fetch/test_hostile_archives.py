@@ -368,6 +368,19 @@ def test_a_large_dictionary_in_a_zip_costs_its_member_only(tmp_path):
     assert tree_of(tmp_path / 'out') == {OTHER: b'sound'}
 
 
+def test_a_zip_whose_directory_points_behind_its_end(tmp_path):
+    with ZipFile(tmp_path / 'a.zip', 'w') as made:
+        made.writestr(SCAN, b'1', ZIP_LZMA)
+        made.writestr(OTHER, b'sound', ZIP_LZMA)
+    data = bytearray((tmp_path / 'a.zip').read_bytes())
+    at = data.index(b'PK\x01\x02') + 42
+    data[at : at + 4] = struct.pack('<I', 2 * len(data))
+    (tmp_path / 'a.zip').write_bytes(data)
+    [loss] = datasets.extract(tmp_path / 'a.zip', tmp_path / 'out').losses
+    assert 'damaged: ends in its header' in loss.text()
+    assert tree_of(tmp_path / 'out') == {OTHER: b'sound'}
+
+
 def test_xz_of_several_streams_with_padding(tmp_path):
     scan = random.Random(7).randbytes(1_000_000)
     data = pack(tmp_path / 'b.tar', {SCAN: scan, OTHER: b'2'}).read_bytes()

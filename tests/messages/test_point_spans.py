@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -79,3 +81,18 @@ def test_other_values_are_no_turn(name):
 def test_the_turn_of_a_stream_is_the_median_of_its_clouds():
     clouds = [cloud('t', '<u4', TURN * 1e9 * share) for share in (1.0, 1.01, 0.6)]
     assert turn_of(clouds) == pytest.approx((0, 100_000_000), abs=1_000)
+
+
+@pytest.mark.parametrize(
+    'parts',
+    [
+        {},
+        {'points': []},  # a CustomMsg without a timebase
+        {'timebase': 0, 'points': [SimpleNamespace(x=1.0, y=0.0, z=0.0)]},
+        {'packets': [SimpleNamespace(data=b'')]},
+        {'time_increment': 'text', 'ranges': [1.0]},
+        {'time_increment': 0.1, 'ranges': 3},
+    ],
+)
+def test_definitions_without_times_or_with_others_tell_no_turn(parts):
+    assert turn_of([SimpleNamespace(header=make_header(STAMP_NS, 'lidar'), **parts)]) is None
