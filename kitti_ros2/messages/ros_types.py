@@ -103,6 +103,11 @@ _DEFINITIONS = {
         '|geometry_msgs/Vector3 angular_velocity|float64[9] angular_velocity_covariance'
         '|geometry_msgs/Vector3 linear_acceleration|float64[9] linear_acceleration_covariance'
     ),
+    'sensor_msgs/msg/LaserScan': (
+        'std_msgs/Header header|float32 angle_min|float32 angle_max|float32 angle_increment'
+        '|float32 time_increment|float32 scan_time|float32 range_min|float32 range_max'
+        '|float32[] ranges|float32[] intensities'
+    ),
     'sensor_msgs/msg/NavSatStatus': (
         'int8 STATUS_UNKNOWN=-2|int8 STATUS_NO_FIX=-1|int8 STATUS_FIX=0|int8 STATUS_SBAS_FIX=1'
         '|int8 STATUS_GBAS_FIX=2|int8 status|uint16 SERVICE_UNKNOWN=0|uint16 SERVICE_GPS=1'

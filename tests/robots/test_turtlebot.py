@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import robot_bags as bags
 import turtlebot as robot
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan_text import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.laser_scan import decode_laser_scan
-from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.labels import rect_from_velo
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
@@ -219,6 +221,25 @@ class TestWrongPlans:
 
 
 class TestHostile:
+    def test_a_ring_that_the_bag_defines_without_ranges(self, tmp_path):
+        store = get_typestore(Stores.EMPTY)
+        types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+        names = ('builtin_interfaces/msg/Time', 'std_msgs/msg/Header')
+        store.register({name: types[name] for name in names})
+        kind = 'sensor_msgs/msg/LaserScan'
+        store.register(get_types_from_msg('std_msgs/Header header\nint32 a\n', kind))
+        made = store.types
+        with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            said = writer.add_connection('/scan', kind, typestore=store)
+            for number in range(3):
+                header = made[names[1]](made[names[0]](robot.START_NS // 10**9, number), 'ring')
+                data = store.serialize_cdr(made[kind](header, 3), kind)
+                writer.write(said, robot.START_NS + number, data)
+        survey = look([tmp_path / 'bag'])
+        assert survey.topics['/scan'].turn_ns is None
+        with pytest.raises(MissingDataError, match='LaserScan without angle_min'):
+            guess([tmp_path / 'bag'], survey, ImportOptions(layout=Layout.OBJECT))
+
     @pytest.mark.parametrize('d', [(0.1, 0.2, 0.3), (0.1,) * 6, (float('nan'),) * 5])
     def test_a_lens_that_cannot_be(self, tmp_path, d):
         bag = bags.write(tmp_path / 'bag', robot.said(scans=False, lens=d))
