@@ -13,6 +13,7 @@
 #include <fcntl.h>
 #include <libgen.h>
 #include <limits.h>
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -30,6 +31,10 @@ static const char *root, *copies;
 static int log_file = -1;
 static char watched[MOST_FILES];
 static atomic_int copied;
+
+// Held from a change of names to its line: another thread that finds the folder there, as mkdir with
+// EEXIST does, must not write the line of what is in it first.
+static pthread_mutex_t order = PTHREAD_MUTEX_INITIALIZER;
 
 static void *real(const char *name) { return dlsym(RTLD_NEXT, name); }
 
@@ -97,7 +102,7 @@ static void written(int file) {
     errno = saved;
 }
 
-static int opened(int at, const char *path, int flags, mode_t mode) {
+static int open_in_order(int at, const char *path, int flags, mode_t mode) {
     struct place place;
     struct stat status;
     int below = place_of(at, path, &place);
@@ -109,6 +114,14 @@ static int opened(int at, const char *path, int flags, mode_t mode) {
     watched[file] = 1;
     if (!existed) note("C\t%lu\t%s\t%lu\tf\n", place.folder, place.name, status.st_ino);
     else if (flags & O_TRUNC) note("W\t%lu\n", status.st_ino);
+    return file;
+}
+
+static int opened(int at, const char *path, int flags, mode_t mode) {
+    if (!(flags & O_CREAT)) return open_in_order(at, path, flags, mode);
+    pthread_mutex_lock(&order);
+    int file = open_in_order(at, path, flags, mode);
+    pthread_mutex_unlock(&order);
     return file;
 }
 
@@ -192,9 +205,11 @@ int fdatasync(int file) {
 static int moved(int from_at, const char *from, int to_at, const char *to, unsigned flags) {
     struct place old, new;
     int below = place_of(from_at, from, &old) & place_of(to_at, to, &new);
+    pthread_mutex_lock(&order);
     int result = syscall(SYS_renameat2, from_at, from, to_at, to, flags);
     if (!result && below)
         note("%c\t%lu\t%s\t%lu\t%s\n", flags & RENAME_EXCHANGE ? 'X' : 'R', old.folder, old.name, new.folder, new.name);
+    pthread_mutex_unlock(&order);
     return result;
 }
 
@@ -205,8 +220,10 @@ int renameat2(int a, const char *from, int b, const char *to, unsigned flags) { 
 int mkdirat(int at, const char *path, mode_t mode) {
     struct place place;
     int below = place_of(at, path, &place);
+    pthread_mutex_lock(&order);
     int result = syscall(SYS_mkdirat, at, path, mode);
     if (!result && below) note("C\t%lu\t%s\t%lu\td\n", place.folder, place.name, inode(at, path));
+    pthread_mutex_unlock(&order);
     return result;
 }
 
@@ -215,8 +232,10 @@ int mkdir(const char *path, mode_t mode) { return mkdirat(AT_FDCWD, path, mode);
 int unlinkat(int at, const char *path, int flags) {
     struct place place;
     int below = place_of(at, path, &place);
+    pthread_mutex_lock(&order);
     int result = syscall(SYS_unlinkat, at, path, flags);
     if (!result && below) note("U\t%lu\t%s\n", place.folder, place.name);
+    pthread_mutex_unlock(&order);
     return result;
 }
 
@@ -226,8 +245,10 @@ int rmdir(const char *path) { return unlinkat(AT_FDCWD, path, AT_REMOVEDIR); }
 int linkat(int a, const char *from, int b, const char *to, int flags) {
     struct place place;
     int below = place_of(b, to, &place);
+    pthread_mutex_lock(&order);
     int result = syscall(SYS_linkat, a, from, b, to, flags);
     if (!result && below) note("L\t%lu\t%s\t%lu\n", place.folder, place.name, inode(b, to));
+    pthread_mutex_unlock(&order);
     return result;
 }
 
