@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING
 from zlib import crc32
 
@@ -26,6 +27,15 @@ def encode(*records: McapRecord) -> bytes:
         record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
     return data
+
+
+def metadata_record(name: str, metadata: Mapping[str, str]) -> list[bytes]:
+    """Return a Metadata record in parts: the texts of many topics are tens of megabytes each."""
+    entries = [_prefixed(text) for entry in metadata.items() for text in entry]
+    size = sum(map(len, chain.from_iterable(entries)))
+    body = [*_prefixed(name), size.to_bytes(4, 'little'), *chain.from_iterable(entries)]
+    length = sum(map(len, body))
+    return [bytes([Opcode.METADATA]), length.to_bytes(8, 'little'), *body]
 
 
 def summary_section(
@@ -70,6 +80,11 @@ def summary_section(
     return _assemble(position, [(opcode, encode(*group)) for opcode, group in groups if group])
 
 
+def _prefixed(text: str) -> list[bytes]:
+    data = text.encode()
+    return [len(data).to_bytes(4, 'little'), data]
+
+
 def _assemble(position: int, groups: Sequence[tuple[Opcode, bytes]]) -> list[bytes]:
     offsets = []
     start = position
@@ -78,8 +93,10 @@ def _assemble(position: int, groups: Sequence[tuple[Opcode, bytes]]) -> list[byt
             SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(data))
         )
         start += len(data)
-    body = b''.join(data for _, data in groups) + encode(*offsets)
     footer = encode(Footer(summary_start=position, summary_offset_start=start, summary_crc=0))
     # The CRC covers the summary and the footer up to the CRC itself.
-    crc = crc32(footer[:-4], crc32(body))
-    return [body, footer[:-4], crc.to_bytes(4, 'little'), MAGIC]
+    body = [*(data for _, data in groups), encode(*offsets), footer[:-4]]
+    crc = 0
+    for data in body:
+        crc = crc32(data, crc)
+    return [*body, crc.to_bytes(4, 'little'), MAGIC]

@@ -7,11 +7,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mcap.records import Channel as ChannelRecord
-from mcap.records import DataEnd, Header, McapRecord, Metadata, MetadataIndex, Schema
+from mcap.records import DataEnd, Header, McapRecord, MetadataIndex, Schema
 
 from ..files.vectored import VectoredFile
 from .mcap_chunk import CompressedChunks, StreamedChunks
-from .mcap_summary import MAGIC, encode, summary_section
+from .mcap_summary import MAGIC, encode, metadata_record, summary_section
 from .metadata import qos_text
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ class McapSegment:
     def __init__(self, path: Path, context: SegmentContext) -> None:
         self._typestore = context.typestore
         self._schemas: dict[str, Schema] = {}
+        self._hashes: dict[str, str] = {}
         self._channels: dict[int, ChannelRecord] = {}
         self._sequences: list[int] = []
         self._metadata: list[MetadataIndex] = []
@@ -57,6 +58,7 @@ class McapSegment:
                 encoding='ros2msg',
                 name=channel.msgtype,
             )
+            self._hashes[channel.msgtype] = self._typestore.hash_rihs01(channel.msgtype)
             self._schemas[channel.msgtype] = schema
             records.append(schema)
         record = ChannelRecord(
@@ -65,7 +67,7 @@ class McapSegment:
             message_encoding='cdr',
             metadata={
                 'offered_qos_profiles': qos_text(channel),
-                'topic_type_hash': self._typestore.hash_rihs01(channel.msgtype),
+                'topic_type_hash': self._hashes[channel.msgtype],
             },
             schema_id=schema.id,
         )
@@ -103,8 +105,7 @@ class McapSegment:
         self._file.close()
 
     def _write_metadata(self, name: str, metadata: dict[str, str]) -> None:
-        record = encode(Metadata(name=name, metadata=metadata))
-        self._metadata.append(
-            MetadataIndex(offset=self._file.position, length=len(record), name=name)
-        )
-        self._file.write([record])
+        parts = metadata_record(name, metadata)
+        length = sum(map(len, parts))
+        self._metadata.append(MetadataIndex(offset=self._file.position, length=length, name=name))
+        self._file.write(parts)

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import json
 import re
+from functools import lru_cache
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from ..model.containers import CONTAINERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 
     from rosbags.typesys.store import Typestore
 
@@ -37,22 +38,12 @@ _UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff
 
 def qos_profile(channel: Channel) -> dict[str, Any]:
     """Return the QoS offered by a channel's publisher, as metadata version 9 spells it."""
-    return {
-        'history': 'keep_last',
-        'depth': channel.depth,
-        'reliability': 'reliable',
-        'durability': 'transient_local' if channel.latched else 'volatile',
-        'deadline': _INFINITE,
-        'lifespan': _INFINITE,
-        'liveliness': 'automatic',
-        'liveliness_lease_duration': _INFINITE,
-        'avoid_ros_namespace_conventions': False,
-    }
+    return dict(_profile(channel.depth, latched=channel.latched))
 
 
 def qos_text(channel: Channel) -> str:
     """Return the offered_qos_profiles of a channel as the YAML text that containers store."""
-    return _yaml([qos_profile(channel)]).rstrip()
+    return _qos_text(channel.depth, latched=channel.latched)
 
 
 def bag_information(
@@ -74,16 +65,14 @@ def bag_information(
     start_ns, duration_ns = _span(list(files.values()))
     by_message = CONTAINERS[options.storage].compresses_messages
     message_mode = by_message and options.compression != 'none'
+    hashes = {name: typestore.hash_rihs01(name) for name in {each.msgtype for each in channels}}
     return {
         'version': VERSION,
         'storage_identifier': options.storage,
         'duration': {'nanoseconds': duration_ns},
         'starting_time': {'nanoseconds_since_epoch': start_ns},
         'message_count': sum(tally.total for tally in files.values()),
-        'topics_with_message_count': [
-            _topic_information(typestore, channel, _count(files, index))
-            for index, channel in enumerate(channels)
-        ],
+        'topics_with_message_count': _Topics(channels, hashes, list(files.values())),
         'compression_format': options.compression if message_mode else '',
         'compression_mode': 'message' if message_mode else '',
         'relative_file_paths': list(files),
@@ -95,30 +84,68 @@ def bag_information(
 
 def information_text(information: Mapping[str, Any]) -> str:
     """Return the text of the information alone, as the files of a bag store it."""
-    return _yaml(information).rstrip()
+    return _yaml(information)
 
 
 def metadata_yaml(information: Mapping[str, Any]) -> str:
     """Return the text of metadata.yaml."""
-    return _yaml({'rosbag2_bagfile_information': information})
+    return _yaml({'rosbag2_bagfile_information': information}, end='\n')
 
 
-def _topic_information(typestore: Typestore, channel: Channel, count: int) -> dict[str, Any]:
+@lru_cache  # one for all topics: 65,000 of their own take 30 MB
+def _profile(depth: int, *, latched: bool) -> dict[str, Any]:
     return {
-        'topic_metadata': {
-            'name': channel.topic,
-            'type': channel.msgtype,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': [qos_profile(channel)],
-            'type_description_hash': typestore.hash_rihs01(channel.msgtype),
-        },
-        'message_count': count,
+        'history': 'keep_last',
+        'depth': depth,
+        'reliability': 'reliable',
+        'durability': 'transient_local' if latched else 'volatile',
+        'deadline': _INFINITE,
+        'lifespan': _INFINITE,
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': _INFINITE,
+        'avoid_ros_namespace_conventions': False,
     }
 
 
-def _count(files: Mapping[str, Tally], index: int) -> int:
-    # Files that were closed before a channel was added do not count it.
-    return sum(tally.counts[index] for tally in files.values() if index < len(tally.counts))
+@lru_cache
+def _qos_text(depth: int, *, latched: bool) -> str:
+    return _yaml([_profile(depth, latched=latched)])
+
+
+class _Topics:
+    """The list of what is said of each channel, made while it is written: all of 65,000 take 30 MB.
+
+    Args:
+        channels: By channel id.
+        hashes: Of their types.
+        tallies: Of the files; one that was closed before a channel was added does not count it.
+    """
+
+    def __init__(
+        self, channels: Sequence[Channel], hashes: Mapping[str, str], tallies: Sequence[Tally]
+    ) -> None:
+        self._channels, self._hashes, self._tallies = channels, hashes, tallies
+
+    def __len__(self) -> int:
+        return len(self._channels)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        for index, channel in enumerate(self._channels):
+            counts = [each.counts[index] for each in self._tallies if index < len(each.counts)]
+            yield {
+                'topic_metadata': {
+                    'name': channel.topic,
+                    'type': channel.msgtype,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [_profile(channel.depth, latched=channel.latched)],
+                    'type_description_hash': self._hashes[channel.msgtype],
+                },
+                'message_count': sum(counts),
+            }
+
+
+_LISTS = (list, _Topics)
+_NESTED = (dict, *_LISTS)
 
 
 def _file_information(name: str, tally: Tally) -> dict[str, Any]:
@@ -140,37 +167,42 @@ def _span(tallies: Sequence[Tally]) -> tuple[int, int]:
     return start_ns, max(tally.end_ns for tally in filled) - start_ns
 
 
-def _yaml(value: Mapping[str, Any] | Sequence[Any]) -> str:
+def _yaml(value: Mapping[str, Any] | Sequence[Any], end: str = '') -> str:
+    # PyYAML quotes and escapes differently; its Python emitter takes longer than a small bag does.
     text = StringIO()  # by line: a list of all lines of 65,000 topics takes more than the text
-    for line in _lines(value):
-        text.write(line)
-        text.write('\n')
+    _write_lines(text.write, value, '', '\n')
+    text.write(end)
     return text.getvalue()
 
 
-def _lines(value: object) -> Iterator[str]:
-    # PyYAML quotes and escapes differently; its Python emitter takes longer than a small bag does.
-    if isinstance(value, dict):
+def _write_lines(write: Callable[[str], object], value: object, first: str, others: str) -> None:
+    """Write the lines of a value, the first one and the others behind what they begin with."""
+    if isinstance(value, dict) and value:
         for key, item in value.items():
-            lines = _lines(item)
-            if isinstance(item, list) and item:
-                yield f'{_scalar(key)}:'
-                yield from lines
-            elif isinstance(item, dict) and item:
-                yield f'{_scalar(key)}:'
-                yield from (f'  {line}' for line in lines)
+            if isinstance(item, _NESTED) and item:
+                write(f'{first}{_scalar(key)}:')
+                inner = f'{others}  ' if isinstance(item, dict) else others
+                _write_lines(write, item, inner, inner)
             else:
-                yield f'{_scalar(key)}: {next(lines)}'
-    elif isinstance(value, list):
+                write(f'{first}{_scalar(key)}: {_scalar(item)}')
+            first = others
+    elif isinstance(value, _LISTS) and value:
         for item in value:
-            lines = _lines(item)
-            yield f'- {next(lines)}'
-            yield from (f'  {line}' for line in lines)
-    if not isinstance(value, (dict, list)) or not value:
-        yield _scalar(value)
+            _write_lines(write, item, f'{first}- ', f'{others}  ')
+            first = others
+    else:
+        write(f'{first}{_scalar(value)}')
 
 
 def _scalar(value: object) -> str:
+    if isinstance(value, _NESTED):
+        return '{}' if isinstance(value, dict) else '[]'
+    return _scalar_text(value)
+
+
+# Most lines of a topic are those of all other topics.
+@lru_cache(maxsize=256, typed=True)
+def _scalar_text(value: Hashable) -> str:
     if isinstance(value, str):
         if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
             return value
