@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from keyword import iskeyword
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import (
@@ -22,6 +23,7 @@ from ..messages.ros_types import TYPESTORE
 from ..messages.type_extent import check_extent
 from ..model.msgtypes import HEADER
 from .definition_texts import shortened, shortened_idl
+from .plain_definitions import parse_plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -129,6 +131,33 @@ class Definitions:
         return ''
 
 
+class _Classes(dict[str, Any]):
+    """The Python classes of types, each made when a message of it is first encoded or decoded.
+
+    Making one takes 1 ms and 25 kB, and a bag may define tens of thousands that nobody reads.
+
+    Args:
+        known: Classes that are there already.
+        definitions: Of all types.
+    """
+
+    def __init__(self, known: Mapping[str, Any], definitions: Typesdict) -> None:
+        super().__init__(known)
+        self._definitions = definitions
+        self._lock = Lock()  # a type has one class, whichever threads ask for it
+
+    def __missing__(self, msgtype: str) -> Any:  # noqa: ANN401 - classes of rosbags
+        with self._lock:
+            if msgtype not in self:
+                closure = _closure(self._definitions, msgtype)
+                made = Typestore()
+                made.register(
+                    {name: self._definitions[name] for name in closure if name not in self}
+                )
+                self.update(made.types)
+        return self[msgtype]
+
+
 class _Sharing(Typestore):
     """A typestore with the types of another and the functions made for them.
 
@@ -137,13 +166,14 @@ class _Sharing(Typestore):
 
     def __init__(self, typestore: Typestore) -> None:
         super().__init__()
-        self.types.update(typestore.types)
+        self.types = typestore.types
         self.fielddefs.update(typestore.fielddefs)
         self.cache = typestore.cache
 
     def register(self, typs: Typesdict) -> None:
         """Register types in this store alone."""
         self.cache = dict(self.cache)
+        self.types = _Classes(self.types, self.fielddefs)
         super().register(typs)
 
 
@@ -174,17 +204,13 @@ class _OriginalTexts(_Sharing):
 def _typestore_of(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> Typestore:
     """Make the store of types, each with its constants and fields.
 
-    Generating the classes and functions takes longer than reading a small bag, and the bags of a
+    Making the classes and functions takes longer than reading a small bag, and the bags of a
     collection mostly have the same types.
     """
     store = get_typestore(Stores.EMPTY)
-    store.register(
-        {
-            name: (list(constants), list(fields))
-            for name, constants, fields in types
-            if name not in store.fielddefs
-        }
-    )
+    own = {name: (list(constants), list(fields)) for name, constants, fields in types}
+    store.fielddefs = {**own, **store.fielddefs}
+    store.types = _Classes(store.types, store.fielddefs)
     return store
 
 
@@ -202,9 +228,9 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         TypesysError: The text cannot be read.
     """
     if encoding == 'ros2msg':
-        return get_types_from_msg(shortened(text), msgtype)
+        return _parse_messages(msgtype, text)
     if encoding == 'ros1msg':
-        return _ros2_like(get_types_from_msg(shortened(text), msgtype))
+        return _ros2_like(_parse_messages(msgtype, text))
     if encoding not in {'ros2idl', 'omgidl'}:
         raise ValueError(f'unknown encoding {encoding!r}')
     types: Typesdict = {}
@@ -214,6 +240,13 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         if body.strip():
             types.update(get_types_from_idl(body))
     return types
+
+
+def _parse_messages(msgtype: str, text: str) -> Typesdict:
+    short = shortened(text)
+    found = parse_plain(msgtype, short)
+    # Without a line break at its end, rosbags refuses a text whose last type has no fields.
+    return get_types_from_msg(f'{short}\n', msgtype) if found is None else found
 
 
 def _check_names(types: Typesdict) -> None:
