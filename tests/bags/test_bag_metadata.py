@@ -47,8 +47,14 @@ def test_qos_text_is_a_list_of_one_profile():
 def test_files_before_a_late_channel_count_nothing_for_it():
     files = {'a_0.mcap': Tally([2], 5, 7), 'a_1.mcap': Tally([1, 4], 8, 20)}
     information = bag_information(BagOptions(), jazzy(), CHANNELS[:2], files, {})
-    counts = [each['message_count'] for each in information['topics_with_message_count']]
-    assert counts == [3, 4]
     assert information['duration'] == {'nanoseconds': 15}
-    loaded = yaml.safe_load(metadata_yaml(information))
-    assert loaded == {'rosbag2_bagfile_information': information}
+    loaded = yaml.safe_load(metadata_yaml(information))['rosbag2_bagfile_information']
+    assert [each['message_count'] for each in loaded['topics_with_message_count']] == [3, 4]
+    topics = list(information['topics_with_message_count'])
+    assert loaded == {**information, 'topics_with_message_count': topics}
+    assert loaded == yaml.safe_load(information_text(information))
+
+
+def test_a_bag_without_topics_lists_none():
+    loaded = yaml.safe_load(metadata_yaml(bag_information(BagOptions(), jazzy(), [], {}, {})))
+    assert loaded['rosbag2_bagfile_information']['topics_with_message_count'] == []

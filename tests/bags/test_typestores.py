@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 from rosbags.interfaces import Nodetype
@@ -76,3 +78,29 @@ def test_original_texts_are_those_of_the_bag():
     assert round_trip(store) == (2, 7, 'map', 3)
     plain = found.typestore()
     assert plain.generate_msgdef(NAME, ros_version=2)[0] != TEXT
+
+
+def test_types_that_nobody_reads_get_no_class():
+    found = definitions(TEXT)
+    for number in range(100):
+        other = StoredChannel(f'/{number}', f'a_msgs/msg/T{number}', 'cdr', 'Own a\n', 'ros2msg')
+        found.add(Path('bag'), Path('bag'), other)
+    store = found.typestore()
+    assert len(store.fielddefs) > 100
+    assert len(dict(store.types)) < 5
+    assert round_trip(store) == (2, 7, 'map', 3)
+    assert len(dict(store.types)) < 5
+    with pytest.raises(KeyError):
+        store.types['a_msgs/msg/Unknown']
+
+
+def test_threads_get_the_same_class_of_a_type():
+    store = definitions(TEXT.replace('LEVEL=3', 'LEVEL=5')).typestore()
+    ready = Barrier(4)
+
+    def ask(_):
+        ready.wait()
+        return store.types[NAME]
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(ask, range(4)))) == 1

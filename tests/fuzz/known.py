@@ -158,6 +158,20 @@ def _pngs() -> list[bytes]:
     ]
 
 
+@cache
+def _many_types() -> list[bytes]:
+    """A type of its own for each of thousands of topics."""
+    file = BytesIO()
+    writer = Writer(file, compression=CompressionType.NONE)
+    writer.start('ros2', 'fuzz')
+    for number in range(4000):
+        schema = writer.register_schema(f'a_msgs/msg/T{number}', 'ros2msg', b'string text')
+        channel = writer.register_channel(f'/{number}', 'cdr', schema)
+        writer.add_message(channel, number, b'\0\1\0\0\1\0\0\0\0', number)
+    writer.finish()
+    return [file.getvalue()]
+
+
 def _databases() -> list[bytes]:
     """Views, computed columns and large values in place of what a bag stores."""
     topics = (
@@ -251,6 +265,7 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'foxglove': (_beyond_float32,),
     'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
     'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
+    'recover': (_many_types,),
     'ros1': (_ros1_bomb, _ros1_lengths, _ros1_chunk_info),
     'sqlite3': (_databases, _circles),
     'option_text': (_shares,),
