@@ -72,14 +72,13 @@ _TYPE_WORDS = (
     *(b'(', b'sequence<', b'/*', b'//', b'"', b'#', b'a/B'),
 )
 
+_MODULES = ('bags/definitions.py', 'bags/definition_texts.py', 'bags/plain_definitions.py')
 TARGETS = (
     Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
            long=100_000),
     Target('definition', _definition, _definition_texts,
-           ('bags/definitions.py', 'bags/definition_texts.py'), _TYPE_WORDS, is_text=True,
-           long=100_000),
+           _MODULES, _TYPE_WORDS, is_text=True, long=100_000),
     Target('typestore', _typestore, _definition_texts,
-           ('bags/definitions.py', 'bags/definition_texts.py', 'bags/decoding.py'), _TYPE_WORDS,
-           is_text=True, short=40, long=5000),
+           (*_MODULES, 'bags/decoding.py'), _TYPE_WORDS, is_text=True, short=40, long=5000),
 )  # fmt: skip
 """All of them."""
