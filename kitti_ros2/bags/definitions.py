@@ -6,30 +6,29 @@ from __future__ import annotations
 
 from functools import lru_cache
 from keyword import iskeyword
-from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rosbags.typesys import (
     Stores,
-    TypesysError,
     get_types_from_idl,
     get_types_from_msg,
     get_typestore,
 )
-from rosbags.typesys.store import Typestore
 
-from ..messages.cdr import nested_type
+from ..messages.plain_definitions import parse_plain
 from ..messages.ros_types import TYPESTORE
+from ..messages.type_definitions import closure
 from ..messages.type_extent import check_extent
 from ..model.msgtypes import HEADER
 from .definition_texts import shortened, shortened_idl
-from .plain_definitions import parse_plain
+from .typestores import OriginalTexts, typestore_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable
     from pathlib import Path
 
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
+    from rosbags.typesys.store import Typestore
 
     from .findings import Findings
     from .pieces import StoredChannel
@@ -83,7 +82,7 @@ class Definitions:
         Raises:
             ValueError: A bag defines it, or a type in it, otherwise.
         """
-        own = [name for name in _closure(self._types, msgtype) if name in self._origins]
+        own = [name for name in closure(self._types, msgtype) if name in self._origins]
         if not own:
             return
         known = _jazzy()
@@ -93,14 +92,7 @@ class Definitions:
 
     def typestore(self) -> Typestore:
         """Make the store of all types; those of bags with the same types share their classes."""
-        return _Sharing(
-            _typestore_of(
-                tuple(
-                    (name, tuple(constants), tuple(fields))
-                    for name, (constants, fields) in self._types.items()
-                )
-            )
-        )
+        return typestore_of(self._types)
 
     def with_original_texts(self, typestore: Typestore) -> Typestore:
         """Return a store whose definition texts are those of the bags, if they are of ROS 2."""
@@ -109,7 +101,7 @@ class Definitions:
             for _, (msgtype, text, encoding) in sorted(self._seen)
             if encoding == 'ros2msg'
         }
-        return _OriginalTexts(typestore, texts)
+        return OriginalTexts(typestore, texts)
 
     def _enter(self, bag: Path, file: Path, key: tuple[str, str, str]) -> str:
         try:
@@ -129,89 +121,6 @@ class Definitions:
             self._types.setdefault(name, definition)
             self._origins.setdefault(name, bag)
         return ''
-
-
-class _Classes(dict[str, Any]):
-    """The Python classes of types, each made when a message of it is first encoded or decoded.
-
-    Making one takes 1 ms and 25 kB, and a bag may define tens of thousands that nobody reads.
-
-    Args:
-        known: Classes that are there already.
-        definitions: Of all types.
-    """
-
-    def __init__(self, known: Mapping[str, Any], definitions: Typesdict) -> None:
-        super().__init__(known)
-        self._definitions = definitions
-        self._lock = Lock()  # a type has one class, whichever threads ask for it
-
-    def __missing__(self, msgtype: str) -> Any:  # noqa: ANN401 - classes of rosbags
-        with self._lock:
-            if msgtype not in self:
-                closure = _closure(self._definitions, msgtype)
-                made = Typestore()
-                made.register(
-                    {name: self._definitions[name] for name in closure if name not in self}
-                )
-                self.update(made.types)
-        return self[msgtype]
-
-
-class _Sharing(Typestore):
-    """A typestore with the types of another and the functions made for them.
-
-    Types that are registered in one of them are not in the other.
-    """
-
-    def __init__(self, typestore: Typestore) -> None:
-        super().__init__()
-        self.types = typestore.types
-        self.fielddefs.update(typestore.fielddefs)
-        self.cache = typestore.cache
-
-    def register(self, typs: Typesdict) -> None:
-        """Register types in this store alone."""
-        self.cache = dict(self.cache)
-        self.types = _Classes(self.types, self.fielddefs)
-        super().register(typs)
-
-
-class _OriginalTexts(_Sharing):
-    """A typestore that returns the original definition texts, empty ones for unknown types."""
-
-    def __init__(self, typestore: Typestore, texts: Mapping[str, str]) -> None:
-        super().__init__(typestore)
-        self._texts = texts
-
-    def generate_msgdef(self, typename: str, ros_version: int = 1) -> tuple[str, str]:
-        """Return the text of a definition, and its md5 sum for ROS 1."""
-        if ros_version == 2 and typename in self._texts:
-            return self._texts[typename], ''
-        if typename not in self.fielddefs:
-            return '', ''
-        return super().generate_msgdef(typename, ros_version)
-
-    def hash_rihs01(self, typ: str) -> str:
-        """Return the hash of a type, empty if it has none."""
-        try:
-            return super().hash_rihs01(typ)
-        except (KeyError, TypesysError):
-            return ''
-
-
-@lru_cache(maxsize=8)
-def _typestore_of(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> Typestore:
-    """Make the store of types, each with its constants and fields.
-
-    Making the classes and functions takes longer than reading a small bag, and the bags of a
-    collection mostly have the same types.
-    """
-    store = get_typestore(Stores.EMPTY)
-    own = {name: (list(constants), list(fields)) for name, constants, fields in types}
-    store.fielddefs = {**own, **store.fielddefs}
-    store.types = _Classes(store.types, store.fielddefs)
-    return store
 
 
 @lru_cache(maxsize=1024)
@@ -287,30 +196,17 @@ def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
 
 def _complete(types: Typesdict, msgtype: str) -> bool:
     """Add the types that a type needs and no bag defines; False if one is not in Jazzy either."""
-    missing = [name for name in _closure(types, msgtype) if name not in types]
+    missing = [name for name in closure(types, msgtype) if name not in types]
     if not missing:
         return True
     # Loading all types of ROS 2 takes as long as reading a gigabyte; the common ones are at hand.
     for load in (_common, _jazzy):
         known = {**load(), **types}
-        needed = list(_closure(known, msgtype))
+        needed = list(closure(known, msgtype))
         if all(name in known for name in needed):
             types.update({name: known[name] for name in needed})
             return True
     return False
-
-
-def _closure(types: Typesdict, msgtype: str) -> Iterator[str]:
-    """Yield a type and those in it, each once, including undefined ones."""
-    waiting, seen = [msgtype], {msgtype}
-    while waiting:
-        name = waiting.pop()
-        yield name
-        for _, description in types[name][1] if name in types else ():
-            nested = nested_type(description)
-            if nested is not None and nested not in seen:
-                seen.add(nested)
-                waiting.append(nested)
 
 
 def _common() -> Typesdict:

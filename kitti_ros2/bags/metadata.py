@@ -72,7 +72,7 @@ def bag_information(
         'duration': {'nanoseconds': duration_ns},
         'starting_time': {'nanoseconds_since_epoch': start_ns},
         'message_count': sum(tally.total for tally in files.values()),
-        'topics_with_message_count': _Topics(channels, hashes, list(files.values())),
+        'topics_with_message_count': _TopicList(channels, hashes, list(files.values())),
         'compression_format': options.compression if message_mode else '',
         'compression_mode': 'message' if message_mode else '',
         'relative_file_paths': list(files),
@@ -112,7 +112,7 @@ def _qos_text(depth: int, *, latched: bool) -> str:
     return _yaml([_profile(depth, latched=latched)])
 
 
-class _Topics:
+class _TopicList:
     """The list of what is said of each channel, made while it is written: all of 65,000 take 30 MB.
 
     Args:
@@ -144,7 +144,7 @@ class _Topics:
             }
 
 
-_LISTS = (list, _Topics)
+_LISTS = (list, _TopicList)
 _NESTED = (dict, *_LISTS)
 
 

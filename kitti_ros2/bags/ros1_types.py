@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys import Stores, get_typestore
 
-from ..messages.cdr import nested_type
+from ..messages.type_definitions import closure, nested_type
 from ..model.msgtypes import HEADER
 
 if TYPE_CHECKING:
@@ -49,22 +49,11 @@ class Ros1Types:
         )
 
     def _complete(self, msgtype: str) -> None:
-        missing = {}
-        for name in self._closure(msgtype):
-            if name not in self._ros1.fielddefs:
-                missing[name] = self._ros2.fielddefs[name]
+        known = self._ros1.fielddefs
+        types = {**self._ros2.fielddefs, **known}
+        missing = {name: types[name] for name in closure(types, msgtype) if name not in known}
         if missing:
             self._ros1.register(missing)
-
-    def _closure(self, msgtype: str) -> list[str]:
-        if msgtype in self._ros1.fielddefs:
-            return [msgtype]
-        names = [msgtype]
-        for _, description in self._ros2.fielddefs[msgtype][1]:
-            nested = nested_type(description)
-            if nested is not None:
-                names += self._closure(nested)
-        return names
 
     def _same_layout(self, msgtype: str) -> bool:
         if msgtype == HEADER:

@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
-from rosbags.interfaces import Nodetype
 
 from ..model.msgtypes import CLOUD, COMPRESSED, HEADER, IMAGE, POSE
 from .ros_types import TYPESTORE
+from .type_definitions import nested_type
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -143,14 +143,6 @@ def _headers(msgtype: str) -> _Headers:
     if any(_headers(name) is not _Headers.NONE for name in inner):
         return _Headers.WITHIN
     return _Headers.FIRST if fields[:1] == [HEADER] else _Headers.NONE
-
-
-def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
-    """Return the message type of a field or its elements; None for numbers and strings."""
-    kind, content = description
-    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        return nested_type(content[0])
-    return content if kind == Nodetype.NAME else None
 
 
 def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any rosbags class

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys.store import Typestore
 
-from .type_definitions import LazyTypes, parse_definitions, read_definitions
+from .type_definitions import lazy_typestore, parse_definitions, read_definitions
 
 __all__ = [
     'TYPESTORE',
@@ -174,7 +174,7 @@ _DEFINITIONS = {
 """By full name the lines of the .msg file, separated by |."""
 
 
-TYPESTORE: Typestore = LazyTypes(parse_definitions(_DEFINITIONS), read_definitions())
+TYPESTORE = lazy_typestore(parse_definitions(_DEFINITIONS), read_definitions())
 """Contains the types above, those in definitions/, and Time and Duration."""
 
 

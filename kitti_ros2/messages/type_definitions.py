@@ -1,57 +1,88 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Definitions of message types, parsed from short texts and from the files in definitions/."""
+"""Definitions of message types, of short texts and the files in definitions/; their classes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from threading import Lock
+from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 from rosbags.typesys.stores import empty
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from .plain_definitions import parse_plain
 
-    from rosbags.interfaces import Msgdef
-    from rosbags.interfaces.typing import (
-        BaseDesc,
-        Basename,
-        ConstValue,
-        FieldDesc,
-        NameDesc,
-        Typesdict,
-    )
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from rosbags.interfaces.typing import Typesdict
 
 _FOLDER = Path(__file__).with_name('definitions')
 _TYPE = '\nMSG: '
 """Precedes each type in a file, as in the definitions that bags contain."""
 
 
-class LazyTypes(Typestore):
-    """A typestore that makes the Python classes of some types when one of them is needed.
+class LazyClasses(dict[str, Any]):
+    """The Python classes of types, each made when a message of it is first encoded or decoded.
 
-    Making classes takes longer than reading definitions, and serialised messages need none.
+    Making one takes 1 ms and 25 kB, serialised messages need none, and a bag may define tens of
+    thousands that nobody reads.
+
+    Args:
+        made: Classes that are there already.
+        definitions: Of all types.
+    """
+
+    def __init__(self, made: Mapping[str, Any], definitions: Typesdict) -> None:
+        super().__init__(made)
+        self._definitions = definitions
+        self._lock = Lock()  # a type has one class, whichever threads ask for it
+
+    def __missing__(self, msgtype: str) -> Any:  # noqa: ANN401 - classes of rosbags
+        with self._lock:
+            if msgtype not in self:
+                needed = [name for name in closure(self._definitions, msgtype) if name not in self]
+                store = Typestore()
+                store.register({name: self._definitions[name] for name in needed})
+                self.update(store.types)
+        return self[msgtype]
+
+
+def lazy_typestore(types: Typesdict, lazy: Typesdict) -> Typestore:
+    """Make a store of types, and of Time and Duration.
 
     Args:
         types: Definitions whose classes are made at once.
-        lazy: Definitions whose classes are made when a message is encoded or decoded by them.
+        lazy: Definitions whose classes are made when one is needed.
     """
+    store = Typestore(empty)
+    store.register(types)
+    store.fielddefs = {**lazy, **store.fielddefs}
+    store.types = LazyClasses(store.types, store.fielddefs)
+    return store
 
-    def __init__(self, types: Typesdict, lazy: Typesdict) -> None:
-        super().__init__(empty)
-        self.register(types)
-        self._lazy = lazy
-        self.fielddefs.update(lazy)
 
-    def get_msgdef(self, typename: str) -> Msgdef[Any]:
-        """Return the code of a type; see Typestore."""
-        if typename in self._lazy and typename not in self.types:
-            made = Typestore()
-            made.register(self._lazy)
-            self.types.update(made.types)
-        return super().get_msgdef(typename)
+def closure(types: Typesdict, msgtype: str) -> Iterator[str]:
+    """Yield a type and those in it, each once, including undefined ones."""
+    waiting, seen = [msgtype], {msgtype}
+    while waiting:
+        name = waiting.pop()
+        yield name
+        for _, description in types[name][1] if name in types else ():
+            nested = nested_type(description)
+            if nested is not None and nested not in seen:
+                seen.add(nested)
+                waiting.append(nested)
+
+
+def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags has it
+    """Return the message type of a field or its elements; None for numbers and strings."""
+    kind, content = description
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return nested_type(content[0])
+    return content if kind == Nodetype.NAME else None
 
 
 def read_definitions() -> Typesdict:
@@ -59,37 +90,17 @@ def read_definitions() -> Typesdict:
     texts = {}
     for path in sorted(_FOLDER.glob('*.txt')):
         for block in path.read_text('utf-8').split(_TYPE)[1:]:
-            name, *lines = block.strip().splitlines()
-            texts[name.replace('/', '/msg/')] = '|'.join(lines)
+            name, _, lines = block.strip().partition('\n')
+            texts[name] = lines
     return parse_definitions(texts)
 
 
 def parse_definitions(texts: Mapping[str, str]) -> Typesdict:
-    """Parse definitions by full name: the lines of a .msg file, separated by |."""
+    """Parse plain definitions by name: the lines of a .msg file, also separated by |."""
     types: Typesdict = {}
     for msgtype, text in texts.items():
-        constants: list[tuple[str, Basename, ConstValue]] = []
-        fields: list[tuple[str, FieldDesc]] = []
-        for line in text.split('|'):
-            kind, name = line.split(' ')
-            name, equals, value = name.partition('=')
-            if equals:
-                constants.append((name, cast('Basename', kind), int(value)))
-            else:
-                fields.append((name, _parse_type(kind)))
-        types[msgtype] = (constants, fields)
+        found = parse_plain(msgtype, text.replace('|', '\n'))
+        if found is None:
+            raise ValueError(f'{msgtype} has a line that is not plain')
+        types.update(found)
     return types
-
-
-def _parse_type(word: str) -> FieldDesc:
-    """The type of a field, as rosbags describes it: float64, std_msgs/Header, uint8[], int32[9]."""
-    element, bracket, length = word.rstrip(']').partition('[')
-    package, slash, name = element.rpartition('/')
-    one: BaseDesc | NameDesc
-    if slash:
-        one = (Nodetype.NAME, f'{package}/msg/{name}')
-    else:
-        one = (Nodetype.BASE, (cast('Basename', name), 0))
-    if not bracket:
-        return one
-    return (Nodetype.ARRAY if length else Nodetype.SEQUENCE, (one, int(length or 0)))

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Barrier
+from threading import Event
 
 import pytest
 from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
 
 from kitti_ros2.bags.definitions import Definitions
 from kitti_ros2.bags.findings import Findings
 from kitti_ros2.bags.pieces import StoredChannel
+
+from waiting import PATIENCE_S, wait_until  # isort: skip
 
 NAME = 'robot_msgs/msg/State'
 TEXT = 'uint8 LEVEL=3\nuint8 level\nstd_msgs/Header header\n'
@@ -94,13 +97,22 @@ def test_types_that_nobody_reads_get_no_class():
         store.types['a_msgs/msg/Unknown']
 
 
-def test_threads_get_the_same_class_of_a_type():
+def test_threads_that_ask_at_the_same_time_get_one_class(monkeypatch):
     store = definitions(TEXT.replace('LEVEL=3', 'LEVEL=5')).typestore()
-    ready = Barrier(4)
+    second_asks, made, register = Event(), [], Typestore.register
 
-    def ask(_):
-        ready.wait()
+    def slow(self, types):
+        made.append(types)
+        assert second_asks.wait(PATIENCE_S)
+        register(self, types)
+
+    def ask(number):
+        if number:
+            wait_until(lambda: made)
+            second_asks.set()
         return store.types[NAME]
 
-    with ThreadPoolExecutor(4) as pool:
-        assert len(set(pool.map(ask, range(4)))) == 1
+    monkeypatch.setattr(Typestore, 'register', slow)
+    with ThreadPoolExecutor(2) as pool:
+        assert len(set(pool.map(ask, range(2)))) == 1
+    assert len(made) == 1

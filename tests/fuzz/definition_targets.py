@@ -72,7 +72,7 @@ _TYPE_WORDS = (
     *(b'(', b'sequence<', b'/*', b'//', b'"', b'#', b'a/B'),
 )
 
-_MODULES = ('bags/definitions.py', 'bags/definition_texts.py', 'bags/plain_definitions.py')
+_MODULES = ('bags/definitions.py', 'bags/definition_texts.py', 'messages/plain_definitions.py')
 TARGETS = (
     Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
            long=100_000),

@@ -59,24 +59,24 @@ def parse_plain(msgtype: str, text: str) -> Typesdict | None:
         head = _HEAD.fullmatch(first)
         if head is None or head[1] in {'msg', 'action'}:
             return None
-        folder = f'{head[1]}/{head[2] or "msg"}'
+        package = f'{head[1]}/{head[2] or "msg"}'
         constants: Constdefs = []
         fields: Fielddefs = []
         for line in lines:
-            if not _enter(line, folder, constants, fields):
+            if not _enter(line, package, constants, fields):
                 return None
-        types[f'{folder}/{head[3]}'] = (constants, fields)
+        types[f'{package}/{head[3]}'] = (constants, fields)
     return types
 
 
-def _enter(line: str, folder: str, constants: Constdefs, fields: Fielddefs) -> bool:
+def _enter(line: str, package: str, constants: Constdefs, fields: Fielddefs) -> bool:
     """Enter what a line defines; return whether it is plain."""
     found = _LINE.fullmatch(line)
     if found is None:
         return False
-    kind, many, most, count, name, value = found.groups()
+    kind, brackets, bound, length, name, value = found.groups()
     if value is not None:
-        if kind not in _INTEGERS or many or not _CONSTANT.fullmatch(name):
+        if kind not in _INTEGERS or brackets or not _CONSTANT.fullmatch(name):
             return False
         constants.append((name, cast('Basename', kind), int(value)))
         return True
@@ -84,21 +84,21 @@ def _enter(line: str, folder: str, constants: Constdefs, fields: Fielddefs) -> b
     if kind in _BASES:
         one = (Nodetype.BASE, (cast('Basename', kind), 0))
     elif _MESSAGE.fullmatch(kind):
-        one = (Nodetype.NAME, _full_name(kind, folder))
+        one = (Nodetype.NAME, _full_name(kind, package))
     else:
         return False
     described: FieldDesc = one
-    if many:
-        size = int(count or 0)
-        is_array = size and not most
+    if brackets:
+        size = int(length or 0)
+        is_array = size and not bound
         described = (Nodetype.ARRAY, (one, size)) if is_array else (Nodetype.SEQUENCE, (one, size))
     fields.append((name, described))
     return True
 
 
-def _full_name(name: str, folder: str) -> str:
+def _full_name(name: str, package: str) -> str:
     name = _WITHOUT_PACKAGE.get(name, name)
-    package, slash, own = name.rpartition('/')
+    other, slash, own = name.rpartition('/')
     if not slash:
-        return f'{folder}/{name}'
-    return name if '/msg/' in name or '/action/' in name else f'{package}/msg/{own}'
+        return f'{package}/{name}'
+    return name if '/msg/' in name or '/action/' in name else f'{other}/msg/{own}'
