@@ -66,7 +66,8 @@ def files_of(tmp_path: Path, count: int, size: int) -> RemotePath:
 def test_what_fails_for_a_moment_is_tried_again(
     error, drive_url: RemotePath, tmp_path: Path, waits
 ):
-    fault = CountedStore.faults['0000000002.png'] = Fails(error, 2)
+    # One file, so that both failures are of one request: files are read side by side.
+    fault = CountedStore.faults['image_02/data/0000000002.png'] = Fails(error, 2)
     report = convert_recording(drive_url, tmp_path / 'a.mcap')
     assert not report.losses
     assert fault.met == 2
