@@ -117,8 +117,13 @@ class SqliteFile(BagFile):
         self._left.close()
 
     def _all_stamps(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
+        # Sorted once: a search for each topic takes minutes where there are 200,000.
+        order = self._rows['topic_id'].argsort(kind='stable')
+        stamps = self._rows['stamp_ns'][order]
+        ids, starts = np.unique(self._rows['topic_id'][order], return_index=True)
+        by_topic = dict(zip(ids.tolist(), np.split(stamps, starts[1:]), strict=False))
         for topic_id in self.channels:
-            yield topic_id, self._rows['stamp_ns'][self._rows['topic_id'] == topic_id]
+            yield topic_id, by_topic.get(topic_id, stamps[:0])
 
     def _lose(self, text: str, messages: int | None) -> None:
         self._findings.lose(f'{self._name}: {text}', messages)

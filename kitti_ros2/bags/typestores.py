@@ -8,17 +8,17 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import TypesysError
-from rosbags.typesys.store import Typestore
 
-from ..messages.type_definitions import LazyClasses, lazy_typestore
+from ..messages.lazy_types import LazyClasses, LazyTypestore, lazy_typestore
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
 
 
-class SharingTypestore(Typestore):
+class SharingTypestore(LazyTypestore):
     """A typestore with the types of another and the functions made for them.
 
     Types that are registered in one of them are not in the other.

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys.store import Typestore
 
-from .type_definitions import lazy_typestore, parse_definitions, read_definitions
+from .lazy_types import lazy_typestore
+from .type_definitions import parse_definitions, read_definitions
 
 __all__ = [
     'TYPESTORE',

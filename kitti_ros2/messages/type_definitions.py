@@ -1,16 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Definitions of message types, of short texts and the files in definitions/; their classes."""
+"""Definitions of message types, of short texts and the files in definitions/; what is in them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
-from rosbags.typesys.stores import empty
 
 from .plain_definitions import parse_plain
 
@@ -22,46 +19,6 @@ if TYPE_CHECKING:
 _FOLDER = Path(__file__).with_name('definitions')
 _TYPE = '\nMSG: '
 """Precedes each type in a file, as in the definitions that bags contain."""
-
-
-class LazyClasses(dict[str, Any]):
-    """The Python classes of types, each made when a message of it is first encoded or decoded.
-
-    Making one takes 1 ms and 25 kB, serialised messages need none, and a bag may define tens of
-    thousands that nobody reads.
-
-    Args:
-        made: Classes that are there already.
-        definitions: Of all types.
-    """
-
-    def __init__(self, made: Mapping[str, Any], definitions: Typesdict) -> None:
-        super().__init__(made)
-        self._definitions = definitions
-        self._lock = Lock()  # a type has one class, whichever threads ask for it
-
-    def __missing__(self, msgtype: str) -> Any:  # noqa: ANN401 - classes of rosbags
-        with self._lock:
-            if msgtype not in self:
-                needed = [name for name in closure(self._definitions, msgtype) if name not in self]
-                store = Typestore()
-                store.register({name: self._definitions[name] for name in needed})
-                self.update(store.types)
-        return self[msgtype]
-
-
-def lazy_typestore(types: Typesdict, lazy: Typesdict) -> Typestore:
-    """Make a store of types, and of Time and Duration.
-
-    Args:
-        types: Definitions whose classes are made at once.
-        lazy: Definitions whose classes are made when one is needed.
-    """
-    store = Typestore(empty)
-    store.register(types)
-    store.fielddefs = {**lazy, **store.fielddefs}
-    store.types = LazyClasses(store.types, store.fielddefs)
-    return store
 
 
 def closure(types: Typesdict, msgtype: str) -> Iterator[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model.streams import Clock
-from ..model.text import format_bytes
+from ..model.text import format_bytes, format_count
 from .contents import LONG, NAME, NUMBER, TEXT, Table
 from .plots import format_period, interval_plot, strip
 
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from .contents import Report, StreamFacts
+
+_MOST_STREAMS = 200
+"""As many as info lists: nobody reads more, and some bags are made to have tens of thousands."""
 
 _MOST_PLOTS = 9
 _FEWEST_SAMPLES = 3
@@ -32,22 +35,37 @@ def streams_section(report: Report) -> dict[str, object] | None:
             len(each.timing.gaps),
             strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
         )
-        for each in report.streams
+        for each in report.streams[:_MOST_STREAMS]
         if len(each.timing)
     ]
     return {
         'timed': timed,
         'table': _table(report),
+        'rest': _rest(report),
         'span': f', {(end_ns - start_ns) / 1e9:.1f} s' if timed else '',
         'coverage': coverage,
-        'intervals': _intervals(report.streams) if timed else (),
+        'intervals': _intervals(report.streams[:_MOST_STREAMS]) if timed else (),
         'most': _MOST_PLOTS,
     }
+
+
+def _rest(report: Report) -> str:
+    """Return what is said of the streams that are not on the page; empty if all are."""
+    left_out = report.streams[_MOST_STREAMS:]
+    if not left_out:
+        return ''
+    of_bag = report.overview.compression is not None
+    more = format_count(len(left_out), 'more topic' if of_bag else 'more stream')
+    count = format_count(
+        sum(len(each.timing) for each in left_out), 'message' if of_bag else 'sample'
+    )
+    return f'... and {more} with {count}; kitti-ros2 info --json lists all.'
 
 
 def _table(report: Report) -> Table:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
+    shown = report.streams[:_MOST_STREAMS]
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [
         (('Topic' if of_bag else 'Stream', NAME), lambda each: each.name),
         (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
@@ -59,7 +77,7 @@ def _table(report: Report) -> Table:
             (('Gaps', NUMBER), _gap_count),
             (('Longest s', NUMBER), lambda each: _value(_longest_gap_ns(each), 1e9)),
         ]
-    if any(each.delay_ns is not None for each in report.streams):
+    if any(each.delay_ns is not None for each in shown):
         columns.append((('Delay ms', NUMBER), _delay))
     if not of_bag:
         columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
@@ -69,10 +87,8 @@ def _table(report: Report) -> Table:
     columns.append((detail, lambda each: each.detail.rsplit('/', 1)[-1]))
     columns.append((('Content', LONG), _facts))
     # Columns that are empty for all streams are removed.
-    columns = [
-        (heading, cell) for heading, cell in columns if any(cell(each) for each in report.streams)
-    ]
-    rows = [[cell(each) for _, cell in columns] for each in report.streams]
+    columns = [(heading, cell) for heading, cell in columns if any(cell(each) for each in shown)]
+    rows = [[cell(each) for _, cell in columns] for each in shown]
     totals = {
         columns[0][0]: 'All',
         columns[1][0]: f'{sum(len(each.timing) for each in report.streams):,}',

@@ -17,7 +17,7 @@ from bag_samples import CHANNELS, START_NS, jazzy, make_samples, write_bag
 from mcap.writer import CompressionType, IndexType, Writer
 
 from kitti_ros2.bags.decompressors import decompress_file
-from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import BadBagError
@@ -113,6 +113,29 @@ def test_rates_and_gaps(tmp_path):
     assert (topic.largest_gap_ns, topic.largest_gap_at_ns) == (4 * 10**8, START_NS + 3 * 10**8)
     assert topic.mean_rate_hz == 5 / 0.8
     assert (empty.count, empty.start_ns, empty.mean_rate_hz) == (0, None, None)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
+@pytest.mark.parametrize('count', [0, 1, 7])
+def test_each_topic_has_the_stamps_of_its_messages(storage, count, tmp_path):
+    """Topics in another order than their messages, and two without any."""
+    suffix = {'mcap': '.mcap', 'sqlite3': '', 'ros1': '.bag'}[storage]
+    with open_bag(tmp_path / f'bag{suffix}', BagOptions(storage=storage), jazzy()) as bag:
+        names = ('/z', '/none', '/a', '/m', '/y')
+        ids = [bag.add_channel(Channel(name, 'std_msgs/msg/String')) for name in names]
+        expected = {name: [] for name in names}
+        for number in range(count):
+            for place in (4, 0, 2)[: 1 + number % 3]:
+                stamp_ns = START_NS + number * 1000 + place
+                bag.write(ids[place], stamp_ns, [b'\0\1\0\0\1\0\0\0\0\0\0\0'])
+                expected[names[place]].append(stamp_ns)
+    found = {name: stamps.tolist() for name, stamps in bag_stamps(bag.path).items()}
+    assert {name: stamps for name, stamps in found.items() if stamps} == {
+        name: stamps for name, stamps in expected.items() if stamps
+    }
+    assert {each.name: each.count for each in summarize_bag(bag.path).topics} == {
+        name: len(stamps) for name, stamps in expected.items()
+    }
 
 
 @pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])

@@ -194,7 +194,7 @@ def test_messages_before_the_first_subscriber_are_counted():
 
 
 class SlowProgram(SmallProgram):
-    """Its scans take until the gate is open; the positions that have begun without them are kept."""
+    """Scans take until the gate is open. Keeps the positions begun without them."""
 
     def __init__(self):
         super().__init__()

@@ -389,6 +389,22 @@ def test_hostile_topics_are_words(tmp_path):
     assert topic in page.words('th')
 
 
+def test_of_more_topics_than_anyone_reads_the_rest_is_counted(tmp_path):
+    stamp_ns = foreign.START_NS
+    topics = {f'/t{n:03}': [(stamp_ns + n, None), (stamp_ns + n + 1, None)] for n in range(203)}
+    write_bag(tmp_path / 'b.mcap', topics)
+    page = page_of(tmp_path / 'b.mcap')
+    assert page.faults == []
+    assert {'/t000', '/t199'} <= set(page.words('th'))
+    assert '/t200' not in page.words('th')
+    said = '... and 3 more topics with 6 messages; kitti-ros2 info --json lists all.'
+    assert said in page.words('p')
+    assert '406' in page.words('td')  # of all messages
+    del topics['/t200'], topics['/t201'], topics['/t202']
+    write_bag(tmp_path / 'c.mcap', topics)
+    assert not any('more topic' in words for words in page_of(tmp_path / 'c.mcap').words('p'))
+
+
 def test_a_bag_without_messages_is_a_page(tmp_path):
     write_bag(tmp_path / 'b.mcap', {})
     page = page_of(tmp_path / 'b.mcap')
