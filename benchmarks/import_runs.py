@@ -20,16 +20,20 @@ from yardsticks import COMMAND, fresh, tree_bytes
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-SURVEY = """
+_TIMES = """
+import resource, time
+def cpu():
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+"""
+"""The begin of each script for cost_of."""
+
+SURVEY = f"""{_TIMES}
 import sys
 from pathlib import Path
 from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.importer.survey import look
-import resource, time
 keep_freed_memory()
-def cpu():
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
 start, used = time.perf_counter(), cpu()
 look([Path(sys.argv[1])])
 print(time.perf_counter() - start, cpu() - used)
@@ -54,12 +58,9 @@ with ThreadPoolExecutor(worker_count()) as pool:
     print((time.perf_counter() - start) / len(places))
 """
 
-CHECK = """
-import os, resource, sys, time
+CHECK = f"""{_TIMES}
+import os, sys
 from kitti_ros2.files.checksums import crc32
-def cpu():
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
 start, used = time.perf_counter(), cpu()
 file = os.open(sys.argv[1], os.O_RDONLY)
 while block := os.read(file, 2**20):
@@ -67,17 +68,14 @@ while block := os.read(file, 2**20):
 print(time.perf_counter() - start, cpu() - used)
 """
 
-CHECK_AHEAD = """
-import os, resource, sys, time
+CHECK_AHEAD = f"""{_TIMES}
+import os, sys
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from kitti_ros2.files.checksums import crc32
 from kitti_ros2.files.freed_memory import keep_freed_memory
 from kitti_ros2.files.workers import worker_count
 keep_freed_memory()
-def cpu():
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
 file = os.open(sys.argv[1], os.O_RDONLY)
 def check(position):
     block = os.pread(file, 2**21, position)

@@ -51,7 +51,7 @@ class Ros1Writer(Writer):
     """rosbags' writer of a .bag file, changed so that ROS 1 reads every compression and reindexes.
 
     Three things differ. Chunks of lz4 are as roslz4 requires them. A connection is not compared
-    with all others when it is added or written to, which takes minutes for 60,000. The record of
+    with all others when it is added or written to, which takes a minute for 65,000. The record of
     the bag header has the size of that in ROS 1's own bags: rosbag, when it appends or reindexes,
     overwrites that many bytes, and with them the first chunk if the record is shorter.
 

@@ -117,7 +117,7 @@ class SqliteFile(BagFile):
         self._left.close()
 
     def _all_stamps(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
-        # Sorted once: a search for each topic takes minutes where there are 200,000.
+        # Sorted once: a search for each topic takes time with the square of their number.
         order = self._rows['topic_id'].argsort(kind='stable')
         stamps = self._rows['stamp_ns'][order]
         ids, starts = np.unique(self._rows['topic_id'][order], return_index=True)

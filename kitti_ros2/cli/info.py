@@ -14,14 +14,14 @@ from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
 from ..options.table import make_settings
-from ..report.overview import inspect_bag, inspect_recording
+from ..report.overview import MOST_SERIES, describe_rest, inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .tables import cell, plain_table
 from .text import format_bytes, format_count, format_duration, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from rich.table import Table
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from ..report.overview import Overview
 
 _MOST_FRAMES = 24
-_MOST_SERIES = 200
 
 
 def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
@@ -90,30 +89,24 @@ def print_overview(overview: Overview) -> None:
     timed = overview.clock is not Clock.NOMINAL
     table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
-    for series in overview.series[:_MOST_SERIES]:
+    for series in overview.series[:MOST_SERIES]:
         kind_of = cell(_short(series.msgtype))
         rates = _rates(series) if timed else ()
         table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
-    if len(overview.series) > _MOST_SERIES:
-        console.print(_rest(overview.series[_MOST_SERIES:], kind), markup=False)
+    if len(overview.series) > MOST_SERIES:
+        rest = describe_rest([each.count for each in overview.series[MOST_SERIES:]], kind)
+        console.print(f'{rest}; all with --json', markup=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)
-        if len(overview.cameras) > _MOST_SERIES:
-            console.print(f'... and {len(overview.cameras) - _MOST_SERIES:,} more; all with --json')
+        if len(overview.cameras) > MOST_SERIES:
+            console.print(f'... and {len(overview.cameras) - MOST_SERIES:,} more; all with --json')
     if overview.links:
         console.print(_link_table(overview), soft_wrap=False)
     if overview.origins:
         console.print(_origin_table(overview.origins), soft_wrap=False)
     for note in overview.notes:
         console.print(one_line(f'note: {note}'), markup=False)
-
-
-def _rest(series: Sequence[TopicSummary], kind: str) -> str:
-    count = sum(each.count for each in series)
-    noun = 'sample' if kind == 'stream' else 'message'
-    more = format_count(len(series), f'more {kind}')
-    return f'... and {more} with {format_count(count, noun)}; all with --json'
 
 
 def _extent(overview: Overview) -> str:
@@ -144,7 +137,7 @@ def _short(msgtype: str) -> str:
 
 def _camera_table(overview: Overview) -> Table:
     table = plain_table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
-    for camera in overview.cameras[:_MOST_SERIES]:
+    for camera in overview.cameras[:MOST_SERIES]:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         name, *numbers = camera.cells()
         table.add_row(cell(name), size, *numbers)

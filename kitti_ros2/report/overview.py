@@ -12,12 +12,13 @@ from ..bags.summary import TopicSummary, summarize_topic
 from ..exporter.schedule import frames_of
 from ..model.losses import format_numbers
 from ..model.streams import Clock
+from ..model.text import format_count
 from ..own_bags.numbering import number_bag
 from ..own_bags.recorded_layout import read_blueprint
 from .glances import bag_calibration, calibration_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.reader import OpenBag
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
     from ..own_bags.blueprint import Blueprint
     from ..own_bags.numbering import NumberedBag
     from .glances import CameraGlance, LinkGlance
+
+MOST_SERIES = 200
+"""Streams or topics that are shown: nobody reads more, and a bag may have tens of thousands."""
+
+_SAMPLES = {'stream': 'sample', 'topic': 'message'}
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,17 @@ class Overview:
     notes: tuple[str, ...]
     complete: bool = True
     origins: Mapping[int, FrameOrigin] = field(default_factory=dict)
+
+
+def describe_rest(counts: Sequence[int], kind: str) -> str:
+    """Describe what is not shown, such as ... and 3 more topics with 6 messages.
+
+    Args:
+        counts: Samples of each.
+        kind: stream or topic.
+    """
+    more = format_count(len(counts), f'more {kind}')
+    return f'... and {more} with {format_count(sum(counts), _SAMPLES[kind])}'
 
 
 def inspect_recording(recording: KittiRecording, path: Path) -> Overview:

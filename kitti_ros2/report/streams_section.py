@@ -7,17 +7,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model.streams import Clock
-from ..model.text import format_bytes, format_count
+from ..model.text import format_bytes
 from .contents import LONG, NAME, NUMBER, TEXT, Table
+from .overview import MOST_SERIES, describe_rest
 from .plots import format_period, interval_plot, strip
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from .contents import Report, StreamFacts
-
-_MOST_STREAMS = 200
-"""As many as info lists: nobody reads more, and some bags are made to have tens of thousands."""
 
 _MOST_PLOTS = 9
 _FEWEST_SAMPLES = 3
@@ -28,6 +26,7 @@ def streams_section(report: Report) -> dict[str, object] | None:
     if not report.streams:
         return None
     timed = report.clock is not Clock.NOMINAL
+    shown, left_out = report.streams[:MOST_SERIES], report.streams[MOST_SERIES:]
     start_ns, end_ns = _extent(report)
     coverage = [
         (
@@ -35,37 +34,32 @@ def streams_section(report: Report) -> dict[str, object] | None:
             len(each.timing.gaps),
             strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
         )
-        for each in report.streams[:_MOST_STREAMS]
+        for each in shown
         if len(each.timing)
     ]
     return {
         'timed': timed,
-        'table': _table(report),
-        'rest': _rest(report),
+        'table': _table(report, shown),
+        'rest': _rest(report, left_out),
         'span': f', {(end_ns - start_ns) / 1e9:.1f} s' if timed else '',
         'coverage': coverage,
-        'intervals': _intervals(report.streams[:_MOST_STREAMS]) if timed else (),
+        'intervals': _intervals(shown) if timed else (),
         'most': _MOST_PLOTS,
     }
 
 
-def _rest(report: Report) -> str:
+def _rest(report: Report, left_out: Sequence[StreamFacts]) -> str:
     """Return what is said of the streams that are not on the page; empty if all are."""
-    left_out = report.streams[_MOST_STREAMS:]
     if not left_out:
         return ''
-    of_bag = report.overview.compression is not None
-    more = format_count(len(left_out), 'more topic' if of_bag else 'more stream')
-    count = format_count(
-        sum(len(each.timing) for each in left_out), 'message' if of_bag else 'sample'
-    )
-    return f'... and {more} with {count}; kitti-ros2 info --json lists all.'
+    kind = 'stream' if report.overview.compression is None else 'topic'
+    rest = describe_rest([len(each.timing) for each in left_out], kind)
+    return f'{rest}; kitti-ros2 info --json lists all.'
 
 
-def _table(report: Report) -> Table:
+def _table(report: Report, shown: Sequence[StreamFacts]) -> Table:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
-    shown = report.streams[:_MOST_STREAMS]
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [
         (('Topic' if of_bag else 'Stream', NAME), lambda each: each.name),
         (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
