@@ -24,13 +24,20 @@ class Decoder:
         self._typestore = typestore
         self._missing: dict[str, str] = {}
 
-    def __call__(self, message: BagMessage) -> Any:  # noqa: ANN401 - of the bag's types
+    def __call__(self, message: BagMessage, expected: str = '') -> Any:  # noqa: ANN401 - of the bag's types
         """Decode a message to an object.
 
+        Args:
+            message: Of a bag with these types.
+            expected: The type it must have; any if empty.
+
         Raises:
-            ValueError: The message cannot be decoded, or a field is missing in its type.
+            ValueError: The message cannot be decoded, is of another type than expected, or a field
+                is missing in its type.
         """
         msgtype = message.msgtype
+        if expected and msgtype != expected:
+            raise ValueError(f'is a {msgtype}, not a {expected}')
         if msgtype not in self._missing:
             self._missing[msgtype] = lacking_field(self._typestore, msgtype)
         if self._missing[msgtype]:

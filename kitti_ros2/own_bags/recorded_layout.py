@@ -104,10 +104,8 @@ class _Source:
         self._found: list[tuple[str, int, TextFile]] = []
         decode = Decoder(messages.typestore)
         for message in messages:
-            if message.msgtype != STRING:
-                continue
             try:
-                decoded = decode(message)
+                decoded = decode(message, STRING)
             except ValueError as error:
                 self._tally.lose(message.topic, message.stamp_ns, str(error))
                 continue

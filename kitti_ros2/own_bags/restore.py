@@ -160,14 +160,15 @@ class _Writer:
         """Yield the files in the messages, in their order."""
         decode = Decoder(self._messages.typestore)
         for message in self._messages:
+            row = own_topics()[message.topic]
             try:
-                decoded = decode(message)
+                decoded = decode(message, row.msgtype)
             except ValueError as error:
                 self._lose(message, str(error))
                 continue
             file = (
                 self._line(decoded, message)
-                if own_topics()[message.topic].is_frame_text
+                if row.is_frame_text
                 else self._sample(decoded, message)
             )
             if file is not None and file.number not in self._left_out[file.stream]:
