@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ..files.json_text import json_text
 from ..files.replacing import KEEP_ALL_BUT_JSON, keep_all
 from ..files.staging import staged_file
-from ..model.errors import KittiRos2Error, describe_error
+from ..model.errors import KittiRos2Error, describe_error, interruption_of
 from .results import UnitResult
 
 if TYPE_CHECKING:
@@ -28,7 +28,11 @@ _KEPT_LINES = 20
 def run_guarded(
     work: Callable[[UnitJob, Advance], UnitResult], job: UnitJob, advance: Advance
 ) -> UnitResult:
-    """Run a unit and measure the time; errors of its data become the reason of a failed result."""
+    """Run a unit and measure the time; errors of its data become the reason of a failed result.
+
+    Raises:
+        KeyboardInterrupt, SystemExit: A signal ended it, also where that broke a lock.
+    """
     started = time.monotonic()
     try:
         result = work(job, advance)
@@ -37,6 +41,8 @@ def run_guarded(
     except MemoryError:
         result = UnitResult(reason='not enough memory; lower --jobs, and run it again with --retry')
     except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
+        if interruption := interruption_of(error):
+            raise interruption from None
         reason = f'internal error, {type(error).__name__}: {error}; please report it'
         result = UnitResult(reason=reason)
     return replace(result, seconds=time.monotonic() - started)

@@ -20,6 +20,7 @@ from ..model.errors import (
     KittiRos2Error,
     UnsynchronisedError,
     describe_error,
+    interruption_of,
     notes_of,
 )
 from ..model.text import one_line
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 _DEBUG = '--debug'
 _CLEANING_S = 3.0
-_UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
 
 
 def main(args: list[str] | None = None) -> int:
@@ -104,17 +104,6 @@ def _discard(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _interruption_of(error: RuntimeError) -> BaseException | None:
-    """Return the interruption that led to the error of a lock; None for all other errors.
-
-    A signal that arrives while threading.Condition.wait has released its lock, and does not expect
-    exceptions yet, leaves the lock released; leaving its context is an error then.
-    """
-    cause = error.__context__
-    is_interruption = isinstance(cause, (KeyboardInterrupt, SystemExit))
-    return cause if is_interruption and str(error) in _UNHELD_LOCK else None
-
-
 def _describe_unexpected(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'not enough memory; close other programs, or lower --jobs if you gave it'
@@ -149,7 +138,7 @@ def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
             raise error.__context__ from None
         raise
     except RuntimeError as error:
-        if interruption := _interruption_of(error):
+        if interruption := interruption_of(error):
             raise interruption from None
         raise
     sys.stdout.flush()

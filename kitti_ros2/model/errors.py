@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
+_UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
+
+
 @dataclass(frozen=True)
 class Remedy:
     """A command that does what was meant; the command line prints it after the error.
@@ -278,6 +281,17 @@ def naming(path: Path) -> Iterator[None]:
         if error.filename is None:
             error.filename = str(path)
         raise
+
+
+def interruption_of(error: Exception) -> BaseException | None:
+    """Return the interruption that led to the error of a lock; None for all other errors.
+
+    A signal that arrives while threading.Condition.wait has released its lock, and does not expect
+    exceptions yet, leaves the lock released; leaving its context is an error then.
+    """
+    cause = error.__context__
+    is_interruption = isinstance(cause, (KeyboardInterrupt, SystemExit))
+    return cause if is_interruption and str(error) in _UNHELD_LOCK else None
 
 
 def describe_error(error: Exception) -> str:

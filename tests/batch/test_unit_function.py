@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Units that fail, and units that are ended."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from kitti_ros2.batch.results import UnitJob
+from kitti_ros2.batch.unit_function import run_guarded
+from kitti_ros2.batch.units import WorkUnit
+
+JOB = UnitJob(WorkUnit('a', Path('a')), Path('out'), {})
+
+
+def break_a_lock(lock, error):
+    """Raise an error as threading.Condition.wait does while it has released its lock."""
+    condition = threading.Condition(lock())
+    with condition:
+        condition.release()
+        raise error
+
+
+@pytest.mark.parametrize('lock', [threading.Lock, threading.RLock], ids=['Lock', 'RLock'])
+@pytest.mark.parametrize('error', [SystemExit(143), KeyboardInterrupt()], ids=['TERM', 'INT'])
+def test_a_signal_that_breaks_a_lock_ends_the_unit(lock, error):
+    with pytest.raises(type(error)) as raised:
+        run_guarded(lambda *_: break_a_lock(lock, error), JOB, lambda *_: None)
+    assert raised.value is error
+
+
+def test_another_error_of_a_lock_is_a_reason():
+    error = ValueError()
+    result = run_guarded(lambda *_: break_a_lock(threading.Lock, error), JOB, lambda *_: None)
+    assert 'internal error, RuntimeError' in result.reason
