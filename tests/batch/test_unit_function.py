@@ -6,20 +6,13 @@ import threading
 from pathlib import Path
 
 import pytest
+from broken_lock import break_a_lock
 
 from kitti_ros2.batch.results import UnitJob
 from kitti_ros2.batch.unit_function import run_guarded
 from kitti_ros2.batch.units import WorkUnit
 
 JOB = UnitJob(WorkUnit('a', Path('a')), Path('out'), {})
-
-
-def break_a_lock(lock, error):
-    """Raise an error as threading.Condition.wait does while it has released its lock."""
-    condition = threading.Condition(lock())
-    with condition:
-        condition.release()
-        raise error
 
 
 @pytest.mark.parametrize('lock', [threading.Lock, threading.RLock], ids=['Lock', 'RLock'])

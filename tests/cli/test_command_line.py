@@ -18,6 +18,7 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
+from broken_lock import break_a_lock
 from folder_and_bag import make_holes
 
 from kitti_ros2.bags.writer import open_bag
@@ -156,22 +157,14 @@ def test_an_unforeseen_error_is_one_line_too(recordings, tmp_path, capsys, monke
 
 @pytest.mark.parametrize('lock', [threading.Lock, threading.RLock], ids=['Lock', 'RLock'])
 def test_an_interruption_that_breaks_a_lock_is_no_error(lock, tmp_path, capsys, monkeypatch):
-    """threading.Condition.wait has released its lock, and takes it again after the exception."""
-
-    def interrupt(error):
-        condition = threading.Condition(lock())
-        with condition:
-            condition.release()
-            raise error
-
     words = ['to-bag', str(tmp_path), str(tmp_path / 'o.mcap')]
-    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(KeyboardInterrupt))
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: break_a_lock(lock, KeyboardInterrupt))
     assert main(words) == 130
     assert 'interrupted; ' in one_line(capsys.readouterr().err)
-    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(SystemExit(143)))
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: break_a_lock(lock, SystemExit(143)))
     with pytest.raises(SystemExit, match='143'):
         main(words)
-    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: interrupt(ValueError))
+    monkeypatch.setattr('kitti_ros2.cli.app.run', lambda _: break_a_lock(lock, ValueError))
     assert main(words) == 2
     assert 'internal error, RuntimeError' in one_line(capsys.readouterr().err)
 
