@@ -69,7 +69,7 @@ class SegmentWriter(Protocol):
         """Append one message."""
         ...
 
-    def close(self, information: str) -> None:
+    def close(self, information: bytes) -> None:
         """Complete the file; information is the bag's metadata as YAML, empty outside rosbag2."""
         ...
 

@@ -7,18 +7,19 @@ from __future__ import annotations
 import struct
 from array import array
 from io import BytesIO
-from typing import TYPE_CHECKING
+from sys import intern
+from typing import TYPE_CHECKING, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
-from rosbags.typesys.msg import normalize_msgtype
 
 from .chunk_scan import ChunkScan
 from .mcap_records import MCAP, MESSAGE_BODY
 from .offered_qos import offered_qos
 from .pieces import StoredChannel
+from .spelling import ros2_spelling
 
 if TYPE_CHECKING:
     from .chunk_scan import Run
@@ -30,6 +31,19 @@ RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupEr
 _NESTED = 'a chunk inside a chunk, where MCAP has none, is not read'
 
 
+class _Channel(NamedTuple):
+    """What a Channel record says; the library's records take three times the memory."""
+
+    topic: str
+    schema_id: int
+    encoding: str
+    profiles: str
+
+    def contradicts(self, other: _Channel) -> bool:
+        """Whether another record describes another channel; a copy may lack the QoS profiles."""
+        return self[:3] != other[:3]
+
+
 class Descriptions:
     """The schemas and channels of a file.
 
@@ -38,7 +52,7 @@ class Descriptions:
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+        self._channels: dict[int, _Channel] = {}
 
     def enter(self, opcode: int, body: Buffer) -> str:
         """Enter a schema or a channel; ignore other records.
@@ -56,42 +70,54 @@ class Descriptions:
                 '' if first == schema else _two_ways('schema', schema.id, first.name, schema.name)
             )
         if opcode == Opcode.CHANNEL:
-            channel = Channel.read(ReadDataStream(BytesIO(body)))
-            known = self._channels.setdefault(channel.id, channel)
-            if _essence(known) != _essence(channel):
-                return _two_ways('channel', channel.id, self._name(known), self._name(channel))
+            channel_id, channel = _parse_channel(body)
+            known = self._channels.setdefault(channel_id, channel)
+            if known.contradicts(channel):
+                return _two_ways('channel', channel_id, self._name(known), self._name(channel))
         return _NESTED if opcode == Opcode.CHUNK else ''
 
-    def _name(self, channel: Channel) -> str:
+    def _name(self, channel: _Channel) -> str:
         schema = self._schemas.get(channel.schema_id)
         return f'{channel.topic} ({schema.name if schema else "no type"})'
 
     def channels(self) -> dict[int, StoredChannel]:
         """Return the channels by id."""
-        return {key: self._source_channel(channel) for key, channel in self._channels.items()}
+        texts = {key: each.data.decode(errors='replace') for key, each in self._schemas.items()}
+        return {
+            key: self._source_channel(channel, texts.get(channel.schema_id, ''))
+            for key, channel in self._channels.items()
+        }
 
-    def _source_channel(self, channel: Channel) -> StoredChannel:
+    def _source_channel(self, channel: _Channel, definition: str) -> StoredChannel:
         schema = self._schemas.get(channel.schema_id)
         name = schema.name if schema else ''
-        cdr = channel.message_encoding == 'cdr' and '/' in name
+        cdr = channel.encoding == 'cdr' and '/' in name
         return StoredChannel(
             channel.topic,
-            normalize_msgtype(name) if cdr else name,
-            channel.message_encoding,
-            schema.data.decode(errors='replace') if schema else '',
+            ros2_spelling(name) if cdr else name,
+            channel.encoding,
+            definition,
             schema.encoding if schema else '',
             schema=schema.data if schema and schema.encoding == 'protobuf' else b'',
-            **offered_qos(channel.metadata.get('offered_qos_profiles', '')),
+            **offered_qos(channel.profiles),
         )
+
+
+def _parse_channel(body: Buffer) -> tuple[int, _Channel]:
+    """Parse a Channel record and its id.
+
+    Raises:
+        RECORD_ERRORS: The record is damaged.
+    """
+    record = Channel.read(ReadDataStream(BytesIO(body)))
+    profiles = record.metadata.get('offered_qos_profiles', '')
+    encoding = intern(record.message_encoding)
+    return record.id, _Channel(record.topic, record.schema_id, encoding, profiles)
 
 
 def _two_ways(noun: str, number: int, first: str, second: str) -> str:
     """Return the text of a loss: what of a number is described again as something else."""
     return f'{noun} {number} is described in two ways, {first} and {second}; the first counts'
-
-
-def _essence(channel: Channel) -> tuple[str, int, str]:
-    return channel.topic, channel.schema_id, channel.message_encoding
 
 
 class McapScan(ChunkScan[int]):

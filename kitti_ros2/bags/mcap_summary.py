@@ -13,14 +13,14 @@ from mcap.opcode import Opcode
 from mcap.records import Footer, Statistics, SummaryOffset
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from mcap.records import Channel, ChunkIndex, McapRecord, MetadataIndex, Schema
 
 MAGIC = b'\x89MCAP0\r\n'
 
 
-def encode(*records: McapRecord) -> bytes:
+def encode(records: Iterable[McapRecord]) -> bytes:
     """Encode records as bytes of a file."""
     builder = RecordBuilder()
     for record in records:
@@ -29,19 +29,24 @@ def encode(*records: McapRecord) -> bytes:
     return data
 
 
-def metadata_record(name: str, metadata: Mapping[str, str]) -> list[bytes]:
-    """Return a Metadata record in parts: the texts of many topics are tens of megabytes each."""
-    entries = [_prefixed(text) for entry in metadata.items() for text in entry]
+def metadata_record(name: str, metadata: Mapping[str, bytes]) -> list[bytes]:
+    """Return a Metadata record in parts: the text of many topics is tens of megabytes.
+
+    Args:
+        name: Of the record.
+        metadata: Texts in UTF-8 by key.
+    """
+    entries = [_prefixed(text) for key, value in metadata.items() for text in (key.encode(), value)]
     size = sum(map(len, chain.from_iterable(entries)))
-    body = [*_prefixed(name), size.to_bytes(4, 'little'), *chain.from_iterable(entries)]
+    body = [*_prefixed(name.encode()), size.to_bytes(4, 'little'), *chain.from_iterable(entries)]
     length = sum(map(len, body))
     return [bytes([Opcode.METADATA]), length.to_bytes(8, 'little'), *body]
 
 
 def summary_section(
     position: int,
-    schemas: Sequence[Schema],
-    channels: Sequence[Channel],
+    schemas: Collection[Schema],
+    channels: Iterable[Channel],
     counts: Mapping[int, int],
     chunks: Sequence[ChunkIndex],
     metadata: Sequence[MetadataIndex],
@@ -51,7 +56,7 @@ def summary_section(
     Args:
         position: File position of the summary.
         schemas: Schema records.
-        channels: Channel records.
+        channels: Records of the channels that are counted, which may be made one by one.
         counts: Messages by channel id.
         chunks: Chunk index records.
         metadata: Metadata index records.
@@ -61,7 +66,7 @@ def summary_section(
     """
     statistics = Statistics(
         attachment_count=0,
-        channel_count=len(channels),
+        channel_count=len(counts),
         channel_message_counts=dict(counts),
         chunk_count=len(chunks),
         message_count=sum(counts.values()),
@@ -70,18 +75,18 @@ def summary_section(
         metadata_count=len(metadata),
         schema_count=len(schemas),
     )
-    groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
+    groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
         (Opcode.SCHEMA, schemas),
         (Opcode.CHANNEL, channels),
         (Opcode.STATISTICS, [statistics]),
         (Opcode.CHUNK_INDEX, chunks),
         (Opcode.METADATA_INDEX, metadata),
     ]
-    return _assemble(position, [(opcode, encode(*group)) for opcode, group in groups if group])
+    encoded = [(opcode, encode(group)) for opcode, group in groups]
+    return _assemble(position, [(opcode, data) for opcode, data in encoded if data])
 
 
-def _prefixed(text: str) -> list[bytes]:
-    data = text.encode()
+def _prefixed(data: bytes) -> list[bytes]:
     return [len(data).to_bytes(4, 'little'), data]
 
 
@@ -93,9 +98,9 @@ def _assemble(position: int, groups: Sequence[tuple[Opcode, bytes]]) -> list[byt
             SummaryOffset(group_opcode=opcode, group_start=start, group_length=len(data))
         )
         start += len(data)
-    footer = encode(Footer(summary_start=position, summary_offset_start=start, summary_crc=0))
+    footer = encode([Footer(summary_start=position, summary_offset_start=start, summary_crc=0)])
     # The CRC covers the summary and the footer up to the CRC itself.
-    body = [*(data for _, data in groups), encode(*offsets), footer[:-4]]
+    body = [*(data for _, data in groups), encode(offsets), footer[:-4]]
     crc = 0
     for data in body:
         crc = crc32(data, crc)

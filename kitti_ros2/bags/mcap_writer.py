@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 from mcap.records import Channel as ChannelRecord
@@ -28,7 +29,7 @@ class McapSegment:
         self._typestore = context.typestore
         self._schemas: dict[str, Schema] = {}
         self._hashes: dict[str, str] = {}
-        self._channels: dict[int, ChannelRecord] = {}
+        self._channels: list[Channel] = []
         self._sequences: list[int] = []
         self._metadata: list[MetadataIndex] = []
         self._file = VectoredFile(path)
@@ -39,9 +40,11 @@ class McapSegment:
             else CompressedChunks(self._file, options, context.threads)
         )
         try:
-            self._file.write([MAGIC, encode(Header('ros2', 'kitti_ros2'))])
+            self._file.write([MAGIC, encode([Header('ros2', 'kitti_ros2')])])
             if context.source_metadata:
-                self._write_metadata('kitti_ros2', dict(context.source_metadata))
+                source = context.source_metadata
+                encoded = {key: value.encode() for key, value in source.items()}
+                self._write_metadata('kitti_ros2', encoded)
         except BaseException:
             self.abort()
             raise
@@ -61,7 +64,12 @@ class McapSegment:
             self._hashes[channel.msgtype] = self._typestore.hash_rihs01(channel.msgtype)
             self._schemas[channel.msgtype] = schema
             records.append(schema)
-        record = ChannelRecord(
+        self._channels.append(channel)
+        self._sequences.append(0)
+        self._chunks.add_records(encode([*records, self._record(channel_id, channel)]))
+
+    def _record(self, channel_id: int, channel: Channel) -> ChannelRecord:
+        return ChannelRecord(
             id=channel_id + 1,
             topic=channel.topic,
             message_encoding='cdr',
@@ -69,11 +77,8 @@ class McapSegment:
                 'offered_qos_profiles': qos_text(channel),
                 'topic_type_hash': self._hashes[channel.msgtype],
             },
-            schema_id=schema.id,
+            schema_id=self._schemas[channel.msgtype].id,
         )
-        self._channels[record.id] = record
-        self._sequences.append(0)
-        self._chunks.add_records(encode(*records, record))
 
     def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
         """Append one message."""
@@ -81,17 +86,17 @@ class McapSegment:
         self._sequences[channel_id] = sequence + 1
         self._chunks.add(channel_id + 1, sequence, stamp_ns, parts)
 
-    def close(self, information: str) -> None:
+    def close(self, information: bytes) -> None:
         """Write the last chunk, the bag's metadata and the summary."""
         indexes = self._chunks.finish()
         self._write_metadata('rosbag2', {'serialized_metadata': information})
-        self._file.write([encode(DataEnd(data_section_crc=0))])
+        self._file.write([encode([DataEnd(data_section_crc=0)])])
         counts = {i + 1: count for i, count in enumerate(self._sequences)}
         self._file.write(
             summary_section(
                 self._file.position,
-                list(self._schemas.values()),
-                list(self._channels.values()),
+                self._schemas.values(),
+                starmap(self._record, enumerate(self._channels)),
                 counts,
                 indexes,
                 self._metadata,
@@ -104,7 +109,7 @@ class McapSegment:
         self._chunks.cancel()
         self._file.close()
 
-    def _write_metadata(self, name: str, metadata: dict[str, str]) -> None:
+    def _write_metadata(self, name: str, metadata: dict[str, bytes]) -> None:
         parts = metadata_record(name, metadata)
         length = sum(map(len, parts))
         self._metadata.append(MetadataIndex(offset=self._file.position, length=length, name=name))

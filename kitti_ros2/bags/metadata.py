@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import re
 from functools import lru_cache
-from io import StringIO
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from ..model.containers import CONTAINERS
@@ -82,13 +82,13 @@ def bag_information(
     }
 
 
-def information_text(information: Mapping[str, Any]) -> str:
-    """Return the text of the information alone, as the files of a bag store it."""
+def information_text(information: Mapping[str, Any]) -> bytes:
+    """Return the text of the information alone, as the files of a bag store it, in UTF-8."""
     return _yaml(information)
 
 
-def metadata_yaml(information: Mapping[str, Any]) -> str:
-    """Return the text of metadata.yaml."""
+def metadata_yaml(information: Mapping[str, Any]) -> bytes:
+    """Return the content of metadata.yaml."""
     return _yaml({'rosbag2_bagfile_information': information}, end='\n')
 
 
@@ -109,7 +109,7 @@ def _profile(depth: int, *, latched: bool) -> dict[str, Any]:
 
 @lru_cache
 def _qos_text(depth: int, *, latched: bool) -> str:
-    return _yaml([_profile(depth, latched=latched)])
+    return _yaml([_profile(depth, latched=latched)]).decode()
 
 
 class _TopicList:
@@ -167,11 +167,12 @@ def _span(tallies: Sequence[Tally]) -> tuple[int, int]:
     return start_ns, max(tally.end_ns for tally in filled) - start_ns
 
 
-def _yaml(value: Mapping[str, Any] | Sequence[Any], end: str = '') -> str:
+def _yaml(value: Mapping[str, Any] | Sequence[Any], end: str = '') -> bytes:
     # PyYAML quotes and escapes differently; its Python emitter takes longer than a small bag does.
-    text = StringIO()  # by line: a list of all lines of 65,000 topics takes more than the text
-    _write_lines(text.write, value, '', '\n')
-    text.write(end)
+    # The lines of 65,000 topics take more memory than their text, of which StringIO makes copies.
+    text = BytesIO()
+    _write_lines(lambda line: text.write(line.encode()), value, '', '\n')
+    text.write(end.encode())
     return text.getvalue()
 
 

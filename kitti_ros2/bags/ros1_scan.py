@@ -6,10 +6,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
-
-from rosbags.typesys.msg import normalize_msgtype
 
 from .chunk_scan import ChunkScan
 from .offered_qos import latched_qos
@@ -23,6 +20,7 @@ from .ros1_records import (
     parse_fields,
     parse_message,
 )
+from .spelling import ros2_spelling
 
 if TYPE_CHECKING:
     from .chunk_scan import Run
@@ -88,10 +86,6 @@ class Ros1Scan(ChunkScan[Fields]):
         return self._described
 
 
-# Its paths take longer than the rest of a connection.
-_normalized = lru_cache(1024)(normalize_msgtype)
-
-
 def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
     """Parse a connection and its id.
 
@@ -109,7 +103,7 @@ def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
     latched = described.get(b'latching') == b'1'
     return int.from_bytes(fields[b'conn'], 'little'), Ros1Channel(
         '/' * topic.startswith('/') + '/'.join(filter(None, topic.split('/'))),
-        _normalized(msgtype),
+        ros2_spelling(msgtype),
         'ros1',
         definition,
         'ros1msg',

@@ -144,7 +144,7 @@ class Ros1Segment:
         self._writer.write(connection, stamp_ns, convert(data))
         self._writing_out.advance(len(data))
 
-    def close(self, information: str) -> None:
+    def close(self, information: bytes) -> None:
         """Write the index."""
         del information  # the format cannot store it
         self._writing_out.close()

@@ -252,7 +252,7 @@ class BagWriter:
     def _close_segment(self) -> None:
         segment = self._opened()
         in_rosbag2 = self._container.in_rosbag2
-        segment.close(information_text(self._information()) if in_rosbag2 else '')
+        segment.close(information_text(self._information()) if in_rosbag2 else b'')
         self._segment = None
 
     def _information(self) -> dict[str, object]:
@@ -271,8 +271,9 @@ class BagWriter:
             built = self._built(index)
             built.rename(built.with_name(self._name(index)))
         if self._container.in_rosbag2:
-            text = metadata_yaml(self._information())
-            (self._staging.content / 'metadata.yaml').write_text(text, encoding='utf-8')
+            (self._staging.content / 'metadata.yaml').write_bytes(
+                metadata_yaml(self._information())
+            )
 
     def _error(self, error: Exception) -> OutputError:
         if isinstance(error, OSError):

@@ -8,10 +8,9 @@ import sqlite3
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from rosbags.typesys.msg import normalize_msgtype
-
 from .offered_qos import offered_qos
 from .pieces import StoredChannel
+from .spelling import ros2_spelling
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,7 +64,7 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
     topic, msgtype, encoding, *rest = texts
     return StoredChannel(
         topic,
-        normalize_msgtype(msgtype) if '/' in msgtype else msgtype,
+        ros2_spelling(msgtype) if '/' in msgtype else msgtype,
         encoding,
         *definitions.get(msgtype, ('', '')),
         **offered_qos(rest[0] if rest else ''),

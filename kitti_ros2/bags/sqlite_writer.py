@@ -98,14 +98,15 @@ class SqliteSegment:
             for compressed in self._pool.put(partial(self._compressed, row)):
                 self._insert(compressed)
 
-    def close(self, information: str) -> None:
+    def close(self, information: bytes) -> None:
         """Write the bag's metadata and the index, and commit."""
         if self._pool is not None:
             for row in self._pool.drain():
                 self._insert(row)
             self._pool.close()
         self._connection.execute(
-            'INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)', (VERSION, information)
+            'INSERT INTO metadata(metadata_version, metadata) VALUES(?, ?)',
+            (VERSION, information.decode()),
         )
         self._connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
         self._connection.execute('COMMIT')

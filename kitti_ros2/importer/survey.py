@@ -239,7 +239,7 @@ class _Pass:
             known = self._known[topic.name]
             key = topic.header_ns[-1], hash(body_after_header(message.data))
             if key in known:
-                topic.copies.add(topic.count - 1)
+                topic.copies.append(topic.count - 1)
             known.add(key)
 
     def _decoded(self, topic: TopicSurvey, message: BagMessage) -> Any:  # noqa: ANN401

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array
 
 
-@dataclass
+@dataclass(slots=True)
 class TopicSurvey:
     """One topic.
 
@@ -63,7 +63,7 @@ class TopicSurvey:
     links_ns: list[int] = field(default_factory=list)
     has_fix: bool = False
     markers_ns: list[int] = field(default_factory=list)
-    copies: set[int] = field(default_factory=set)
+    copies: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     has_tracks: bool = False
@@ -123,7 +123,7 @@ class TopicSurvey:
         """
         stamps_ns = self.markers_ns
         if self.msgtype in BOXES:
-            alone = self.copies.union(self.headless)
+            alone = {*self.copies, *self.headless}
             stamps_ns = [
                 -1 if place in alone else stamp or -1 for place, stamp in enumerate(self.header_ns)
             ]
@@ -145,7 +145,7 @@ class TopicSurvey:
         again = np.flatnonzero(np.diff(header) == 0) + 1
         again = again[header[again] != 0]
         if self.groups() is not None:  # messages with one stamp are one sample: see label_groups
-            again = again[np.isin(again, list(self.copies))]
+            again = again[np.isin(again, self.copies)]
         if len(again):
             yield (
                 f'{self.name}: {len(again)} of {len(header)} messages have the stamp of the one'
