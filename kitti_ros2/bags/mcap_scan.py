@@ -31,7 +31,7 @@ RECORD_ERRORS = (McapError, struct.error, UnicodeDecodeError, EOFError, LookupEr
 _NESTED = 'a chunk inside a chunk, where MCAP has none, is not read'
 
 
-class _Channel(NamedTuple):
+class _McapChannel(NamedTuple):
     """What a Channel record says; the library's records take three times the memory."""
 
     topic: str
@@ -39,7 +39,7 @@ class _Channel(NamedTuple):
     encoding: str
     profiles: str
 
-    def contradicts(self, other: _Channel) -> bool:
+    def contradicts(self, other: _McapChannel) -> bool:
         """Whether another record describes another channel; a copy may lack the QoS profiles."""
         return self[:3] != other[:3]
 
@@ -52,7 +52,7 @@ class Descriptions:
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, _Channel] = {}
+        self._channels: dict[int, _McapChannel] = {}
 
     def enter(self, opcode: int, body: Buffer) -> str:
         """Enter a schema or a channel; ignore other records.
@@ -76,7 +76,7 @@ class Descriptions:
                 return _two_ways('channel', channel_id, self._name(known), self._name(channel))
         return _NESTED if opcode == Opcode.CHUNK else ''
 
-    def _name(self, channel: _Channel) -> str:
+    def _name(self, channel: _McapChannel) -> str:
         schema = self._schemas.get(channel.schema_id)
         return f'{channel.topic} ({schema.name if schema else "no type"})'
 
@@ -88,7 +88,7 @@ class Descriptions:
             for key, channel in self._channels.items()
         }
 
-    def _source_channel(self, channel: _Channel, definition: str) -> StoredChannel:
+    def _source_channel(self, channel: _McapChannel, definition: str) -> StoredChannel:
         schema = self._schemas.get(channel.schema_id)
         name = schema.name if schema else ''
         cdr = channel.encoding == 'cdr' and '/' in name
@@ -103,7 +103,7 @@ class Descriptions:
         )
 
 
-def _parse_channel(body: Buffer) -> tuple[int, _Channel]:
+def _parse_channel(body: Buffer) -> tuple[int, _McapChannel]:
     """Parse a Channel record and its id.
 
     Raises:
@@ -112,7 +112,7 @@ def _parse_channel(body: Buffer) -> tuple[int, _Channel]:
     record = Channel.read(ReadDataStream(BytesIO(body)))
     profiles = record.metadata.get('offered_qos_profiles', '')
     encoding = intern(record.message_encoding)
-    return record.id, _Channel(record.topic, record.schema_id, encoding, profiles)
+    return record.id, _McapChannel(record.topic, record.schema_id, encoding, profiles)
 
 
 def _two_ways(noun: str, number: int, first: str, second: str) -> str:
