@@ -156,6 +156,20 @@ def test_invalid_lines_and_files_are_named_and_the_rest_is_scored(folders, capsy
     assert 'notes.txt' not in err
 
 
+def test_a_folder_that_is_named_as_a_file_is_told(folders, capsys):
+    labels, results = folders
+    for folder, number in ((results, 3), (labels, 4)):
+        path = folder / f'{number:06d}.txt'
+        path.unlink()
+        path.mkdir()
+    code, out, err = run(capsys, labels, results, '--json')
+    assert code == 1
+    assert json.loads(out)['frames'] > 0
+    assert f'{results}/000003.txt: Is a directory' in err
+    assert f'{labels}/000004.txt: Is a directory' in err
+    assert '2 skipped in all' in err
+
+
 def test_boxes_that_match_no_label_are_noted(folders, capsys):
     labels, results = folders
     write_frames(

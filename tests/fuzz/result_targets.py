@@ -82,8 +82,9 @@ def _result_folder(data: bytes) -> None:
             path.write_bytes(text)
     found = ResultFiles(folder)
     for number in (*found.numbers[:3], 7):
-        found.boxes(number)
-        with suppress(KittiRos2Error):
+        with suppress(IsADirectoryError):  # of a folder that is named as a file
+            found.boxes(number)
+        with suppress(KittiRos2Error, IsADirectoryError):
             found.read(number)
     found.absent((0, 7))
 
@@ -102,6 +103,7 @@ def _result_folders() -> list[bytes]:
     text = b'Car -1 -1 1.5 10 20 30 40 1.5 1.6 4.0 1.0 1.7 20.0 0.3 0.9\n'
     folders = (
         *(b'000000.txt\n000007.txt\n1.txt\nreadme.txt', b'data/000000.txt', b'a/000000.txt\na/b'),
+        b'000000.txt/a',
         *(b'calib/000000.txt', b'training/a', b'0000.txt\n0001.txt', b'a.bin', b'', b'a/b\nb'),
     )
     return [joined((names, text)) for names in folders] + [joined((b'000000.txt', b'Car\xff'))]
