@@ -25,7 +25,7 @@ _IMPORTS = {
     'drawing': 'model options',
     'kitti': 'model files options',
     'messages': 'model files options drawing stacks',
-    'synthetic': 'model kitti',
+    'synthetic': 'model files kitti',
     'bags': 'model files options kitti messages',
     'rig': 'model messages',
     'stack_setup': 'model files options kitti stacks messages bags',

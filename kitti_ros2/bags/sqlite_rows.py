@@ -24,12 +24,12 @@ from .sqlite_tree import TableTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
     from typing import TypeGuard
 
     import numpy.typing as npt
     from typing_extensions import Self
 
+    from ..files.threads import ThreadTask
     from .pieces import Buffer, FileBytes, StoredMessage
     from .sqlite_scan import Pages
 
@@ -127,7 +127,7 @@ class QueriedRows:
         Their number grows with the batches taken: who wants the first message only does not wait
         for others.
         """
-        waiting: deque[tuple[Sequence[_FoundRow], Future[list[Buffer | None]] | None]] = deque()
+        waiting: deque[tuple[Sequence[_FoundRow], ThreadTask[list[Buffer | None]] | None]] = deque()
         most = 0
         for batch in batches:
             waiting.append((batch, self._request(batch) if most else None))
@@ -137,7 +137,7 @@ class QueriedRows:
         while waiting:
             yield from _with_data(*waiting.popleft())
 
-    def _request(self, batch: Sequence[_FoundRow]) -> Future[list[Buffer | None]] | None:
+    def _request(self, batch: Sequence[_FoundRow]) -> ThreadTask[list[Buffer | None]] | None:
         """Have a thread read the starts of the large data among rows, where these are enough."""
         wanted = [
             row
@@ -221,10 +221,10 @@ class QueriedRows:
 
 
 def _with_data(
-    batch: Sequence[_FoundRow], ahead: Future[list[Buffer | None]] | None
+    batch: Sequence[_FoundRow], ahead: ThreadTask[list[Buffer | None]] | None
 ) -> Iterable[tuple[_FoundRow, Buffer | None]]:
     # What a thread could not read is tried again in turn, where errors are handled.
-    read = ahead is not None and not ahead.exception()
+    read = ahead is not None and not ahead.error()
     return zip(batch, ahead.result() if ahead and read else repeat(None), strict=False)
 
 

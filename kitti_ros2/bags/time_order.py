@@ -16,10 +16,10 @@ from ..files.workers import SpareThreads
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
 
     from typing_extensions import Self
 
+    from ..files.threads import ThreadTask
     from .pieces import BagFile, FetchedPiece, Piece, StoredMessage
 
 _AHEAD = 4
@@ -75,7 +75,7 @@ class _Turns:
         ]
         waiting.sort(key=lambda each: (each[1].start_ns, each[0], each[1].position))
         self._waiting = deque(waiting)
-        self._ahead: deque[Future[FetchedPiece] | None] = deque()
+        self._ahead: deque[ThreadTask[FetchedPiece] | None] = deque()
         self._most_ahead = 0
         self._threads = SpareThreads()
 
@@ -93,10 +93,10 @@ class _Turns:
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
         file, wanted = self._files[number]
         # What a thread could not read is tried again here, where errors are handled.
-        fetched = None if ahead is None or ahead.exception() else ahead.result()
+        fetched = None if ahead is None or ahead.error() else ahead.result()
         return number, piece.position, file.read(piece, wanted, self._since_ns, fetched)
 
-    def _request(self, number: int, piece: Piece) -> Future[FetchedPiece] | None:
+    def _request(self, number: int, piece: Piece) -> ThreadTask[FetchedPiece] | None:
         file = self._files[number][0]
         can_fetch = file.fetches and _LEAST_FETCHED <= piece.length <= _MOST_FETCHED
         ahead = self._threads.submit(file.fetch, piece) if can_fetch else None

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import errno
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
+from ..files.threads import Threads
 from ..model.errors import KittiRos2Error, OutputError, UsageError
 from ..model.losses import Loss
 from ..model.stamps import NS_PER_S
@@ -31,11 +33,11 @@ from .verification import is_complete, require_archive, require_space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from concurrent.futures import Future
     from os import PathLike
 
     from typing_extensions import Unpack
 
+    from ..files.threads import ThreadTask
     from ..options.fetching import DownloadOptions, ExtractOptions
     from .catalogue import CatalogueEntry
     from .keywords import DownloadKeywords
@@ -221,25 +223,26 @@ class _Download:
             require_archive(target)
             return True
 
-        with ThreadPoolExecutor(self._options.jobs) as pool:
-            futures = {pool.submit(fetch_one, each): each for each in entries}
+        ended: SimpleQueue[ThreadTask[bool]] = SimpleQueue()
+        with Threads(self._options.jobs, 'download') as threads:
+            tasks = {threads.submit(partial(fetch_one, each), ended): each for each in entries}
             try:
-                for future in as_completed(futures):
-                    self._finish(futures[future], future)
+                for _ in entries:
+                    task = ended.get()
+                    self._finish(tasks[task], task)
             except BaseException:
                 meter.cancelled.set()
                 source.close()
-                pool.shutdown(cancel_futures=True)
                 raise
 
-    def _finish(self, entry: CatalogueEntry, future: Future[bool]) -> None:
+    def _finish(self, entry: CatalogueEntry, task: ThreadTask[bool]) -> None:
         """Take the result of a transfer, and extract the archive.
 
         Raises:
             StoppedError: The disk is full.
         """
         try:
-            is_new = future.result()
+            is_new = task.result()
         except (DownloadError, BadArchiveError) as error:
             self._lose(entry, error)
             return

@@ -17,9 +17,9 @@ from .remote_requests import fetch
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from concurrent.futures import Future
 
     from .remote import RemotePath
+    from .threads import ThreadTask
 
 MOST_BYTES = 64 << 20
 """Read ahead and not asked for yet, of all folders."""
@@ -56,7 +56,7 @@ class _ReadFolder:
         self.listing = listing
         self.names = [name for name, entry in listing.items() if not entry.is_folder]
         self.places = {name: place for place, name in enumerate(self.names)}
-        self.pending: dict[int, tuple[Future[bytes], int]] = {}
+        self.pending: dict[int, tuple[ThreadTask[bytes], int]] = {}
         self.last: int | None = None
         self.step = 1
         self.window = 0
@@ -81,8 +81,8 @@ class _ReadFolder:
         gone = [place for place in self.pending if before is None or place < before]
         size = 0
         for place in gone:
-            future, held = self.pending.pop(place)
-            future.cancel()
+            task, held = self.pending.pop(place)
+            task.cancel()
             size += held
         return size
 
@@ -135,26 +135,26 @@ class FilesAhead:
             folder = self._folder(path.parent)
             entry = None if folder is None else folder.listing.get(path.name)
             if folder is None:
-                future = None
+                task = None
             elif entry is None:
                 raise FileNotFoundError(errno.ENOENT, 'no such file or folder', str(path))
             elif (known := self._texts.get(path, entry)) is not None:
                 return known
             else:
-                future = self._take(path, folder)
+                task = self._take(path, folder)
         size = entry.size if entry is not None else None
-        data = fetch(path, size) if future is None else future.result()
+        data = fetch(path, size) if task is None else task.result()
         if entry is not None:
             with self._lock:
                 self._texts.keep(path, entry, data)
         return data
 
-    def _take(self, path: RemotePath, folder: _ReadFolder) -> Future[bytes] | None:
+    def _take(self, path: RemotePath, folder: _ReadFolder) -> ThreadTask[bytes] | None:
         """Return a file that was read ahead, and begin to read those after it."""
         place = folder.places.get(path.name)
         if place is None:
             return None
-        future, size = folder.pending.pop(place, (None, 0))
+        task, size = folder.pending.pop(place, (None, 0))
         self._held -= size
         folder.note(place)
         self._reads += 1
@@ -162,7 +162,7 @@ class FilesAhead:
         passed = place - _OUT_OF_ORDER * folder.step if folder.window else None
         self._held -= folder.drop(passed)
         self._begin(path.parent, folder)
-        return future
+        return task
 
     def _folder(self, path: RemotePath) -> _ReadFolder | None:
         listing, known = known_listing(path), self._folders.get(path)

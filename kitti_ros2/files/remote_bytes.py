@@ -18,8 +18,7 @@ from .remote_listing import sized_entry_of
 from .remote_requests import fetch_range
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future
-
+    from .threads import ThreadTask
     from .url_path import UrlPath
 
 _BLOCK = 1 << 16
@@ -45,7 +44,7 @@ class _Range(NamedTuple):
     """
 
     start: int
-    data: Future[bytes]
+    data: ThreadTask[bytes]
     length: int
 
 
@@ -75,7 +74,7 @@ class _Blocks:
             last = -(-end // _BLOCK)
             while block < last:
                 known = self._of.get((file, block))
-                if known is not None and _failed(known):
+                if known is not None and known.data.has_failed():
                     self._drop((file, known.start // _BLOCK))
                     known = None
                 if known is None:
@@ -114,10 +113,6 @@ class _Blocks:
 
 
 _BLOCKS = _Blocks()
-
-
-def _failed(known: _Range) -> bool:
-    return known.data.done() and (known.data.cancelled() or known.data.exception() is not None)
 
 
 def _fetch(path: UrlPath, size: int, start: int, end: int) -> bytes:

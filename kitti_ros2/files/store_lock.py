@@ -20,7 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import KittiRos2Error, OutputError
+from .signal_hold import deferred_signals
 from .store_objects import StoreError, create_object, read_object, remove_objects, write_object
+from .threads import begin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -79,11 +81,12 @@ def locked_in_store(
     lock = _Lock(path, lease_s)
     lock.acquire(wait)
     thread = threading.Thread(target=lock.renew_until_stopped, daemon=True)
-    thread.start()
+    begin(thread)
     try:
         yield StoreLock(path, lock.lost)
     finally:
-        lock.stopped.set()
+        with deferred_signals():  # an event has a condition, which its thread shares
+            lock.stopped.set()
         thread.join()
         lock.release()
 

@@ -6,18 +6,19 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from .signal_hold import deferred_signals
+from .threads import Threads
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
-    from concurrent.futures import Future
 
     from typing_extensions import ParamSpec, Self
+
+    from .threads import ThreadTask
 
     P = ParamSpec('P')
 
@@ -56,9 +57,9 @@ class OrderedPool(Generic[R]):
     """
 
     def __init__(self, workers: int, ahead: int) -> None:
-        self._threads = ThreadPoolExecutor(workers, 'worker')
+        self._threads = Threads(workers, 'worker')
         self._most_pending = workers + ahead
-        self._pending: deque[Future[R]] = deque()
+        self._pending: deque[ThreadTask[R]] = deque()
 
     def put(self, task: Callable[[], R]) -> list[R]:
         """Submit a task; return the oldest pending result if the pool was full, else nothing."""
@@ -76,7 +77,7 @@ class OrderedPool(Generic[R]):
         """Cancel pending tasks and wait for the threads to end, whatever signal arrives."""
         self._pending.clear()
         with deferred_signals():
-            self._threads.shutdown(cancel_futures=True)
+            self._threads.close()
 
     def __enter__(self) -> Self:
         return self
@@ -93,13 +94,15 @@ class SpareThreads:
 
     def __init__(self) -> None:
         workers = worker_count()
-        self._threads = ThreadPoolExecutor(workers, 'spare') if workers > 1 else None
+        self._threads = Threads(workers, 'spare') if workers > 1 else None
 
-    def submit(self, task: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> Future[R] | None:
-        """Start a task on a thread; None if there is no thread for it."""
+    def submit(
+        self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs
+    ) -> ThreadTask[R] | None:
+        """Have a thread make a call; None if there is no thread for it."""
         if self._threads is not None:
             try:
-                return self._threads.submit(task, *args, **kwargs)
+                return self._threads.submit(partial(call, *args, **kwargs))
             except RuntimeError:  # the system has no thread left
                 self._threads = None
         return None
@@ -107,7 +110,7 @@ class SpareThreads:
     def close(self) -> None:
         """Cancel the tasks that wait, and wait for the others to end."""
         if self._threads is not None:
-            self._threads.shutdown(cancel_futures=True)
+            self._threads.close()
 
 
 def ordered_map(

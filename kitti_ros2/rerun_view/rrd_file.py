@@ -78,7 +78,10 @@ class _PipeToFile:
         self._error: OSError | None = None
 
     def begin(self, source: int) -> None:
-        self._thread = threading.Thread(target=self._run, args=(source,), name='rrd-file')
+        # A daemon: a signal while it starts must not keep the process from its end.
+        self._thread = threading.Thread(
+            target=self._run, args=(source,), name='rrd-file', daemon=True
+        )
         self._thread.start()
 
     def check(self) -> None:

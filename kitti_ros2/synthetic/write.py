@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import os
 import shutil
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..files.threads import Threads
 from ..kitti.layout_files import make_writer
 from ..model.errors import OutputExistsError, UsageError
 from ..model.layouts import Layout
@@ -84,11 +85,11 @@ def _write(
 ) -> None:
     cameras = layout.traits.cameras
     with (
-        ThreadPoolExecutor(os.cpu_count()) as pool,
+        Threads(os.cpu_count() or 1, 'image') as threads,
         make_writer(layout, root, _name(layout)) as writer,
     ):
         for frame in range(len(drive)):
-            images = [pool.submit(drive.image, frame, camera) for camera in cameras]
+            images = [threads.submit(partial(drive.image, frame, camera)) for camera in cameras]
             _write_frame(writer, drive, frame)
             stamps = drive.stamps(frame).images
             for camera, image in zip(cameras, images, strict=True):
