@@ -12,6 +12,8 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from ..files.signal_hold import deferred_signals
+
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
@@ -29,6 +31,8 @@ _NICENESS = 10
 
 class ReadAhead:
     """Prefetches a bounded number of samples of a program; for one consuming thread.
+
+    In the main thread, signals wait until a method has ended: see files.threads.
 
     At the end it continues at the beginning: a loop has no gap; a single pass wastes a few samples.
 
@@ -54,10 +58,12 @@ class ReadAhead:
     def __enter__(self) -> Self:
         return self
 
+    @deferred_signals()
     def __exit__(self, *_: object) -> None:
         self._drop()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
+    @deferred_signals()
     def want(self, wanted: frozenset[int], *, at_once: bool = True) -> None:
         """Set the outlets with subscribers; samples fetched without a new one are fetched again.
 
@@ -76,6 +82,7 @@ class ReadAhead:
         for number, sample in enumerate(self._ahead):
             sample.fetch_again(self._fetch(number))
 
+    @deferred_signals()
     def prepare(self, position: int, samples: int) -> None:
         """Wait until samples from a position on are there, within the limit.
 
@@ -88,6 +95,7 @@ class ReadAhead:
         for sample in islice(self._ahead, samples):
             sample.wait()
 
+    @deferred_signals()
     def take(self, position: int) -> Fetched:
         """Return the messages at a position; continue prefetching from there."""
         self._go_to(position)
@@ -102,6 +110,7 @@ class ReadAhead:
         if not self._ahead:
             self._submit()
 
+    @deferred_signals()
     def refill(self) -> None:
         """Start prefetching up to the limit."""
         while len(self._ahead) < self._size:

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Threads end, whenever a signal's handler raises; tasks give what their calls did."""
 
-import signal
 import threading
 import weakref
 from functools import partial
-from itertools import count
 from queue import SimpleQueue
 
 import pytest
@@ -14,29 +12,7 @@ import pytest
 from kitti_ros2.files.threads import Threads, ThreadTask
 from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map
 
-MAIN = threading.get_ident()
-
-
-class Strike:
-    """Raises SIGINT right after the main thread has taken the n-th lock of a condition."""
-
-    def __init__(self, monkeypatch, number):
-        self._left = number
-        taken = threading.Condition.__enter__
-
-        def take(condition):
-            found = taken(condition)
-            if threading.get_ident() == MAIN:
-                self._left -= 1
-                if not self._left:
-                    signal.raise_signal(signal.SIGINT)
-            return found
-
-        monkeypatch.setattr(threading.Condition, '__enter__', take)
-
-    @property
-    def has_struck(self):
-        return self._left <= 0
+from broken_lock import strike_each_lock  # isort: skip
 
 
 def put_and_drain():
@@ -80,25 +56,7 @@ WORKS = {
 
 @pytest.mark.parametrize('work', WORKS)
 def test_threads_end_whenever_a_handler_raises(work, monkeypatch):
-    before = set(threading.enumerate())
-    for number in count(1):
-        with monkeypatch.context() as patch:
-            strike = Strike(patch, number)
-            if strike_interrupts(WORKS[work], strike):
-                assert strike.has_struck
-            elif not strike.has_struck:
-                break
-        assert set(threading.enumerate()) <= before
-    assert number > 1
-
-
-def strike_interrupts(work, strike):
-    try:
-        work()
-    except KeyboardInterrupt:
-        return True
-    assert not strike.has_struck, 'the signal was lost'
-    return False
+    strike_each_lock(WORKS[work], monkeypatch)
 
 
 def test_a_task_gives_the_result_or_the_error_of_its_call():

@@ -14,6 +14,8 @@ import pytest
 from kitti_ros2.messages.cdr import Message
 from kitti_ros2.player.read_ahead import ReadAhead
 
+from broken_lock import strike_each_lock  # isort: skip
+
 TOTAL = 20
 ALL = frozenset({0, 1})
 
@@ -246,3 +248,16 @@ def test_one_worker_fetches_one_at_a_time_even_after_jumps():
         for position in (0, 9, 2, 15, 7, 8, 1):
             assert stamps(ahead.take(position)) == [position]
             ahead.refill()
+
+
+def test_threads_end_whenever_a_handler_raises(program, monkeypatch):
+    def play():
+        with ReadAhead(program, 3, polite=False) as ahead:
+            ahead.want(frozenset({0}))
+            ahead.prepare(0, 2)
+            for position in range(4):
+                ahead.take(position)
+                ahead.want(ALL, at_once=False)
+                ahead.refill()
+
+    strike_each_lock(play, monkeypatch)
