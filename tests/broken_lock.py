@@ -39,17 +39,21 @@ class _Strike:
 
 def strike_each_lock(work, monkeypatch):
     """Let a handler raise after each lock of a condition; assert that it does, and threads end."""
-    before = set(threading.enumerate())
-    for number in count(1):
-        with monkeypatch.context() as patch:
-            strike = _Strike(patch, number)
-            try:
-                work()
-            except KeyboardInterrupt:
-                pass
-            else:
-                assert not strike.has_struck, 'the signal was lost'
-        assert set(threading.enumerate()) <= before
-        if not strike.has_struck:
-            break
+    threads = set(threading.enumerate())
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
+    try:
+        for number in count(1):
+            with monkeypatch.context() as patch:
+                strike = _Strike(patch, number)
+                try:
+                    work()
+                except KeyboardInterrupt:
+                    pass
+                else:
+                    assert not strike.has_struck, 'the signal was lost'
+            assert set(threading.enumerate()) <= threads
+            if not strike.has_struck:
+                break
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert number > 1
