@@ -51,8 +51,8 @@ class SignalHold:
 
     def close(self) -> None:
         """Give the signals back to their handlers; does nothing the second time."""
-        before, self._before = self._before, {}
-        for number, handler in before.items():
+        # Signals that come meanwhile, or to one that was made later, still find the handlers here.
+        for number, handler in self._before.items():
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, handler)
 

@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import signal
 import threading
+from itertools import count
 
 import pytest
 
-from kitti_ros2.files.signal_hold import deferred_signals
+from kitti_ros2.files.signal_hold import SignalHold, deferred_signals
 
 
 @pytest.fixture
@@ -37,6 +38,37 @@ def test_an_ignored_signal_stays_ignored(caught):
     with deferred_signals():
         signal.raise_signal(signal.SIGHUP)
     assert caught == []
+
+
+def test_a_signal_is_handled_while_handlers_change(caught, monkeypatch):
+    change = signal.signal
+    for number in count(1):
+        left = number
+
+        def strike(*handler):
+            nonlocal left
+            left -= 1
+            if not left:
+                signal.raise_signal(signal.SIGTERM)
+            return change(*handler)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(signal, 'signal', strike)
+            with deferred_signals():
+                pass
+        if left > 0:
+            break
+        assert len(caught) == number
+    assert number > 2  # one at least when it begins, and one when it ends
+
+
+def test_a_hold_that_ends_before_a_later_one_still_hands_on(caught):
+    first, second = SignalHold(), SignalHold()
+    first.close()
+    signal.raise_signal(signal.SIGTERM)
+    second.close()
+    signal.raise_signal(signal.SIGTERM)
+    assert len(caught) == 2
 
 
 def test_an_error_does_not_lose_a_signal(caught):
