@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 from ..model.errors import KittiRos2Error, OutputError
 from .signal_hold import deferred_signals
 from .store_objects import StoreError, create_object, read_object, remove_objects, write_object
-from .threads import begin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -81,11 +80,12 @@ def locked_in_store(
     lock = _Lock(path, lease_s)
     lock.acquire(wait)
     thread = threading.Thread(target=lock.renew_until_stopped, daemon=True)
-    begin(thread)
+    with deferred_signals():  # as the event below, it shares a condition with its thread
+        thread.start()
     try:
         yield StoreLock(path, lock.lost)
     finally:
-        with deferred_signals():  # an event has a condition, which its thread shares
+        with deferred_signals():
             lock.stopped.set()
         thread.join()
         lock.release()

@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 R = TypeVar('R')
 
 
-def begin(thread: Thread) -> None:
-    """Start a thread; a signal that arrives meanwhile is handled when it runs."""
-    with deferred_signals():
-        thread.start()
-
-
 class ThreadTask(Generic[R]):
     """A call that a thread makes.
 
