@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
 from .foxglove_channels import appearing
 from .locate import locate_bag, reindex_advice
+from .pieces import NamedFile
 from .storages import storage_of
 from .summary import BagIndex
 
@@ -43,9 +45,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
     failure: BadBagError | None = None
     for path in bag.files:
         try:
-            plain = _unpacked(path, stack)
-            name = path if plain == path else Path(f'{path} (unpacked)')
-            file = storage_of(bag.storage).read(plain, name, findings)
+            file = storage_of(bag.storage).read(_unpacked(path, stack), findings)
         except BadBagError as error:
             failure = failure or error
             findings.lose(str(error))
@@ -154,7 +154,7 @@ def path_of(bag: BagSource) -> Path:
     return bag.path if isinstance(bag, OpenBag) else bag
 
 
-def _unpacked(path: Path, stack: ExitStack) -> Path:
+def _unpacked(path: Path, stack: ExitStack) -> NamedFile:
     """Return the file itself, or a decompressed copy if rosbag2 compressed it as a whole.
 
     A truncated file is decompressed up to its end.
@@ -167,7 +167,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
         raise BadBagError(path, 'is no regular file')
     with naming(path), path.open('rb') as source:
         if source.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
-            return path
+            return NamedFile(path, path)
         source.seek(0)
         folder = Path(stack.enter_context(TemporaryDirectory()))
         plain = folder / path.stem
@@ -175,8 +175,9 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
             with plain.open('wb') as target:
                 target.writelines(decompress_file(source))
         except ValueError as error:
-            raise BadBagError(path, str(error)) from None
+            raise BadBagError(path, str(error), expected='') from None
         except OSError as error:
             error.filename = f'{path} (unpacked to {folder.parent})'
             raise
-    return plain
+        packed = os.fstat(source.fileno()).st_size
+    return NamedFile(plain, Path(f'{path} (unpacked)'), packed)

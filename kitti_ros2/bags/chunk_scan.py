@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Generic
 
+from .limits import LimitError, Search
 from .pieces import Piece
 from .record_walk import DamagedHeadError, Head, walk
 
@@ -21,10 +22,13 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
     from .findings import Findings
+    from .limits import FileLimits
     from .pieces import Buffer, FileBytes, StoredChannel
     from .record_walk import Record, RecordFormat
 
 _LARGEST_RUN = 2**20
+_NO_PIECE = -1  # in place of a position
+_COST_OF_CHUNK = 5  # in messages; it has 50 bytes at least
 
 
 @dataclass
@@ -66,9 +70,14 @@ class Run:
         self._start_ns = min(self._start_ns, stamp_ns)
         self._end_ns = max(self._end_ns, stamp_ns)
 
-    def end_in(self, pieces: list[Piece]) -> None:
-        """Append it to the pieces, unless it has no messages."""
+    def end_in(self, pieces: list[Piece], limits: FileLimits) -> None:
+        """Append it to the pieces, unless it has no messages.
+
+        Raises:
+            LimitError: The pieces have too many.
+        """
         if self._counts:
+            limits.add_records(self._start, sum(self._counts.values()))
             length = self.end - self._start
             times = self._start_ns, self._end_ns
             pieces.append(Piece(*times, self._start, length, self._counts))
@@ -115,6 +124,7 @@ class ChunkScan(ABC, Generic[Head]):
         self._run = Run(0)
         self._cut_at: int | None = None
         self._read = 'what comes before'
+        self._refused: LimitError | None = None  # why descriptions are not kept
 
     def run(self) -> FileContents:
         """Scan the file once.
@@ -123,24 +133,47 @@ class ChunkScan(ABC, Generic[Head]):
             OSError: The file cannot be read.
         """
         file = self._file
-        ended = False
-        for record in walk(self._form, file, self._form.start, file.size, self._lose_bytes):
-            ended = record.opcode == self.footer and record.end <= file.size
-            if ended:
-                self._check_end(record.end)
-                break
-            self._enter(record)
-        self._end_run()
+        try:
+            ended = self._walk()
+        except LimitError as error:
+            self._findings.lose(f'{file.name}: {error}; what follows is not read')
+            ended = True
         if not ended and (self.footer is not None or self._cut_at is not None):
             place = '' if self._cut_at is None else f', in the record at {self._cut_at}'
             text = f'{file.name}: cut off at byte {file.size}{place}; {self._read} was read'
             self._findings.lose(text, 0 if self._read == 'every message' else None)
         channels = self._channels()
-        for channel_id in self._stamps.keys() - channels.keys():
-            count = len(self._stamps.pop(channel_id))
-            text = f'{self.noun} {channel_id} is not described; its messages are left out'
-            self._findings.lose(f'{file.name}: {text}', count)
+        left_out = {
+            key: len(self._stamps.pop(key)) for key in self._stamps.keys() - channels.keys()
+        }
+        if self._refused is not None:
+            text = f'{file.name}: {self._refused}; the messages of all others are left out'
+            self._findings.lose(text, sum(left_out.values()))
+        else:
+            for channel_id, count in left_out.items():
+                text = f'{self.noun} {channel_id} is not described; its messages are left out'
+                self._findings.lose(f'{file.name}: {text}', count)
         return FileContents(channels, self._pieces, self._compressions, self._stamps)
+
+    def _walk(self) -> bool:
+        """Enter all records; return whether the file ends as its format says.
+
+        Raises:
+            LimitError: There are too many.
+        """
+        file, others = self._file, 0
+        search = Search(file.limits, _NO_PIECE)
+        for record in walk(self._form, file, self._form.start, file.size, self._lose_bytes, search):
+            if record.opcode == self.footer and record.end <= file.size:
+                self._check_end(record.end)
+                self._end_run()
+                return True
+            if record.opcode != self._form.message:
+                others += _COST_OF_CHUNK if record.opcode == self._form.chunk else 1
+                file.limits.add_records(_NO_PIECE, others)
+            self._enter(record)
+        self._end_run()
+        return False
 
     def _check_end(self, end: int) -> None:
         """Enter a loss if more than the closing magic bytes is behind the footer."""
@@ -189,10 +222,10 @@ class ChunkScan(ABC, Generic[Head]):
             self._form, self._file, record.position, data, self._findings
         ):
             self._enter_record(head, body, run)
-        run.end_in(self._pieces)
+        run.end_in(self._pieces, self._file.limits)
 
     def _end_run(self) -> None:
-        self._run.end_in(self._pieces)
+        self._run.end_in(self._pieces, self._file.limits)
         self._run = Run(0)
 
     @abstractmethod
@@ -253,9 +286,13 @@ def piece_records(
         findings.lose(f'{place} (bytes {start} to {stop} of it)')
 
     if whole:
-        for record in walk(form, HeldBytes(view), done, len(view), lose):
-            if record.end <= len(view):
-                head, start, end = form.split_record(view, record.position)
-                yield head, view[start:end]
-            else:
-                lose(record.position, len(view))
+        search = Search(file.limits, position)
+        try:
+            for record in walk(form, HeldBytes(view), done, len(view), lose, search):
+                if record.end <= len(view):
+                    head, start, end = form.split_record(view, record.position)
+                    yield head, view[start:end]
+                else:
+                    lose(record.position, len(view))
+        except LimitError as error:
+            findings.lose(f'{place} ({error})')

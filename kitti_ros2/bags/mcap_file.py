@@ -32,12 +32,11 @@ from .open_bytes import open_bytes
 if TYPE_CHECKING:
     from array import array
     from collections.abc import Collection, Mapping, Sequence
-    from pathlib import Path
 
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import Buffer, FileBytes, Piece, StoredMessage
+    from .pieces import Buffer, FileBytes, NamedFile, Piece, StoredMessage
 
 _FOOTER = struct.Struct('<BQQQI')
 _CRC_SIZE = 4
@@ -47,8 +46,7 @@ class McapFile(ChunkedFile[int]):
     """An MCAP file.
 
     Args:
-        path: The file.
-        name: The path in messages.
+        file: The file.
         findings: Damage is entered there.
 
     Raises:
@@ -56,12 +54,12 @@ class McapFile(ChunkedFile[int]):
         OSError: The file cannot be read.
     """
 
-    def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        file = open_bytes(path, name)
-        if file.read(0, len(MAGIC)) != MAGIC:
-            raise BadBagError(name, 'does not begin as an MCAP file does')
-        contents, self._described = _read_summary(file, findings) or _scan(file, findings)
-        super().__init__(file, findings, contents, MCAP)
+    def __init__(self, file: NamedFile, findings: Findings) -> None:
+        data = open_bytes(file)
+        if data.read(0, len(MAGIC)) != MAGIC:
+            raise BadBagError(file.name, 'does not begin as an MCAP file does')
+        contents, self._described = _read_summary(data, findings) or _scan(data, findings)
+        super().__init__(data, findings, contents, MCAP)
         self._index_lengths = contents.index_lengths
         self._clashes: dict[tuple[int, bytes], str] = {}
 
@@ -123,20 +121,23 @@ def _read_summary(file: FileBytes, findings: Findings) -> tuple[FileContents, De
     opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
     if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - RECORD_HEAD.size) or not start:
         return None
-    section = file.read(start, file.size - len(MAGIC) - start)
-    if not agrees(section[:-_CRC_SIZE], crc):
-        findings.lose(f'{file.name}: its summary, at byte {start}, is damaged (wrong checksum)', 0)
-        return None
     try:
-        return _summarized(section, start)
+        section = file.read_part(start, file.size - len(MAGIC) - start)
+        if not agrees(section[:-_CRC_SIZE], crc):
+            text = f'its summary, at byte {start}, is damaged (wrong checksum)'
+            findings.lose(f'{file.name}: {text}', 0)
+            return None
+        return _summarized(file, section, start)
     except RECORD_ERRORS:
         return None
 
 
-def _summarized(section: bytes, start: int) -> tuple[FileContents, Descriptions] | None:
-    contents, described = FileContents(), Descriptions()
+def _summarized(
+    file: FileBytes, section: bytes, start: int
+) -> tuple[FileContents, Descriptions] | None:
+    contents, described = FileContents(), Descriptions(file.limits.descriptions())
     message_count: int | None = None
-    for opcode, position, end in split_records(section):
+    for opcode, position, end in file.limits.counted(start, split_records(section)):
         body = section[position:end]
         if opcode == Opcode.STATISTICS:
             message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count

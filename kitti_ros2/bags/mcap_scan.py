@@ -16,6 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from .chunk_scan import ChunkScan
+from .limits import LimitError
 from .mcap_records import MCAP, MESSAGE_BODY
 from .offered_qos import offered_qos
 from .pieces import StoredChannel
@@ -24,6 +25,7 @@ from .spelling import ros2_spelling
 if TYPE_CHECKING:
     from .chunk_scan import Run
     from .findings import Findings
+    from .limits import DescriptionLimits
     from .pieces import Buffer, FileBytes
 
 # Raised by the library on damaged records.
@@ -48,9 +50,13 @@ class Descriptions:
     """The schemas and channels of a file.
 
     The first of an id is used: chunks have a checksum, the copies in a damaged summary have none.
+
+    Args:
+        room: How many there may be.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, room: DescriptionLimits) -> None:
+        self._room = room
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, _McapChannel] = {}
 
@@ -61,16 +67,21 @@ class Descriptions:
             What the record contradicts, such as another of its id; empty for nothing.
 
         Raises:
+            LimitError: There are too many.
             RECORD_ERRORS: The record is damaged.
         """
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(body)))
+            if schema.id not in self._schemas:
+                self._room.add(len(body))
             first = self._schemas.setdefault(schema.id, schema)
             return (
                 '' if first == schema else _two_ways('schema', schema.id, first.name, schema.name)
             )
         if opcode == Opcode.CHANNEL:
             channel_id, channel = _parse_channel(body)
+            if channel_id not in self._channels:
+                self._room.add(len(body))
             known = self._channels.setdefault(channel_id, channel)
             if known.contradicts(channel):
                 return _two_ways('channel', channel_id, self._name(known), self._name(channel))
@@ -138,7 +149,7 @@ class McapScan(ChunkScan[int]):
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
         super().__init__(file, findings, MCAP)
-        self.described = Descriptions()
+        self.described = Descriptions(file.limits.descriptions())
 
     def _enter_record(self, head: int, body: Buffer, run: Run) -> None:
         if head == Opcode.MESSAGE:
@@ -148,6 +159,8 @@ class McapScan(ChunkScan[int]):
             return
         try:
             clash = self.described.enter(head, body)
+        except LimitError as error:
+            self._refused = error
         except RECORD_ERRORS as error:
             kind = Opcode(head).name.lower()
             self._findings.lose(f'{self._file.name}: a {kind} record is damaged ({error})')

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..files.remote import RemotePath
+    from .pieces import NamedFile
 
 
 class RemoteFileBytes(FileBytes):
@@ -47,14 +48,12 @@ class RemoteFileBytes(FileBytes):
         """Do nothing: no connection is held."""
 
 
-def open_bytes(path: Path, name: Path) -> FileBytes:
+def open_bytes(file: NamedFile) -> FileBytes:
     """Open a file, on a disk or in a store.
-
-    Args:
-        path: The file.
-        name: The path in messages.
 
     Raises:
         OSError, RemoteError: It cannot be opened.
     """
-    return RemoteFileBytes(path, name) if is_remote(path) else FileBytes(path, name)
+    if is_remote(file.path):
+        return RemoteFileBytes(file.path, file.name)
+    return FileBytes(file)

@@ -180,6 +180,20 @@ class BagFile(ABC):
         """Return the stamps of all messages, nanoseconds, by channel id."""
 
 
+class NamedFile(NamedTuple):
+    """A file of a bag that is to be opened.
+
+    Attributes:
+        path: The file; a copy of it if it had to be unpacked.
+        name: The path in messages.
+        packed: Bytes of the file that was unpacked, None if none was.
+    """
+
+    path: Path
+    name: Path
+    packed: int | None = None
+
+
 class FileBytes:
     """A file's bytes by position; not memory-mapped, as a file may be truncated while it is read.
 
@@ -193,16 +207,18 @@ class FileBytes:
     """
 
     waits = False
+    _packed: int | None = None
 
     @cached_property
     def limits(self) -> FileLimits:
-        """What its compressed blocks may become together."""
-        return FileLimits(self.size)
+        """What it may hold: as much as its compressed form allows, if it was unpacked."""
+        return FileLimits(self.size if self._packed is None else self._packed)
 
-    def __init__(self, path: Path, name: Path) -> None:
-        self.name = name
-        self._file = path.open('rb', buffering=0)
-        with naming(name):
+    def __init__(self, file: NamedFile) -> None:
+        self.name = file.name
+        self._packed = file.packed
+        self._file = file.path.open('rb', buffering=0)
+        with naming(self.name):
             self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, position: int, length: int) -> bytes:
@@ -225,6 +241,17 @@ class FileBytes:
             error.filename = str(self.name)
             raise
         return data
+
+    def read_part(self, position: int, length: int) -> bytes:
+        """Read as read does a part that is held in memory as a whole, such as an index.
+
+        Raises:
+            ValueError: It is larger than a file of its packed size may have.
+            OSError: The disk refuses.
+        """
+        if length > self.limits.largest_part:
+            raise ValueError(f'{length} bytes, at most {self.limits.largest_part} are read')
+        return self.read(position, length)
 
     def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
         """Read into a contiguous array; return the number of bytes, fewer at the end of the file.

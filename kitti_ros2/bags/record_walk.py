@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Iterator
 
+    from .limits import Search
     from .pieces import Buffer, StoredMessage
 
     class Source(Protocol):
@@ -132,6 +133,7 @@ def walk(
     position: int,
     end: int,
     lose: Callable[[int, int], None],
+    search: Search,
 ) -> Iterator[Record]:
     """Yield the records from a position on; skip damaged bytes.
 
@@ -144,10 +146,14 @@ def walk(
         position: Start of the first record.
         end: End of the last record.
         lose: Called with the start and end of damaged bytes.
+        search: What it may cost to search them.
+
+    Raises:
+        LimitError: It would cost more.
     """
     while position < end:
         kind, record = form.look(source, position, end)
-        if kind is Kind.WHOLE and _is_believed(form, source, record, end):
+        if kind is Kind.WHOLE and _is_believed(form, source, record, end, search):
             yield record
             position = record.end
             continue
@@ -156,7 +162,7 @@ def walk(
             inside = form.inside(source, position)
             position = end if inside is None else inside
             continue
-        found = find_record(form, source, position + 1, end)
+        found = find_record(form, source, position + 1, end, search)
         if found is None and kind is Kind.CUT:
             yield record
             return
@@ -164,33 +170,45 @@ def walk(
         position = end if found is None else found
 
 
-def find_record(form: RecordFormat[Any], source: Source, position: int, end: int) -> int | None:
-    """Return the first position from which records are consecutive, None if there is none."""
+def find_record(
+    form: RecordFormat[Any], source: Source, position: int, end: int, search: Search
+) -> int | None:
+    """Return the first position from which records are consecutive, None if there is none.
+
+    Raises:
+        LimitError: The search would cost too much.
+    """
     while position < end:
         window = source.read(position, min(_WINDOW, end - position) + form.longest)
-        if not bytes(window).strip(b'\0'):
+        if bytes(window) == bytes(len(window)):
             position += _WINDOW  # zeros, as a crash leaves in a file that was not yet filled
             continue
+        done = 0
         for match in form.candidate.finditer(window):
             start = position + match.start()
+            search.spend(match.start() - done, looks=1)
+            done = match.start()
             if start < end and _begins_row(form, source, start, end):
                 return start
+        search.spend(len(window) - done)
         position += _WINDOW
     return None
 
 
-def _is_believed(form: RecordFormat[Any], source: Source, record: Record, end: int) -> bool:
+def _is_believed(
+    form: RecordFormat[Any], source: Source, record: Record, end: int, search: Search
+) -> bool:
     if record.end == end or form.is_checked(record.opcode):
         return True
     if form.look(source, record.end, end)[0] is Kind.WHOLE:
         return True
     # Either the following bytes are damaged, or the length of this record, which then hides others.
     # A chunk contains records, which may be found even in a compressed one, but no chunks.
-    found = find_record(form, source, record.position + 1, record.end)
+    found = find_record(form, source, record.position + 1, record.end, search)
     while found is not None and record.opcode == form.chunk:
         if form.look(source, found, end)[1].opcode == form.chunk:
             return False
-        found = find_record(form, source, found + 1, record.end)
+        found = find_record(form, source, found + 1, record.end, search)
     return found is None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ..model.errors import BadBagError
 from .chunk_scan import FileContents
 from .chunked_file import ChunkedFile
+from .limits import LimitError
 from .open_bytes import open_bytes
 from .pieces import FileBytes, Piece
 from .ros1_records import (
@@ -30,17 +31,17 @@ from .ros1_records import (
     parse_time,
     split_record,
 )
-from .ros1_scan import Ros1Scan, parse_connection
+from .ros1_scan import Connections, Ros1Scan, parse_connection
 
 if TYPE_CHECKING:
     from array import array
     from collections.abc import Collection, Mapping
-    from pathlib import Path
 
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import Buffer, StoredMessage
+    from .limits import FileLimits
+    from .pieces import Buffer, NamedFile, StoredMessage
 
 _HEAD_READ = 4096
 _COUNT = struct.Struct('<II')
@@ -51,8 +52,7 @@ class Ros1File(ChunkedFile[Fields]):
     """A ROS 1 .bag file, format 2.0.
 
     Args:
-        path: The file.
-        name: The path in messages.
+        file: The file.
         findings: Damage is entered there.
 
     Raises:
@@ -60,12 +60,12 @@ class Ros1File(ChunkedFile[Fields]):
         OSError: The file cannot be read.
     """
 
-    def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        file = open_bytes(path, name)
-        if file.read(0, len(MAGIC)) != MAGIC:
-            raise BadBagError(name, 'does not begin as a ROS 1 bag of format 2.0 does')
-        contents = _read_index(file, findings) or Ros1Scan(file, findings).run()
-        super().__init__(file, findings, contents, ROS1)
+    def __init__(self, file: NamedFile, findings: Findings) -> None:
+        data = open_bytes(file)
+        if data.read(0, len(MAGIC)) != MAGIC:
+            raise BadBagError(file.name, 'does not begin as a ROS 1 bag of format 2.0 does')
+        contents = _read_index(data, findings) or Ros1Scan(data, findings).run()
+        super().__init__(data, findings, contents, ROS1)
         if self.pieces:
             with suppress(ValueError):
                 self._chunk_end(self.pieces[0])
@@ -126,22 +126,27 @@ def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
             return None
         if start > file.size:
             return None  # the scan reports where it is truncated
-        return _indexed_contents(file.read(start, file.size - start), start, fields)
+        section = file.read_part(start, file.size - start)
+        return _indexed_contents(section, start, fields, file.limits)
+    except LimitError:
+        return None  # the scan tells what is left out
     except ValueError as error:
         findings.lose(f'{file.name}: its index is damaged ({error})', 0)
         return None
 
 
-def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContents:
+def _indexed_contents(
+    section: bytes, start: int, header: Fields, limits: FileLimits
+) -> FileContents:
     """Parse an index, which must list as many chunks as the bag's header.
 
     Raises:
-        ValueError: The index is damaged.
+        ValueError: The index is damaged, or lists more than the limits of the file allow.
     """
     if opcode_of(header) != BAG_HEADER:
         raise ValueError('the header does not tell where it is')
     expected = int.from_bytes(header[b'chunk_count'], 'little')
-    channels = {}
+    connections = Connections(limits.descriptions())
     infos: list[tuple[int, int, int, dict[int, int]]] = []
     position = 0
     while position < len(section):
@@ -151,17 +156,17 @@ def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContent
         body = section[at:position]
         opcode = opcode_of(fields)
         if opcode == CONNECTION:
-            channel_id, channel = parse_connection(fields, body)
-            channels[channel_id] = channel
+            connections.enter(fields, body)
         elif opcode == CHUNK_INFO:
             times = parse_time(fields[b'start_time']), parse_time(fields[b'end_time'])
             if len(body) != _COUNT.size * int.from_bytes(fields[b'count'], 'little'):
                 raise ValueError('a chunk with other connections than it counts')
             counts = dict(_COUNT.iter_unpack(body))
+            limits.add_records(start, len(infos))
             infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
     if len(infos) != expected:
         raise ValueError(f'{len(infos)} chunks instead of {expected}')
-    if any(not counts.keys() <= channels.keys() for _, _, _, counts in infos):
+    if any(not counts.keys() <= connections.by_id.keys() for _, _, _, counts in infos):
         raise ValueError('a connection is missing')
     infos.sort(key=itemgetter(0))
     ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
@@ -169,4 +174,4 @@ def _indexed_contents(section: bytes, start: int, header: Fields) -> FileContent
         Piece(start_ns, end_ns, place, end - place, counts)
         for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
     ]
-    return FileContents(channels, pieces)
+    return FileContents(connections.by_id, pieces)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .chunk_scan import ChunkScan
+from .limits import LimitError
 from .offered_qos import latched_qos
 from .pieces import StoredChannel
 from .ros1_records import (
@@ -25,10 +26,8 @@ from .spelling import ros2_spelling
 if TYPE_CHECKING:
     from .chunk_scan import Run
     from .findings import Findings
+    from .limits import DescriptionLimits
     from .pieces import Buffer, FileBytes
-
-_CONNECTIONS = 2**16  # as many as MCAP can number
-_BYTES_PER_CONNECTION = 100
 
 
 @dataclass(frozen=True)
@@ -44,6 +43,33 @@ class Ros1Channel(StoredChannel):
     callerid: str | None = None
 
 
+class Connections:
+    """The connections of a file.
+
+    Args:
+        room: How many there may be.
+
+    Attributes:
+        by_id: The last description of each.
+    """
+
+    def __init__(self, room: DescriptionLimits) -> None:
+        self.by_id: dict[int, StoredChannel] = {}
+        self._room = room
+
+    def enter(self, fields: Fields, body: Buffer) -> None:
+        """Enter a connection.
+
+        Raises:
+            LimitError: There are too many.
+            ValueError: The connection is damaged.
+        """
+        channel_id, channel = parse_connection(fields, body)
+        if channel_id not in self.by_id:
+            self._room.add(len(body))
+        self.by_id[channel_id] = channel
+
+
 class Ros1Scan(ChunkScan[Fields]):
     """A scan of a ROS 1 .bag file.
 
@@ -57,7 +83,7 @@ class Ros1Scan(ChunkScan[Fields]):
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
         super().__init__(file, findings, ROS1)
-        self._described: dict[int, StoredChannel] = {}
+        self._connections = Connections(file.limits.descriptions())
 
     def _enter_record(self, head: Fields, body: Buffer, run: Run) -> None:
         opcode = opcode_of(head)
@@ -65,25 +91,17 @@ class Ros1Scan(ChunkScan[Fields]):
             channel_id, stamp_ns = parse_message(head)
             self._stamps.setdefault(channel_id, array('Q')).append(stamp_ns)
             run.add(channel_id, stamp_ns)
-        elif opcode == CONNECTION and self._has_room():
+        elif opcode == CONNECTION and self._refused is None:
             try:
-                channel_id, channel = parse_connection(head, body)
+                self._connections.enter(head, body)
+            except LimitError as error:
+                self._refused = error
             except ValueError as error:
                 text = f'{self._file.name}: a connection is damaged ({error})'
                 self._findings.lose(text)
-            else:
-                self._described[channel_id] = channel
-
-    def _has_room(self) -> bool:
-        """Whether one more connection is read: a compressed chunk may have millions."""
-        most = max(_CONNECTIONS, self._file.size // _BYTES_PER_CONNECTION)
-        if len(self._described) < most:
-            return True
-        self._findings.lose(f'{self._file.name}: more than {most} connections; no more are read')
-        return False
 
     def _channels(self) -> dict[int, StoredChannel]:
-        return self._described
+        return self._connections.by_id
 
 
 def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
     from .contract import SegmentContext, SegmentWriter
     from .findings import Findings
-    from .pieces import BagFile
+    from .pieces import BagFile, NamedFile
 
 
-def _read(path: Path, name: Path, findings: Findings) -> BagFile:
+def _read(file: NamedFile, findings: Findings) -> BagFile:
     from .ros1_file import Ros1File  # noqa: PLC0415
 
-    return Ros1File(path, name, findings)
+    return Ros1File(file, findings)
 
 
 def _write(path: Path, context: SegmentContext) -> SegmentWriter:

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     from .contract import SegmentContext, SegmentWriter
     from .findings import Findings
-    from .pieces import BagFile
+    from .pieces import BagFile, NamedFile
 
 
-def _read(path: Path, name: Path, findings: Findings) -> BagFile:
+def _read(file: NamedFile, findings: Findings) -> BagFile:
     from .sqlite_file import SqliteFile  # noqa: PLC0415
 
-    return SqliteFile(path, name, findings)
+    return SqliteFile(file, findings)
 
 
 def _write(path: Path, context: SegmentContext) -> SegmentWriter:

@@ -22,6 +22,7 @@ import numpy as np
 from ..files.remote import is_remote
 from ..model.errors import BadBagError
 from ..model.text import one_line
+from .limits import FileLimits, LimitError
 from .pieces import BagFile, FileBytes, Piece
 from .sqlite_connection import GuardedConnection
 from .sqlite_rows import QueriedRows
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .findings import Findings
-    from .pieces import FetchedPiece, StoredMessage
+    from .pieces import FetchedPiece, NamedFile, StoredMessage
     from .sqlite_scan import MessageRow
 
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
@@ -45,8 +46,7 @@ class SqliteFile(BagFile):
     """A .db3 file.
 
     Args:
-        path: The file.
-        name: The path in messages.
+        file: The file.
         findings: Damage is entered there.
 
     Attributes:
@@ -59,27 +59,31 @@ class SqliteFile(BagFile):
         OSError: The file cannot be read.
     """
 
-    def __init__(self, path: Path, name: Path, findings: Findings) -> None:
-        if is_remote(path):
+    def __init__(self, file: NamedFile, findings: Findings) -> None:
+        if is_remote(file.path):
             raise BadBagError(
-                name,
+                file.name,
                 'is a sqlite3 bag, which is read from a local disk only',
                 'an MCAP file or a ROS 1 bag at a URL; copy it to this machine first',
             )
-        self._name = name
+        self._name = file.name
         self._findings = findings
-        self._file = FileBytes(path, name)
+        self._file = FileBytes(file)
         self._connection: sqlite3.Connection | None = None
         self._by_id: dict[int, MessageRow] | None = None
         self._left = ExitStack()
         self._is_whole = True
         self._size = self._file.size  # with the log beside it
+        self._limits = self._file.limits
         try:
             self._pages = Pages(self._file)
-            rows = self._open(path)
+            rows = self._open(file.path)
+        except LimitError as error:
+            self.close()
+            raise BadBagError(file.name, str(error), expected='') from error
         except ValueError as error:
             self.close()
-            raise BadBagError(name, f'is no rosbag2 sqlite3 file ({error})') from error
+            raise BadBagError(file.name, f'is no rosbag2 sqlite3 file ({error})') from error
         known = np.isin(rows['topic_id'], list(self.channels))
         if not known.all():
             count = int(np.count_nonzero(~known))
@@ -138,6 +142,7 @@ class SqliteFile(BagFile):
         """Read id, topic and stamp of every readable row, by id; set the channels.
 
         Raises:
+            LimitError: There are too many topics or rows.
             ValueError: There are no topics.
         """
         size = self._file.size
@@ -146,14 +151,16 @@ class SqliteFile(BagFile):
         else:
             try:
                 self._connection = self._connect(path)
-                self.channels = stored_topics(self._connection)
-                return _listed_rows(self._connection)
+                self.channels = stored_topics(self._connection, self._limits.descriptions())
+                return _listed_rows(self._connection, self._limits)
+            except LimitError:
+                raise
             except _ERRORS as error:
                 if self._connection is not None:
                     self._connection.close()
                     self._connection = None
                 self._lose(f'is damaged ({one_line(str(error))})', None)
-        self.channels = scanned_topics(self._pages)
+        self.channels = scanned_topics(self._pages, self._limits.descriptions())
         if not self.channels:
             raise ValueError('it has no list of topics')
         return self._scanned_rows()
@@ -171,6 +178,7 @@ class SqliteFile(BagFile):
             self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
             mode = 'mode=ro'
             self._size += wal.stat().st_size
+            self._limits = FileLimits(self._size)
             self._is_whole = False
             shared = path.with_name(f'{path.name}-shm')
             if not shared.exists():
@@ -185,7 +193,7 @@ class SqliteFile(BagFile):
             uri, uri=True, check_same_thread=False, factory=GuardedConnection
         )
         try:
-            connection.guard(self._size)
+            connection.guard(min(self._size, self._limits.largest_part))
         except BaseException:
             connection.close()
             raise
@@ -221,7 +229,8 @@ class SqliteFile(BagFile):
     def _scanned(self) -> dict[int, MessageRow]:
         """Return the messages found in the pages, by the id of their row."""
         if self._by_id is None:
-            self._by_id = {message.row.row_id: message for message in self._pages.messages()}
+            messages = self._limits.counted(0, self._pages.messages())
+            self._by_id = {message.row.row_id: message for message in messages}
         return self._by_id
 
     def _in_one_query(
@@ -255,14 +264,16 @@ class SqliteFile(BagFile):
             return None
 
 
-def _listed_rows(connection: sqlite3.Connection) -> npt.NDArray[np.void]:
+def _listed_rows(connection: sqlite3.Connection, limits: FileLimits) -> npt.NDArray[np.void]:
     """Read id, topic and stamp of all rows, by id.
 
     Raises:
+        LimitError: There are too many.
         sqlite3.Error, TypeError, ValueError, OverflowError: The table is damaged.
     """
-    query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id'
-    rows = np.fromiter(connection.execute(query), _ROW)
+    query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id LIMIT ?'
+    rows = np.fromiter(connection.execute(query, [limits.most_records + 1]), _ROW)
+    limits.add_records(0, len(rows))
     if (np.diff(rows['id']) <= 0).any():
         raise ValueError('its rows are not in order')
     return rows

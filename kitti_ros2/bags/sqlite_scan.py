@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _MAGIC = b'SQLite format 3\0'
 _HEAD_SIZE = 100
 LEAF = 13
+_LONGEST_HEAD = 100  # of a row: rosbag2 has tables of up to six columns
 LEAF_HEAD = 8
 _BLOCK = 2**20
 UINT16 = struct.Struct('>H')
@@ -92,12 +93,13 @@ class Pages:
         Pages may lead to each other in a circle, which has data of any size.
         """
         left = self._file.size
-        for row in self._all_rows():
-            if row.size <= left:
+        # Pages that are made so have a cell for every two bytes.
+        for row in self._file.limits.counted(0, self._cells()):
+            if row is not None and row.size <= left:
                 left -= row.size
                 yield row
 
-    def _all_rows(self) -> Iterator[Row]:
+    def _cells(self) -> Iterator[Row | None]:
         pages = max(1, _BLOCK // self.page_size)
         for start in range(0, self._file.size, pages * self.page_size):
             block = self._file.read(start, pages * self.page_size)
@@ -188,16 +190,14 @@ class Pages:
             raise ValueError(f'its page {number} is missing')
         return page
 
-    def _leaf(self, page: bytes, position: int) -> Iterator[Row]:
+    def _leaf(self, page: bytes, position: int) -> Iterator[Row | None]:
         head = _HEAD_SIZE if position == 0 else 0
         (cells,) = UINT16.unpack_from(page, head + 3)
         first = head + LEAF_HEAD
         if first + 2 * cells > len(page):
             return
         for (start,) in UINT16.iter_unpack(page[first : first + 2 * cells]):
-            row = self.cell(page, start, position) if start >= first + 2 * cells else None
-            if row is not None:
-                yield row
+            yield self.cell(page, start, position) if start >= first + 2 * cells else None
 
     def cell(self, page: bytes, start: int, position: int) -> Row | None:
         """Parse the row at an offset in a page, None if it is invalid."""
@@ -206,7 +206,9 @@ class Pages:
             row_id, at = parse_varint(page, at)
             end = at + self.local(size)
             head, place = parse_varint(page, at)
-            types = []
+            types: list[int] = []
+            if head > _LONGEST_HEAD:
+                return None
             while place < at + head:
                 kind, place = parse_varint(page, place)
                 types.append(kind)

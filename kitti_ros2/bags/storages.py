@@ -18,19 +18,19 @@ if TYPE_CHECKING:
 
     from .contract import SegmentContext, SegmentWriter
     from .findings import Findings
-    from .pieces import BagFile
+    from .pieces import BagFile, NamedFile
 
 
 class Storage(NamedTuple):
     """Opens the files of a container.
 
     Attributes:
-        read: Opens a file (path, path to show, findings) for reading.
+        read: Opens a file (file, findings) for reading.
         write: Makes a file and opens it for writing.
         write_errors: Exceptions of the writer's library, besides OSError, when the disk refuses.
     """
 
-    read: Callable[[Path, Path, Findings], BagFile]
+    read: Callable[[NamedFile, Findings], BagFile]
     write: Callable[[Path, SegmentContext], SegmentWriter]
     write_errors: tuple[type[Exception], ...] = ()
 

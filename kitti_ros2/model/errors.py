@@ -235,7 +235,13 @@ class KeptInterruptError(KittiRos2Error):
 
 
 class BadBagError(KittiRos2Error):
-    """A path is no readable bag, or a bag does not contain the requested data."""
+    """A path is no readable bag, or a bag does not contain the requested data.
+
+    Args:
+        path: What was read.
+        found: What is wrong with it.
+        expected: What is read instead; empty where what was found says that.
+    """
 
     def __init__(
         self,
@@ -244,7 +250,8 @@ class BadBagError(KittiRos2Error):
         expected: str = ANY_BAG,
     ) -> None:
         self.path = str(path)
-        super().__init__(f'{path}: {found}; expected {expected}')
+        wanted = f'; expected {expected}' if expected else ''
+        super().__init__(f'{path}: {found}{wanted}')
 
 
 class MissingDataError(KittiRos2Error):

@@ -9,7 +9,7 @@ import os
 import foreign
 import pytest
 
-from kitti_ros2.bags.pieces import FileBytes
+from kitti_ros2.bags.pieces import FileBytes, NamedFile
 from kitti_ros2.bags.reader import open_messages
 
 
@@ -42,7 +42,7 @@ def test_advice_changes_nothing(bag, monkeypatch):
 def test_advice_stays_in_the_file(tmp_path, monkeypatch):
     path = tmp_path / 'file'
     path.write_bytes(bytes(2**20))
-    file = FileBytes(path, path)
+    file = FileBytes(NamedFile(path, path))
     given = []
     monkeypatch.setattr(os, 'posix_fadvise', lambda _, *span: given.append(span))
     for start, length in ((0, 2**30), (2**20, 5), (2**21, 2**20)):

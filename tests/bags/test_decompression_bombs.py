@@ -235,8 +235,8 @@ def test_the_messages_of_all_blocks_are_bounded(counts, tmp_path):
     with open_messages(bag) as reader:
         found = sum(1 for _ in reader)
         lost = [text for text in reader.losses if 'hold more than 200000 records' in text]
-    assert found <= 300_000
-    assert len(lost) >= 4
+    assert 150_000 <= found <= 200_000
+    assert len(lost) >= 4 or any('what follows is not read' in text for text in lost)
     assert all(LARGEST_BLOCK in text for text in lost)
 
 
@@ -258,7 +258,7 @@ def test_the_connections_of_a_block_are_bounded(tmp_path):
     records = b''.join(ros1_connection(number, b'/t%d' % number) for number in range(70_000))
     bag = ros1_bag(tmp_path / 'a.bag', [ros1_chunk(records)])
     with open_messages(bag) as reader:
-        assert f'{bag}: more than 65536 connections; no more are read' in reader.losses
+        assert any('more than 20000 topics and types' in text for text in reader.losses)
 
 
 def test_the_same_block_counts_once():

@@ -15,7 +15,7 @@ import pytest
 import zstandard
 
 from kitti_ros2.bags import sqlite_rows, sqlite_tree
-from kitti_ros2.bags.pieces import FileBytes, MessageStart, size_of
+from kitti_ros2.bags.pieces import FileBytes, MessageStart, NamedFile, size_of
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_scan import Pages
 from kitti_ros2.bags.sqlite_tree import TableTree
@@ -213,7 +213,7 @@ def test_noise_in_the_tree_raises_value_errors_only(tmp_path):
             page = root - 1 if turn % 2 else rng.randrange(root, len(noisy) // 512)
             noisy[page * 512 + rng.randrange(512)] = rng.randrange(256)
         path.write_bytes(noisy[: rng.choice((len(noisy), len(noisy) // 2))])
-        file = FileBytes(path, path)
+        file = FileBytes(NamedFile(path, path))
         tree = TableTree(file, Pages(file), root)
         for row_id in ids:
             try:
