@@ -29,7 +29,7 @@ _TEXTS_ALWAYS = 16 * 10**6
 _TEXTS_RATIO = 4
 _SEARCHED_ALWAYS = 32 * 10**6
 _SEARCHED_RATIO = 32
-_SEARCHED_STEP = 10**5
+_SEARCHED_STEP = 10**4
 _LOOK = 100  # bytes that are searched in the time of one look at a place
 
 

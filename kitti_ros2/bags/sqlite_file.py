@@ -229,8 +229,12 @@ class SqliteFile(BagFile):
     def _scanned(self) -> dict[int, MessageRow]:
         """Return the messages found in the pages, by the id of their row."""
         if self._by_id is None:
-            messages = self._limits.counted(0, self._pages.messages())
-            self._by_id = {message.row.row_id: message for message in messages}
+            self._by_id = {}
+            try:
+                for message in self._pages.messages():
+                    self._by_id[message.row.row_id] = message
+            except LimitError as error:
+                self._lose(f'{error}; no more rows are read', None)
         return self._by_id
 
     def _in_one_query(

@@ -20,6 +20,7 @@ from kitti_ros2.bags.limits import LARGEST_BLOCK
 from kitti_ros2.bags.mcap_records import McapFormat
 from kitti_ros2.bags.mcap_summary import MAGIC
 from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.sqlite_rows import QueriedRows
 from kitti_ros2.bags.sqlite_scan import LEAF
 from kitti_ros2.model.errors import BadBagError
 from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, write_sqlite3
@@ -252,3 +253,22 @@ def test_cells_that_lead_to_the_same_long_row_are_bounded(tmp_path):
         with pytest.raises(BadBagError):
             open_messages(path)
     assert parsed <= 10 * count
+
+
+def test_pages_are_searched_for_single_rows_within_the_limits(tmp_path, monkeypatch):
+    monkeypatch.setattr('kitti_ros2.bags.limits._RECORDS_ALWAYS', MOST)
+    monkeypatch.setattr(QueriedRows, 'read', lambda *_: iter(()))
+    path = tmp_path / 'a.db3'
+    write_rows(path, MOST - 1)
+    assert read(path)[0] == MOST - 1
+    with closing(sqlite3.connect(path)) as database:
+        database.execute('CREATE TABLE other(id INTEGER PRIMARY KEY, number INTEGER)')
+        rows = ((number,) for number in range(20_000))
+        database.executemany('INSERT INTO other(number) VALUES (?)', rows)
+        database.commit()
+    assert read(path)[0] == MOST - 1
+    found, losses = read(pack(path))
+    refused = [text for text in losses if 'no more rows are read' in text]
+    assert len(refused) == 1
+    rows_lost = [text for text in losses if 'cannot be read' in text]
+    assert found + len(rows_lost) == MOST - 1
