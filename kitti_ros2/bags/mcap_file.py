@@ -151,8 +151,12 @@ def _summarized(
     contents.channels = described.channels()
     found = sum(sum(piece.counts.values()) for piece in contents.pieces)
     known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
-    places = sorted((piece.position, piece.length) for piece in contents.pieces)
+    places = sorted(
+        (piece.position, piece.position + piece.length + contents.index_lengths[piece.position])
+        for piece in contents.pieces
+    )
     starts = [*(position for position, _ in places[1:]), start]
-    apart = all(sum(place) <= after for place, after in zip(places, starts, strict=False))
+    # Chunks and their indexes; each of those may otherwise be all of the file.
+    apart = all(end <= after for (_, end), after in zip(places, starts, strict=False))
     # Messages outside of chunks, or chunks without index, are found by a scan only.
     return (contents, described) if message_count == found and known and apart else None

@@ -29,6 +29,7 @@ Step: TypeAlias = 'tuple[str, str, Transform | None]'
 
 _MOST_CHILDREN = 8
 _MOST_FRAMES = 40
+_MOST_LINKS = 100  # of a chain: robots have some ten, and a search takes as many steps
 _SAME_LINK = 1e-9
 # tf2 accepts quaternions whose squared norm is off by 1 % at most; matrices have the same limit.
 _ROTATION = 1e-2
@@ -54,6 +55,7 @@ class FrameTree:
         self._parents: dict[str, dict[str, Transform | None]] = defaultdict(dict)
         self._differing: set[str] = set()
         self._faults: dict[tuple[str, str], str] = {}
+        self._below: dict[str, dict[str, Transform | str]] = defaultdict(dict)
         self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[plain(child)]
@@ -175,6 +177,8 @@ class FrameTree:
         for line in lines:
             if _is_circle(line):
                 return f'{" <- ".join(line[line.index(line[-1]) :])} is a circle'
+            if len(line) > _MOST_LINKS:
+                return f'{line[0]} has more than {_MOST_LINKS} frames above it'
         others = set(lines[1])
         common = next((frame for frame in lines[0] if frame in others), None)
         if common is None:
@@ -183,9 +187,12 @@ class FrameTree:
         return up, down
 
     def _ancestors(self, frame: str) -> list[str]:
-        """Return a frame and its ancestors up to a root, a frame with two parents, or a cycle."""
+        """Return a frame and its ancestors up to a root, a frame with two parents, or a cycle.
+
+        A longer line than any robot has is cut off.
+        """
         line, passed = [frame], {frame}
-        while len(self._parents.get(line[-1], ())) == 1:
+        while len(line) <= _MOST_LINKS and len(self._parents.get(line[-1], ())) == 1:
             (parent,) = self._parents[line[-1]]
             line.append(parent)
             if parent in passed:
@@ -195,16 +202,20 @@ class FrameTree:
 
     def _down(self, line: list[str]) -> Transform | str:
         """Return top_T_bottom of a line of frames from bottom to top, or why there is none."""
-        top_t_bottom = Transform.identity()
-        for child, parent in pairwise(line):
-            link = self._parents[child][parent]
-            if link is None:
-                return f'{parent} -> {child} moves'
-            fault = self._fault(parent, child, link)
-            if fault:
-                return fault
-            top_t_bottom = link @ top_t_bottom
-        return top_t_bottom
+        known = self._below[line[-1]]
+        known.setdefault(line[-1], Transform.identity())
+        first = next(at for at, frame in enumerate(line) if frame in known)
+        for child, parent in reversed(list(pairwise(line[: first + 1]))):
+            known[child] = self._one_below(known[parent], parent, child)
+        return known[line[0]]
+
+    def _one_below(self, top_t_parent: Transform | str, parent: str, child: str) -> Transform | str:
+        """Return top_T_child, or why there is none: what is next to the child counts first."""
+        link = self._parents[child][parent]
+        if link is None:
+            return f'{parent} -> {child} moves'
+        fault = self._fault(parent, child, link)
+        return fault or (top_t_parent if isinstance(top_t_parent, str) else top_t_parent @ link)
 
     def _fault(self, parent: str, child: str, link: Transform | None) -> str:
         """Return why a static link cannot be used, empty if it can."""

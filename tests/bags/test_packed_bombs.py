@@ -13,12 +13,15 @@ from contextlib import closing
 
 import pytest
 import zstandard
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.bags import sqlite_scan
+from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.limits import LARGEST_BLOCK
 from kitti_ros2.bags.mcap_records import McapFormat
 from kitti_ros2.bags.mcap_summary import MAGIC
+from kitti_ros2.bags.pieces import FileBytes
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_rows import QueriedRows
 from kitti_ros2.bags.sqlite_scan import LEAF
@@ -272,3 +275,48 @@ def test_pages_are_searched_for_single_rows_within_the_limits(tmp_path, monkeypa
     assert len(refused) == 1
     rows_lost = [text for text in losses if 'cannot be read' in text]
     assert found + len(rows_lost) == MOST - 1
+
+
+def claim_all_indexes(data):
+    """Let each chunk of an MCAP file claim the indexes of all chunks behind it as its own."""
+    data = bytearray(data)
+    reader = make_reader(io.BytesIO(data))
+    summary = reader.get_summary()
+    ends = [
+        each.chunk_start_offset + each.chunk_length + each.message_index_length
+        for each in summary.chunk_indexes
+    ]
+    for each in summary.chunk_indexes:
+        start = each.chunk_start_offset + each.chunk_length
+        own = struct.pack('<QQ', each.chunk_start_offset, each.chunk_length)
+        body = data.rindex(own) - 16
+        (channels_size,) = struct.unpack_from('<I', data, body + 32)
+        struct.pack_into('<Q', data, body + 36 + channels_size, max(ends) - start)
+        struct.pack_into('<Q', data, body + 38, max(ends) - 31)  # of the channel: the last of them
+    return bytes(data)
+
+
+def test_the_indexes_of_chunks_are_read_once_each(tmp_path):
+    data = io.BytesIO()
+    writer = Writer(data, chunk_size=1, compression=CompressionType.NONE, enable_crcs=False)
+    writer.start('ros2', 'a recorder')
+    schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+    channel = writer.register_channel('/a', 'cdr', schema)
+    for number in range(500):
+        writer.add_message(channel, START_NS + number, CDR, START_NS + number)
+    writer.finish()
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(claim_all_indexes(data.getvalue()))
+    sizes = []
+    plain_read = FileBytes.read
+
+    def counting(*args):
+        found = plain_read(*args)
+        sizes.append(len(found))
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FileBytes, 'read', counting)
+        with OpenBag(path) as bag:
+            assert bag.index.total == 500
+    assert sum(sizes) < 10 * path.stat().st_size

@@ -143,6 +143,39 @@ def test_a_circle_is_named_and_does_not_hang(names):
     assert str(tree).startswith('a -> {')
 
 
+def chain(count):
+    """Links of frames 0, 1, ..., each below the one before."""
+    return [(str(number), str(number + 1), shift(x=1)) for number in range(count)]
+
+
+def test_a_chain_longer_than_any_robot_has_is_refused_by_name():
+    tree = FrameTree(chain(101))
+    assert tree.transform('0', '99').translation.tolist() == [99, 0, 0]
+    assert tree.transform('1', '50').translation.tolist() == [49, 0, 0]
+    assert complaint(tree, '0', '101').endswith('101 has more than 100 frames above it')
+
+
+@pytest.mark.parametrize('is_closed', [False, True], ids=['chain', 'circle'])
+def test_each_frame_of_a_long_chain_costs_the_same(is_closed):
+    products = []
+    multiply = Transform.__matmul__
+
+    def counted(first, second):
+        products.append(1)
+        return multiply(first, second)
+
+    links = chain(3000) + [('3000', '0', shift(x=1))] * is_closed
+    tree = FrameTree(links)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Transform, '__matmul__', counted)
+        for frame in range(3000):
+            tree.find('0', str(frame))
+            tree.find(str(frame), '90')
+            tree.neighbours(str(frame))
+        _ = str(tree), tree.faults(), tree.roots
+    assert len(products) < 12_000
+
+
 @pytest.mark.parametrize(
     'link',
     [
