@@ -31,7 +31,7 @@ from .ros1_records import (
     parse_time,
     split_record,
 )
-from .ros1_scan import Connections, Ros1Scan, parse_connection
+from .ros1_scan import DescribedConnections, Ros1Scan, parse_connection
 
 if TYPE_CHECKING:
     from array import array
@@ -146,7 +146,7 @@ def _indexed_contents(
     if opcode_of(header) != BAG_HEADER:
         raise ValueError('the header does not tell where it is')
     expected = int.from_bytes(header[b'chunk_count'], 'little')
-    connections = Connections(limits.descriptions())
+    connections = DescribedConnections(limits.descriptions())
     infos: list[tuple[int, int, int, dict[int, int]]] = []
     position = 0
     while position < len(section):

@@ -43,7 +43,7 @@ class Ros1Channel(StoredChannel):
     callerid: str | None = None
 
 
-class Connections:
+class DescribedConnections:
     """The connections of a file.
 
     Args:
@@ -83,7 +83,7 @@ class Ros1Scan(ChunkScan[Fields]):
 
     def __init__(self, file: FileBytes, findings: Findings) -> None:
         super().__init__(file, findings, ROS1)
-        self._connections = Connections(file.limits.descriptions())
+        self._connections = DescribedConnections(file.limits.descriptions())
 
     def _enter_record(self, head: Fields, body: Buffer, run: Run) -> None:
         opcode = opcode_of(head)

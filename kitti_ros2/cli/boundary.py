@@ -91,6 +91,7 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
         if debug:
             raise
         _complain(_describe(error, words))
+        _flush_or_discard(sys.stdout)
         return _code_of(error)
     except Exception as error:
         if debug:
@@ -102,6 +103,14 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
 def _discard(stream: TextIO) -> None:
     """Let what a standard stream still holds go nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _flush_or_discard(stream: TextIO) -> None:
+    """Leave nothing that Python would fail to write at exit, which is then another exit code."""
+    try:
+        stream.flush()
+    except OSError:
+        _discard(stream)
 
 
 def _describe_unexpected(error: Exception) -> str:

@@ -548,11 +548,13 @@ def test_streams_that_are_closed_are_done_without(recordings, closed, words, cod
     assert 'internal error' not in done.stderr
 
 
-def test_output_that_is_refused_is_one_line(recordings):
+@pytest.mark.parametrize('unbuffered', ['', '1'])
+def test_output_that_is_refused_is_one_line(recordings, unbuffered):
     with Path('/dev/full').open('w') as full:
         done = subprocess.run(
             [*RUN, 'info', str(recordings[Layout.OBJECT])],
             stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            env=os.environ | {'PYTHONUNBUFFERED': unbuffered},
         )  # fmt: skip
     assert done.returncode == 2
     assert 'standard output: No space left on device' in one_line(done.stderr)
