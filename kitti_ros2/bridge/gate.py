@@ -17,6 +17,7 @@ import socket
 import sys
 import threading
 import time
+from collections import deque
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
@@ -94,7 +95,7 @@ class Gate:
         self._woken.settimeout(0.0)
         self._waker.settimeout(0.0)
         self._selector.register(self._woken, selectors.EVENT_READ)
-        self._time: bytes | None = None
+        self._times: deque[bytes] = deque(maxlen=1)
         self._thread = threading.Thread(target=self._run, name='gate', daemon=True)
 
     @property
@@ -113,7 +114,7 @@ class Gate:
 
         Of several that a viewer has not received yet, only the newest is sent.
         """
-        self._time = time_frame(stamp_ns)
+        self._times.append(time_frame(stamp_ns))
         self._wake()
 
     def close(self, seconds: float) -> None:
@@ -170,8 +171,8 @@ class Gate:
 
     def _awake(self) -> None:
         self._woken.recv(_WAKES)
-        frame, self._time = self._time, None
-        if frame is not None:
+        if self._times:  # only this thread takes one
+            frame = self._times.pop()
             for relay in [*self._relays]:
                 self._advance(relay, partial(relay.tell, frame))
         if self._closing is not None:
