@@ -177,7 +177,7 @@ class FrameTree:
         for line in lines:
             if _is_circle(line):
                 return f'{" <- ".join(line[line.index(line[-1]) :])} is a circle'
-            if len(line) > _MOST_LINKS:
+            if len(line) > _MOST_LINKS + 1:
                 return f'{line[0]} has more than {_MOST_LINKS} frames above it'
         others = set(lines[1])
         common = next((frame for frame in lines[0] if frame in others), None)
@@ -192,7 +192,7 @@ class FrameTree:
         A longer line than any robot has is cut off.
         """
         line, passed = [frame], {frame}
-        while len(line) <= _MOST_LINKS and len(self._parents.get(line[-1], ())) == 1:
+        while len(line) <= _MOST_LINKS + 1 and len(self._parents.get(line[-1], ())) == 1:
             (parent,) = self._parents[line[-1]]
             line.append(parent)
             if parent in passed:

@@ -150,7 +150,7 @@ def chain(count):
 
 def test_a_chain_longer_than_any_robot_has_is_refused_by_name():
     tree = FrameTree(chain(101))
-    assert tree.transform('0', '99').translation.tolist() == [99, 0, 0]
+    assert tree.transform('0', '100').translation.tolist() == [100, 0, 0]
     assert tree.transform('1', '50').translation.tolist() == [49, 0, 0]
     assert complaint(tree, '0', '101').endswith('101 has more than 100 frames above it')
 
