@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How large compressed data may become: some are made to fill the memory of who reads them."""
+"""What a file of a bag may hold, by its size on the disk: some are made to fill the memory."""
 
 from __future__ import annotations
 

@@ -36,17 +36,21 @@ def write_mcap(path, count):
         writer.finish()
 
 
+def create_tables(database):
+    database.execute(
+        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,'
+        ' serialization_format TEXT, offered_qos_profiles TEXT)'
+    )
+    database.execute(
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,'
+        ' data BLOB)'
+    )
+
+
 def write_sqlite3(path, count):
     path.unlink(missing_ok=True)
     with closing(sqlite3.connect(path)) as database:
-        database.execute(
-            'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,'
-            ' serialization_format TEXT, offered_qos_profiles TEXT)'
-        )
-        database.execute(
-            'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,'
-            ' data BLOB)'
-        )
+        create_tables(database)
         numbers = range(1, count + 1)
         topics = ((number, f'/t{number}') for number in numbers)
         database.executemany(

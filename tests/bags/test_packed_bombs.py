@@ -9,7 +9,7 @@ import io
 import sqlite3
 import struct
 import tracemalloc
-from contextlib import closing
+from contextlib import closing, contextmanager
 
 import pytest
 import zstandard
@@ -26,7 +26,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_rows import QueriedRows
 from kitti_ros2.bags.sqlite_scan import LEAF
 from kitti_ros2.model.errors import BadBagError
-from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, write_sqlite3
+from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 
 MB = 10**6
 MOST = 300  # in place of the numbers that any file may have
@@ -45,6 +45,21 @@ def read(path):
     """Return the number of messages and the losses of a bag."""
     with open_messages(path) as reader:
         return sum(1 for _ in reader), reader.losses
+
+
+@contextmanager
+def results_of(owner, name):
+    """A list of what each call of a function returns while the block runs."""
+    results = []
+    function = getattr(owner, name)
+
+    def recorded(*args):
+        results.append(function(*args))
+        return results[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(owner, name, recorded)
+        yield results
 
 
 @pytest.mark.parametrize('is_packed', [False, True], ids=['as it is', 'compressed as a whole'])
@@ -173,14 +188,7 @@ def test_a_log_beside_a_small_database_counts(tmp_path, monkeypatch):
         database.commit()
         database.execute('PRAGMA wal_checkpoint(TRUNCATE)')
         database.execute('DROP TABLE a')
-        database.execute(
-            'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,'
-            ' serialization_format TEXT, offered_qos_profiles TEXT)'
-        )
-        database.execute(
-            'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,'
-            ' data BLOB)'
-        )
+        create_tables(database)
         database.execute("INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/String', 'cdr', '')")
         rows = ((1, START_NS + number, CDR) for number in range(10_000))
         database.executemany(
@@ -214,18 +222,9 @@ def test_the_search_of_damaged_bytes_is_bounded(unit, kind, tmp_path):
         end = data.index(b'\x0f' + struct.pack('<Q', 4))  # of the data section
         path.write_bytes(data[:end] + struct.pack('<BQ', 6, len(chunk)) + chunk)
     assert path.stat().st_size < 10_000
-    looks = 0
-    look = McapFormat.look
-
-    def counting(*args):
-        nonlocal looks
-        looks += 1
-        return look(*args)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(McapFormat, 'look', counting)
+    with results_of(McapFormat, 'look') as looks:
         found, losses = read(path)
-    assert looks < 400_000
+    assert len(looks) < 400_000
     assert any('too many damaged bytes to search' in text for text in losses)
     assert found == (kind == 'a chunk')
 
@@ -243,19 +242,9 @@ def test_cells_that_lead_to_the_same_long_row_are_bounded(tmp_path):
     page[at : at + 7] = long + b'\1' + long
     path = tmp_path / 'a.db3'
     path.write_bytes(page)
-    parsed = 0
-    parse = sqlite_scan.parse_varint
-
-    def counting(*args):
-        nonlocal parsed
-        parsed += 1
-        return parse(*args)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sqlite_scan, 'parse_varint', counting)
-        with pytest.raises(BadBagError):
-            open_messages(path)
-    assert parsed <= 10 * count
+    with results_of(sqlite_scan, 'parse_varint') as parsed, pytest.raises(BadBagError):
+        open_messages(path)
+    assert len(parsed) <= 10 * count
 
 
 def test_pages_are_searched_for_single_rows_within_the_limits(tmp_path, monkeypatch):
@@ -307,16 +296,6 @@ def test_the_indexes_of_chunks_are_read_once_each(tmp_path):
     writer.finish()
     path = tmp_path / 'a.mcap'
     path.write_bytes(claim_all_indexes(data.getvalue()))
-    sizes = []
-    plain_read = FileBytes.read
-
-    def counting(*args):
-        found = plain_read(*args)
-        sizes.append(len(found))
-        return found
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FileBytes, 'read', counting)
-        with OpenBag(path) as bag:
-            assert bag.index.total == 500
-    assert sum(sizes) < 10 * path.stat().st_size
+    with results_of(FileBytes, 'read') as blocks, OpenBag(path) as bag:
+        assert bag.index.total == 500
+    assert sum(map(len, blocks)) < 10 * path.stat().st_size
