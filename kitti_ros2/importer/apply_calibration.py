@@ -15,7 +15,6 @@ from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
 from ..model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
 from ..model.streams import Stream
-from ..rig.tf_tree import FrameTree
 from .calibration import rect_in_frame
 from .calibration_source import camera_models, make_calibrations, swapped_sizes
 from .convert_boxes import BoxConversion
@@ -68,16 +67,14 @@ class Rigging:
             BadFileError: A calibration file cannot be read.
         """
         lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
-        tree = FrameTree(survey.static, survey.moving, lost)
         scan_frame = '' if plan.scan is None else plan.scan.frame
         self._models = camera_models(plan, survey)
         self._others, links = other_cameras(plan, survey)
         optical = [*links, *made_optical_frames(plan, survey)]
-        if optical:
-            tree = FrameTree([*survey.static, *optical], survey.moving, lost)
+        tree = survey.tree_with(optical, lost)
         plan, made = made_frame(plan, tree, self._models, self._others)
         if made:
-            tree = FrameTree([*survey.static, *optical, *made], survey.moving, lost)
+            tree = survey.tree_with([*optical, *made], lost)
         self._tree = tree
         self._plan = plan
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models, self._others)

@@ -41,6 +41,7 @@ _NO_BASELINE_M = 1e-3
 _BASELINE_M = (0.01, 3.0)
 _SAME_FOCAL = 0.1
 _STEEP = np.sin(np.radians(75))
+_MOST_COMPARED = 64  # two by two; rigs have some ten
 _OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
 
 
@@ -102,7 +103,7 @@ def find_heading(
     heading = find_body(tree, sensors)
     if heading is not None or scan_frame is None:
         return heading
-    joined = [each for each in cameras if tree.find(scan_frame, each.frame) is not None]
+    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
     return (
         known_heading(tree, scan_frame)
         or _camera_heading(tree, scan_frame, [each for each in joined if each.name_rank == 0])
@@ -123,7 +124,7 @@ def direction_of(
 def choose_cameras(
     tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera]
 ) -> Choice:
-    """Choose camera 2, and the pairs beside it.
+    """Choose camera 2, and the pairs beside it; of many, among those that look most ahead.
 
     Args:
         tree: The static transforms.
@@ -131,6 +132,8 @@ def choose_cameras(
         cameras: At least one, those with a CameraInfo.
     """
     directions = {each.name: direction_of(tree, heading, each) for each in cameras}
+    if len(cameras) > _MOST_COMPARED:
+        cameras = sorted(cameras, key=lambda each: _angle(directions[each.name]))[:_MOST_COMPARED]
     rights = {
         right.name
         for left, right in permutations(cameras, 2)
@@ -164,7 +167,7 @@ def _is_of_another(
     tree: FrameTree, left: RigCamera, right: RigCamera, cameras: Sequence[RigCamera]
 ) -> bool:
     """Whether a camera that no transform joins to a left one is by its name of another left one."""
-    if tree.find(left.frame, right.frame) is not None or left.is_left_of(right):
+    if tree.joins(left.frame, right.frame) or left.is_left_of(right):
         return False
     return any(each.is_left_of(right) for each in cameras)
 

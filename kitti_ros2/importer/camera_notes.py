@@ -25,7 +25,7 @@ def joined_cameras(
     """Return the cameras that static transforms join to the scans; all if none is, or no scans."""
     if scan_frame is None:
         return list(cameras)
-    joined = [each for each in cameras if tree.find(scan_frame, each.frame) is not None]
+    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
     return joined or list(cameras)
 
 

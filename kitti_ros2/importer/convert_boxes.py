@@ -24,13 +24,13 @@ from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import OUT_OF_VIEW, ImageOf, Standing, TrackIds, boxes_of_lines, leans, make_boxes
-from .pixel_frames import pixel_frames
+from .pixel_frames import PixelFrames
 from .plan import UNKNOWN_OCCLUSION
 from .planned_topics import topic_of
 from .repeated_boxes import join_cuboids, join_image_boxes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from ..model.boxes import Box, Cuboid
     from ..rig.tf_tree import FrameTree
@@ -93,9 +93,9 @@ class BoxConversion:
             labels is not None and topic_of(survey, labels.topic).msgtype == types.DETECTIONS_2D
         )
         self._scores = self._check(survey, placed=base is not None)
-        self._pixel_frames = {''}
+        self._pixel_frames: Container[str] = ()
         if labels is not None and labels.camera in plan.cameras:
-            self._pixel_frames |= pixel_frames(survey, tree, plan.cameras[labels.camera])
+            self._pixel_frames = PixelFrames(survey, tree, plan.cameras[labels.camera])
         self._classes = (
             None if labels is None else LabelClasses(labels, own=is_own(survey, labels.topic))
         )
@@ -237,7 +237,11 @@ class BoxConversion:
         self._flat_absurd += left_out.count(ABSURD)
         self.left_out.update(each for each in left_out if each != ABSURD)
         model = self._images.model(plan.camera)
-        here = [each for each in found if model is None or each.frame in self._pixel_frames]
+        here = [
+            each
+            for each in found
+            if model is None or not each.frame or each.frame in self._pixel_frames
+        ]
         if self._classes is not None:
             find = self._classes.find
             here = [each._replace(class_name=find(each.class_name)) for each in here]

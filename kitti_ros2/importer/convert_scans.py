@@ -70,7 +70,7 @@ class ScanConversion:
                 base is not None
                 and base.tree is not None
                 and own != plan.frame
-                and tree.find(plan.frame, own) is None
+                and not tree.joins(plan.frame, own)
             ):
                 base.tree.moving_between(base.frame, own)
                 self._base = base

@@ -24,6 +24,7 @@ from ..messages.header import stamp_ns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from collections.abc import Set as AbstractSet
 
     from ..model.geometry import Transform
     from ..rig.moving_tree import MovingTree
@@ -84,7 +85,7 @@ class StaticFrames(Mapping[str, 'Transform']):
         return self._found[frame]
 
     @property
-    def _frames(self) -> frozenset[str]:
+    def _frames(self) -> AbstractSet[str]:
         return self._tree.frames
 
     def __contains__(self, frame: object) -> bool:

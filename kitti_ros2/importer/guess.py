@@ -12,7 +12,6 @@ from ..model import msgtypes as types
 from ..model.errors import MissingDataError, UsageError
 from ..model.stamps import NS_PER_S, format_stamp
 from ..model.streams import Stream
-from ..rig.tf_tree import FrameTree
 from .camera_geometry import find_heading, with_frames
 from .camera_topics import find_cameras
 from .clock_offsets import estimate_offsets
@@ -100,7 +99,7 @@ def guess_plan(
     imu_frame = _imu_frame(survey, layout, sensors, unit, notes)
     labels = None
     if Stream.LABELS in traits.streams:
-        tree = FrameTree(survey.static, survey.moving)
+        tree = survey.tree
         labels = guess_labels(survey, tree, viewed, notes, layout)
     extract = keeps_distortion(survey, (sets or cameras).values())
     plan = Plan(
@@ -170,13 +169,13 @@ def _find_sensors(
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
     scan, rig = guess_scan(survey, notes), find_cameras(survey)
-    tree = FrameTree(survey.static, survey.moving)
+    tree = survey.tree
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, tree, heading, notes)
     rig = with_frames(rig, tree, heading, notes)
     links = [optical_link(each.bag_frame, each.forward) for each in rig if each.forward]
-    tree = FrameTree([*survey.static, *links], survey.moving) if links else tree
+    tree = survey.tree_with(links)
     sets: dict[str, CameraPlan] = {}
     frame = None if scan is None else scan.frame
     if all_cameras:

@@ -14,7 +14,7 @@ from ..model import msgtypes as types
 from .guess_cameras import main_camera
 from .guess_names import is_truth
 from .label_classes import default_classes, is_own, others_note, others_of
-from .pixel_frames import pixel_frames
+from .pixel_frames import PixelFrames
 from .plan import LabelPlan
 from .report import pass_over
 
@@ -88,7 +88,7 @@ def _of_camera(
     """Return the topics of 2D boxes in the pixels of the labels' camera."""
     if not cameras:
         return []
-    frames = pixel_frames(survey, tree, cameras[main_camera(cameras)])
+    frames = PixelFrames(survey, tree, cameras[main_camera(cameras)])
     found = _of_labels(survey, types.DETECTIONS_2D)
     return [each for each in found if each.frame in frames and each.name not in own_topics()]
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..rig.heading import FIXED_FRAMES, find_body
-from ..rig.tf_tree import FrameTree
 from .guess_names import is_truth
 from .named_frames import NamedFrames, child_of
 from .plan import PosePlan
@@ -60,7 +59,7 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
 
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     """Choose an Odometry, PoseStamped or Path."""
-    known = FrameTree(survey.static, survey.moving).frames
+    known = survey.tree.frames
     for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
         topics = survey.of_type(msgtype)
         if topics:
@@ -163,5 +162,5 @@ def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
 def _body(survey: Survey) -> str:
     known = {name for parent, child, _ in survey.static for name in (parent, child)}
     named = next((name for name in BODIES if name in known), '')
-    heading = None if named else find_body(FrameTree(survey.static, survey.moving), known)
+    heading = None if named else find_body(survey.tree, known)
     return named or (BODIES[0] if heading is None else heading.frame)

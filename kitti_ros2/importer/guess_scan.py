@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ..messages.clouds import INTENSITIES, intensity_field
@@ -87,14 +88,15 @@ def _without_info(survey: Survey) -> list[str]:
 def _scan_of(
     source: ScanSource, topics: list[TopicSurvey], survey: Survey, notes: list[str]
 ) -> ScanPlan:
+    vehicle = _Vehicle(survey)
     if types.CLOUD in source.msgtypes:
-        best = max(topics, key=lambda each: _lidar_rank(survey, each))
+        best = max(topics, key=lambda each: _lidar_rank(vehicle, each))
     elif source.needs_info:
         best = max(topics, key=lambda each: _depth_rank(survey, each))
     else:
         best = max(topics, key=lambda each: each.count)
     notes += pass_over('scans', best, topics)
-    frame = frame_on_vehicle(best.frame, survey)
+    frame = vehicle.frame_for(best.frame)
     if frame != best.frame:
         notes.append(
             f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
@@ -133,22 +135,33 @@ def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
     return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
 
 
-def frame_on_vehicle(frame: str, survey: Survey) -> str:
-    """Return the frame for scans: their own, or one of the vehicle if theirs is map or odom.
+class _Vehicle:
+    """The frames of scans on a vehicle that moves."""
 
-    A lidar's frame that looks ahead is preferred, then the vehicle's.
-    """
-    names = NamedFrames(survey, guess_pose(survey, []))
-    body = vehicle_frame(survey, names)
-    if not body or frame not in names.line_above(body) or not names.moving_between(frame, body):
-        return frame
-    for other in sorted(names.tree.frames):
-        body_t_other = names.tree.find(body, other)
-        if body_t_other is not None and _LIDAR.search(other):
-            forward, _, up = body_t_other.rotation.T
-            if forward[0] > _AHEAD and up[2] > _AHEAD:
-                return other
-    return body
+    def __init__(self, survey: Survey) -> None:
+        self._names = NamedFrames(survey, guess_pose(survey, []))
+        self._body = vehicle_frame(survey, self._names)
+        self._above = self._names.line_above(self._body) if self._body else []
+
+    def frame_for(self, frame: str) -> str:
+        """Return the frame for scans: their own, or one of the vehicle if theirs is map or odom.
+
+        A lidar's frame that looks ahead is preferred, then the vehicle's.
+        """
+        if frame not in self._above or not self._names.moving_between(frame, self._body):
+            return frame
+        return self._lidar or self._body
+
+    @cached_property
+    def _lidar(self) -> str:
+        tree = self._names.tree
+        for other in sorted(filter(_LIDAR.search, tree.frames)):
+            body_t_other = tree.find(self._body, other)
+            if body_t_other is not None:
+                forward, _, up = body_t_other.rotation.T
+                if forward[0] > _AHEAD and up[2] > _AHEAD:
+                    return other
+        return ''
 
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types
@@ -159,13 +172,13 @@ def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's type
     return None
 
 
-def _lidar_rank(survey: Survey, topic: TopicSurvey) -> tuple[object, ...]:
+def _lidar_rank(vehicle: _Vehicle, topic: TopicSurvey) -> tuple[object, ...]:
     first = _with_points(topic)
     return (
         topic.name == POINTS,
         not _MAP.search(topic.name),
         topic.count > 1,
-        not is_fixed(topic.frame) and frame_on_vehicle(topic.frame, survey) == topic.frame,
+        not is_fixed(topic.frame) and vehicle.frame_for(topic.frame) == topic.frame,
         bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame)),
         intensity_field(first) is not None,
         first.width * first.height,

@@ -11,7 +11,6 @@ from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
 from ..rig.heading import find_body
-from ..rig.tf_tree import FrameTree
 from .guess_names import is_fixed
 from .named_frames import child_of
 from .plan import VelocityAxes
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from ..rig.heading import Heading
+    from ..rig.tf_tree import FrameTree
     from .plan import PosePlan, ScanPlan
     from .survey import Survey
     from .topic_survey import TopicSurvey
@@ -95,9 +95,9 @@ def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
     """Return the frames that static transforms join to the scans'."""
     if scan is None:
         return frozenset()
-    tree = FrameTree(survey.static, survey.moving)
+    tree = survey.tree
     known = {*tree.frames, scan.frame}
-    return frozenset(each for each in known if tree.find(scan.frame, each) is not None)
+    return frozenset(each for each in known if tree.joins(scan.frame, each))
 
 
 def _in_known_axes(
@@ -121,7 +121,7 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
 
     Its frames have another prefix (robot2/base_link), and no transform joins them to the scans'.
     """
-    tree, own = FrameTree(survey.static, survey.moving), '' if scan is None else scan.frame
+    tree, own = survey.tree, '' if scan is None else scan.frame
     found = []
     for each in survey.of_type(msgtype):
         known = {own, each.frame} <= tree.frames
@@ -148,13 +148,13 @@ def _velocity_rank(topic: TopicSurvey) -> tuple[bool, int]:
 
 def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
     """Return the Odometry whose twist is the velocity: that of the poses, or of the same body."""
-    tree = FrameTree(survey.static, survey.moving)
+    tree = survey.tree
     topics = [
         each
         for each in survey.of_type(types.ODOMETRY)
         if each.name == pose.topic
         or child_of(each) == pose.body
-        or tree.find(pose.body, child_of(each)) is not None
+        or tree.joins(pose.body, child_of(each))
     ]
     if not topics:
         return {}
@@ -163,12 +163,12 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
 
 def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
     """Return the Odometry with a twist whose body static transforms join to a frame."""
-    tree = FrameTree(survey.static, survey.moving)
+    tree = survey.tree
     topics = [
         each
         for each in survey.of_type(types.ODOMETRY)
         if child_of(each) in tree.frames
-        and tree.find(frame, child_of(each)) is not None
+        and tree.joins(frame, child_of(each))
         and any(vector_of(look.twist.twist.linear).any() for look in each.looks)
     ]
     return {'velocity': max(topics, key=lambda each: each.count).name} if topics else {}
@@ -216,7 +216,7 @@ def guess_imu_frame(
     joined = _joined_frames(survey, scan)
     chosen = max(topics, key=lambda each: (each.name == imu, _imu_rank(each, joined)))
     if chosen.frame in joined:
-        tree = FrameTree(survey.static, survey.moving)
+        tree = survey.tree
         return _forward_frame(chosen.frame, tree, find_body(tree, [chosen.frame]) or heading, notes)
     notes.append(
         f'missing: a static transform from {chosen.frame} to {scan.frame}; the imu frame is'
@@ -241,6 +241,6 @@ def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: 
 
 def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:
     """Return the frame whose poses become oxts if static transforms connect it to the scans'."""
-    tree = FrameTree(survey.static, survey.moving)
-    joined = scan is not None and tree.find(scan.frame, pose.body) is not None
+    tree = survey.tree
+    joined = scan is not None and tree.joins(scan.frame, pose.body)
     return pose.body if joined else ''

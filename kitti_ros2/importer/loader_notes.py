@@ -17,7 +17,6 @@ from ..kitti.names import SPLITS
 from ..messages.source import LABEL_LINES
 from ..model.errors import KittiRos2Error
 from ..rig.heading import describe_direction
-from ..rig.tf_tree import FrameTree
 from .calibration_source import camera_models
 from .camera_sets import plans_of
 from .optical_frames import made_optical_frames
@@ -84,9 +83,9 @@ def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
         if not models:
             return None
         others, links = other_cameras(plan, survey)
-        static = [*survey.static, *links, *made_optical_frames(plan, survey)]
-        plan, made = made_frame(plan, FrameTree(static, survey.moving), models, others)
-        tree = FrameTree([*static, *made], survey.moving)
+        optical = [*links, *made_optical_frames(plan, survey)]
+        plan, made = made_frame(plan, survey.tree_with(optical), models, others)
+        tree = survey.tree_with([*optical, *made])
         return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models, others)
     except KittiRos2Error:  # it stops the conversion, which reports it
         return None

@@ -55,8 +55,7 @@ class NamedFrames:
     def __init__(self, survey: Survey, pose: PosePlan | None = None) -> None:
         """Take the links of a bag; those of a plan's poses first."""
         self.odometry: list[OdometryLink] = []
-        moving = list(survey.moving)
-        self.tree = FrameTree(survey.static, moving)
+        self.tree = survey.tree
         self.transformed = self.tree.frames
         topics = sorted(survey.of_type(types.ODOMETRY), key=lambda each: -each.count)
         planned = survey.topics.get(pose.topic) if pose is not None else None
@@ -69,9 +68,10 @@ class NamedFrames:
                 child = pose.body
             link = self._link(topic, child)
             if link is not None:
+                if not self.odometry:
+                    self.tree = FrameTree(survey.static, survey.moving)
                 self.odometry.append(link)
-                moving.append((link.frame, link.root))
-                self.tree = FrameTree(survey.static, moving)
+                self.tree.add_moving(link.frame, link.root)
 
     def _link(self, topic: TopicSurvey, child: str) -> OdometryLink | None:
         """Return an Odometry as a link, None where its frames are joined already or not named."""
@@ -81,7 +81,7 @@ class NamedFrames:
         if child not in self.tree.frames:
             return OdometryLink(topic.name, frame, child, child)
         root = self.tree.root_of(child)
-        if root not in self.tree.roots:  # of several parents, or in a circle
+        if not self.tree.is_root(root):  # of several parents, or in a circle
             return None
         if frame in self.tree.frames and self.tree.root_of(frame) == root:
             return None

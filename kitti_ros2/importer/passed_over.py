@@ -14,10 +14,9 @@ from ..messages.topics import own_topics
 from ..model import msgtypes as types
 from ..model.errors import UsageError
 from ..model.text import one_line, some_of
-from ..rig.tf_tree import FrameTree
 from .guess_cameras import main_camera
 from .guess_labels import has_cubes
-from .pixel_frames import pixel_frames
+from .pixel_frames import PixelFrames
 from .plan import NONE
 from .pose_ends import link_topics
 from .survey_types import SOLID
@@ -179,10 +178,11 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
     left_out = set(named) | set(_texts(asdict(plan))) | _links(survey, plan)
     if RECORDING in survey.topics:
         left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
+    pixels = _pixel_frames(survey, plan)
     groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
     for topic in sorted(survey.topics.values(), key=lambda each: each.name):
         if topic.count and topic.name not in left_out and topic.msgtype not in types.TF_TYPES:
-            advice = _advice(topic, survey, plan)
+            advice = _advice(topic, survey, plan, pixels)
             groups[_short(topic.msgtype), advice].append((topic.name, topic.count))
     for channel, loss in survey.left_out:
         if loss.count and channel.topic not in left_out:
@@ -246,7 +246,7 @@ def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401 - of dataclasses
             yield from _texts(each)
 
 
-def _advice(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
+def _advice(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     kind = _short(topic.msgtype)
     if kind in _BACKGROUND:
         return ''
@@ -255,24 +255,32 @@ def _advice(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
     if topic.msgtype in _BOXES and plan.calibration == NONE:
         return _NO_CALIBRATION
     if topic.msgtype == types.DETECTIONS_2D:
-        return _advice_2d(topic, survey, plan)
+        return _advice_2d(topic, survey, plan, pixels)
     if topic.msgtype == types.MARKERS and not has_cubes(topic):
         return _NO_CUBES
     return _DEPTH_ADVICE if _is_depth(topic) else _ADVICE.get(kind, _ANY_ADVICE)
 
 
-def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan) -> str:
+def _label_camera(plan: Plan) -> int:
+    """Return the number of the labels' camera, or of the main one."""
+    if plan.labels is not None:
+        return plan.labels.camera
+    return main_camera(plan.cameras) if plan.cameras else -1
+
+
+def _pixel_frames(survey: Survey, plan: Plan) -> PixelFrames | None:
+    """Return the frames of the labels' camera, None where it is not planned."""
+    camera = plan.cameras.get(_label_camera(plan))
+    return None if camera is None else PixelFrames(survey, survey.tree, camera)
+
+
+def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     labels = plan.labels
-    number = -1 if not plan.cameras else main_camera(plan.cameras)
-    number = number if labels is None else labels.camera
-    if number in plan.cameras:
-        tree = FrameTree(survey.static, survey.moving)
-        frames = pixel_frames(survey, tree, plan.cameras[number])
-        if topic.frame not in frames:
-            return (
-                f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
-                f' {number} have {some_of(sorted(frames - {""}), _SHOWN)}'
-            )
+    if pixels is not None and topic.frame not in pixels:
+        return (
+            f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
+            f' {_label_camera(plan)} have {some_of(pixels.every, _SHOWN)}'
+        )
     solid = labels is not None and survey.topics[labels.topic].msgtype != types.DETECTIONS_2D
     return _JOINED_2D if solid else _LABELS_2D
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..messages.camera_info import camera_model
-from ..rig.tf_tree import FrameTree
 from .camera_geometry import find_heading, with_frames
 from .camera_topics import find_cameras
 from .optical_frames import optical_link
@@ -29,7 +28,7 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
     They have the frames that a guessed plan gives them. Cameras that are not calibrated are left
     out.
     """
-    tree = FrameTree(survey.static, survey.moving)
+    tree = survey.tree
     rig = find_cameras(survey)
     heading = find_heading(tree, None if plan.scan is None else plan.scan.frame, rig)
     taken = {camera.info for camera in plan.cameras.values()}

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
 from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
+from ..rig.tf_tree import FrameTree
 from .survey_types import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
 from .topic_survey import TopicSurvey
 
@@ -71,6 +73,22 @@ class Survey:
     losses: Mapping[str, int | None] = field(default_factory=dict)
     left_out: Sequence[tuple[StoredChannel, Loss]] = ()
     clashes: Mapping[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+
+    @cached_property
+    def tree(self) -> FrameTree:
+        """The tree of all links."""
+        return FrameTree(self.static, self.moving)
+
+    def tree_with(self, static: Sequence[Link], lost: str = '') -> FrameTree:
+        """Return the tree of all links and more static ones.
+
+        Args:
+            static: The links that are added.
+            lost: The part that may be missing, and why.
+        """
+        if not static and not lost:
+            return self.tree
+        return FrameTree([*self.static, *static], self.moving, lost)
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
         """Return the topics of some types with messages that can be decoded, by name."""

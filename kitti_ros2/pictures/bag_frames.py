@@ -38,7 +38,6 @@ from ..model.samples import FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..own_bags.numbering import BY_POSITION
 from ..own_bags.places import PlacedMessages, places_of
-from ..rig.tf_tree import FrameTree
 from .ego_track import ego_track
 from .frame import FrameData
 
@@ -132,7 +131,7 @@ class BagFrames:
         pose, unit = self._track, self._plan.imu_frame
         if pose is None or not unit:
             return Transform.identity()
-        tree = FrameTree(survey.static, survey.moving)
+        tree = survey.tree
         return tree.find(pose.body, unit) or Transform.identity()
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:

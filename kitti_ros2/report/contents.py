@@ -128,8 +128,13 @@ LONG = 'wide'
 NAME = 'name'
 
 
+_MOST_ROWS = 200
+
+
 class Table(NamedTuple):
     """A table of the page; the first cell of a row names it.
+
+    The page has the first rows only and counts the others: a bag may have thousands of frames.
 
     Attributes:
         caption: Its caption.
@@ -142,6 +147,17 @@ class Table(NamedTuple):
     columns: Sequence[tuple[str, str]]
     rows: Sequence[Sequence[object]]
     total: Sequence[str] = ()
+
+    @property
+    def shown(self) -> Sequence[Sequence[object]]:
+        """The rows that the page has."""
+        return self.rows[:_MOST_ROWS]
+
+    @property
+    def left(self) -> str:
+        """What the page says of the others, empty if there are none."""
+        more = len(self.rows) - len(self.shown)
+        return f'... and {more:,} more' if more else ''
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ Bodies have x forward, y left, z up, and optical frames z forward, x right, y do
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -83,8 +84,9 @@ def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
         frame for name in _BODIES for frame in frames if frame.rpartition('/')[2].lower() == name
     ]
     named += [frame for frame in frames if _ROBOT_BASE.search(frame) and not _SENSOR.search(frame)]
+    anchors = {tree.anchor(frame) for frame in wanted}
     for frame in named:
-        if any(tree.find(frame, sensor) is not None for sensor in wanted):
+        if tree.anchor(frame) in anchors:
             return Heading(frame, AXES['x'], f'x of {frame}', body=True)
     return None
 
@@ -92,9 +94,10 @@ def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
 def root_heading(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     """Return the heading of a root above several sensors, which is no sensor: it is the robot's."""
     wanted = {frame for frame in sensors if frame in tree.frames}
+    joined = Counter(tree.anchor(frame) for frame in wanted)
     for root in tree.roots:
         known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in FIXED_FRAMES
-        if not known and sum(tree.find(root, frame) is not None for frame in wanted) > 1:
+        if not known and joined[root] > 1:
             return Heading(root, AXES['x'], f'x of {root}', body=True)
     return None
 

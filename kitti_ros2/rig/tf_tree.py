@@ -8,6 +8,7 @@ As in tf2, every frame has one parent, and ROS 1's leading slash is not part of 
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -56,6 +57,8 @@ class FrameTree:
         self._differing: set[str] = set()
         self._faults: dict[tuple[str, str], str] = {}
         self._below: dict[str, dict[str, Transform | str]] = defaultdict(dict)
+        self._lines_up: dict[str, list[str]] = {}
+        self._anchors: dict[str, str] = {}
         self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[plain(child)]
@@ -68,14 +71,27 @@ class FrameTree:
                 self._differing.add(plain(child))
         for parent, child in dynamic:
             self._parents[plain(child)][plain(parent)] = None
-        self._children: dict[str, list[str]] = defaultdict(list)
+        self.frames = set(self._parents) | {
+            parent for above in self._parents.values() for parent in above
+        }
+
+    def add_moving(self, parent: str, child: str) -> None:
+        """Add a moving link."""
+        self._parents[plain(child)][plain(parent)] = None
+        self.frames |= {plain(parent), plain(child)}
+        for found in (self._faults, self._below, self._lines_up, self._anchors):
+            found.clear()
+        for name in ('_children', '_description'):
+            vars(self).pop(name, None)
+
+    @cached_property
+    def _children(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = defaultdict(list)
         for child, above in sorted(self._parents.items()):
             for parent, link in above.items():
                 if link is not None:
-                    self._children[parent].append(child)
-        self.frames = frozenset(self._parents) | {
-            parent for above in self._parents.values() for parent in above
-        }
+                    found[parent].append(child)
+        return found
 
     def transform(self, target: str, source: str) -> Transform:
         """Return target_T_source through static links; the identity for twice the same name.
@@ -96,8 +112,33 @@ class FrameTree:
 
     def find(self, target: str, source: str) -> Transform | None:
         """Return target_T_source as transform does, None instead of an error."""
+        if not self.joins(target, source):
+            return None
         found = self._join(plain(target), plain(source))
         return found if isinstance(found, Transform) else None
+
+    def joins(self, target: str, source: str) -> bool:
+        """Whether transform has no error for two frames."""
+        return self.anchor(target) == self.anchor(source)
+
+    def anchor(self, frame: str) -> str:
+        """Return the highest frame that static links join to a frame, which may be itself.
+
+        Two frames have the same anchor if and only if static links join them.
+        """
+        name = plain(frame)
+        known = self._anchors.get(name)
+        if known is None:
+            known = self._anchors[name] = self._find_anchor(name)
+        return known
+
+    def _find_anchor(self, frame: str) -> str:
+        line = self._ancestors(frame)
+        if len(line) == 1 or len(line) > _MOST_LINKS + 1 or _is_circle(line):
+            return frame
+        parent = line[1]
+        link = self._parents[frame][parent]
+        return frame if link is None or self._fault(parent, frame, link) else self.anchor(parent)
 
     def neighbours(self, frame: str) -> list[str]:
         """Return the parents and children of a frame, sorted."""
@@ -107,7 +148,11 @@ class FrameTree:
     @property
     def roots(self) -> list[str]:
         """The frames without a parent."""
-        return sorted(frame for frame in self.frames if not self._parents.get(frame))
+        return sorted(filter(self.is_root, self.frames))
+
+    def is_root(self, frame: str) -> bool:
+        """Whether a frame, which may be unknown, has no parent."""
+        return not self._parents.get(frame)
 
     def root_of(self, frame: str) -> str:
         """Return the root of a frame's tree."""
@@ -191,9 +236,18 @@ class FrameTree:
 
         A longer line than any robot has is cut off.
         """
+        known = self._lines_up.get(frame)
+        if known is None:
+            known = self._lines_up[frame] = self._walk_up(frame)
+        return known
+
+    def _walk_up(self, frame: str) -> list[str]:
         line, passed = [frame], {frame}
         while len(line) <= _MOST_LINKS + 1 and len(self._parents.get(line[-1], ())) == 1:
             (parent,) = self._parents[line[-1]]
+            above = self._lines_up.get(parent)
+            if above is not None and passed.isdisjoint(above):
+                return [*line, *above][: _MOST_LINKS + 2]
             line.append(parent)
             if parent in passed:
                 break
@@ -247,6 +301,10 @@ class FrameTree:
 
     def __str__(self) -> str:
         """Format all frames: ``base_link -> {imu_link, velo_link -> {cam}}; map -> ...``."""
+        return self._description
+
+    @cached_property
+    def _description(self) -> str:
         shown: set[str] = set()
         roots = sorted(self._tops())
         texts = [self._text(root, shown) for root in roots[:_MOST_CHILDREN]]

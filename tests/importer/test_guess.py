@@ -9,13 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from surveyed import cloud, compressed, image, info, topic
 
 from kitti_ros2.importer import apply_plan
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.passed_over import passed_over
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
-from kitti_ros2.importer.topic_survey import TopicSurvey
 from kitti_ros2.messages.ros_types import TFMessage
 from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model import msgtypes as types
@@ -25,45 +25,7 @@ from kitti_ros2.model.layouts import Layout
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.rig.link_tally import LinkTally
 
-K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 PATH = Path('bag.mcap')
-
-
-def topic(name, msgtype, *looks, frame='', count=5):
-    stamps = [(index + 1) * 100_000_000 for index in range(count)]
-    found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
-    found.has_fix = msgtype == types.FIX
-    return found
-
-
-def image(name, encoding='bgr8', frame=''):
-    return topic(name, types.IMAGE, SimpleNamespace(encoding=encoding), frame=frame)
-
-
-def compressed(name, form='png', frame=''):
-    return topic(name, types.COMPRESSED, SimpleNamespace(format=form), frame=frame)
-
-
-def info(name, frame='', d=(), model='plumb_bob'):
-    look = SimpleNamespace(
-        width=0,
-        height=0,
-        k=K.ravel(),
-        d=np.array(d, float),
-        r=np.eye(3).ravel(),
-        p=np.column_stack([K, np.zeros(3)]).ravel(),
-        distortion_model=model,
-    )
-    return topic(name, types.CAMERA_INFO, look, frame=frame)
-
-
-def cloud(name, *fields, frame='lidar', width=100, count=5):
-    names = ('x', 'y', 'z', *fields)
-    parts = [SimpleNamespace(name=each, offset=0, datatype=7, count=1) for each in names]
-    look = SimpleNamespace(fields=parts, width=width, height=1)
-    # Too short to be read: it tells no intensity.
-    look.__dict__.update(point_step=4, row_step=0, is_bigendian=False, data=np.zeros(0, np.uint8))
-    return topic(name, types.CLOUD, look, frame=frame, count=count)
 
 
 def guess(*topics, layout=Layout.OBJECT, static=(), moving=(), with_calibration=False):

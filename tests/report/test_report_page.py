@@ -33,6 +33,7 @@ from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.pictures.recording_frames import RecordingFrames
 from kitti_ros2.report.contents import Finding, Report, Severity
 from kitti_ros2.report.gather import gather
+from kitti_ros2.report.glances import LinkGlance
 from kitti_ros2.report.overview import Overview
 from kitti_ros2.report.page import make_page
 from kitti_ros2.report.rig_plot import mounts_of
@@ -246,7 +247,7 @@ def test_names_that_are_not_utf_8_are_replaced(recordings, tmp_path):
     source.encode()
 
 
-def page_with(name, where, text) -> str:
+def page_with(name, where, text, links=()) -> str:
     """A page of a bag without messages, with one finding."""
     overview = Overview(
         path=Path('/recordings') / 'bag',
@@ -261,7 +262,7 @@ def page_with(name, where, text) -> str:
         size_bytes=0,
         compression=None,
         cameras=(),
-        links=(),
+        links=links,
         losses=(),
         notes=(),
     )
@@ -335,6 +336,18 @@ def test_the_rig_is_put_together_along_its_links(recordings):
     forward = camera.rotation[:, 2]
     np.testing.assert_allclose(forward, [1, 0, 0], atol=0.05)
     assert mounts_of(()) == []
+
+
+@pytest.mark.parametrize(('frames', 'shown', 'rest'), [(199, 200, []), (1234, 200, ['1,035'])])
+def test_a_page_lists_the_first_frames_and_counts_the_others(frames, shown, rest):
+    links = [LinkGlance('base', f'f{each}', (1.0, 0.0, 0.0), (0.0,) * 3) for each in range(frames)]
+    page = Page(page_with('bag', '', '', links))
+    assert page.faults == []
+    assert page.tags['tr'] == 1 + shown
+    assert [each for each in page.words('p') if each.endswith(' more')] == [
+        f'... and {count} more' for count in rest
+    ]
+    assert page.words('summary') == [f'{"The first" if rest else "All"} {shown} frames']
 
 
 def write_bag(path, topics):

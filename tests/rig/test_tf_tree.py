@@ -148,6 +148,42 @@ def chain(count):
     return [(str(number), str(number + 1), shift(x=1)) for number in range(count)]
 
 
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from('abcdef'),
+            st.sampled_from('abcdef'),
+            st.sampled_from([shift(x=1), Transform(2 * np.eye(3), np.zeros(3)), None]),
+        ),
+        max_size=9,
+    ),
+    st.booleans(),
+)
+def test_whether_frames_are_joined_is_told_without_the_transform(links, moves_late):
+    static = [link for link in links if link[2] is not None]
+    moving = [link[:2] for link in links if link[2] is None]
+    tree = FrameTree(static, () if moves_late else moving)
+    for parent, child in moving if moves_late else ():
+        tree.joins(parent, child)
+        tree.add_moving(parent, child)
+    assert str(tree) == str(FrameTree(static, moving))
+    for target in 'abcdefg':
+        for source in 'abcdefg':
+            joined = tree.joins(target, source)
+            assert joined == (tree.find(target, source) is not None)
+            if joined:
+                tree.transform(target, source)
+            else:
+                complaint(tree, target, source)
+
+
+@pytest.mark.parametrize('length', [100, 101])
+def test_frames_at_the_end_of_the_longest_chain_are_joined(length):
+    tree = FrameTree(chain(length))
+    assert tree.joins('0', str(length)) == (length == 100)
+    assert tree.joins(str(length), '1') == (length == 100)
+
+
 def test_a_chain_longer_than_any_robot_has_is_refused_by_name():
     tree = FrameTree(chain(101))
     assert tree.transform('0', '100').translation.tolist() == [100, 0, 0]
