@@ -20,6 +20,8 @@ from .strokes import new_picture, size_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
+
     from .pixels import Pixels
     from .strokes import Bounds, Color
 
@@ -121,18 +123,17 @@ class Tag:
 
 def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
     """Draw tags within the image, each at its box where it overlaps none of the earlier ones."""
-    taken = np.zeros((len(tags), 4))
-    for count, tag in enumerate(tags):
+    width, height = size_of(picture)
+    taken = np.zeros((height, width), bool)
+    for tag in tags:
         extent = extent_of(tag.text, scale)
         room = (extent.width + 2 * _PAD, extent.above + extent.below + 2)
-        left, top = _place(tag, room, size_of(picture), taken[:count])
-        taken[count] = left, top, left + room[0], top + room[1]
-        _draw_tag(picture, tag, (left, top), room, scale)
+        corner = _place(tag, room, taken)
+        _part(taken, corner, room)[:] = True
+        _draw_tag(picture, tag, corner, room, scale)
 
 
-def _place(
-    tag: Tag, room: tuple[int, int], size: tuple[int, int], taken: np.ndarray
-) -> tuple[int, int]:
+def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tuple[int, int]:
     """Place a tag above, below, in or farther from its box: the first place of least overlap."""
     left, top, right, bottom = tag.bounds
     width, height = room
@@ -141,16 +142,22 @@ def _place(
     aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
     columns = (left, right - width)
     around = [(x, y) for rows in (near, far) for x in columns for y in rows]
-    tries = [(x, y) for x, y in (*aside, *around) if 0 <= y <= size[1] - height] or [(left, top)]
+    highest = taken.shape[0] - height
+    tries = [(x, y) for x, y in (*aside, *around) if 0 <= y <= highest] or [(left, top)]
     placed = np.rint(tries).astype(int)
-    placed[:, 0] = placed[:, 0].clip(0, max(size[0] - width, 0))
-    placed[:, 1] = placed[:, 1].clip(0, max(size[1] - height, 0))
-    ends = placed + np.array(room)
-    hits = ((placed[:, None] < taken[None, :, 2:]) & (ends[:, None] > taken[None, :, :2])).all(
-        axis=2
-    )
-    x, y = placed[int(np.argmin(hits.sum(axis=1)))]
-    return int(x), int(y)
+    placed[:, 0] = placed[:, 0].clip(0, max(taken.shape[1] - width, 0))
+    placed[:, 1] = placed[:, 1].clip(0, max(highest, 0))
+    corners = [(x, y) for x, y in placed.tolist()]
+    # Pixels, not tags, are counted: the cost of a place does not grow with the tags drawn.
+    return min(corners, key=lambda corner: np.count_nonzero(_part(taken, corner, room)))
+
+
+def _part(
+    taken: npt.NDArray[np.bool_], corner: tuple[int, int], room: tuple[int, int]
+) -> npt.NDArray[np.bool_]:
+    """Return the view of a rectangle of the picture."""
+    (left, top), (width, height) = corner, room
+    return taken[top : top + height, left : left + width]
 
 
 def _draw_tag(

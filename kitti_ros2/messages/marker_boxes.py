@@ -8,6 +8,10 @@ Markers are drawn for people: the class of a box is in a caption, in a namespace
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
+from collections import Counter
+from itertools import islice, takewhile
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from ..model.boxes import Cuboid
@@ -59,6 +63,7 @@ def cuboids_of_markers(
         ValueError: All boxes are in frames that are not joined.
     """
     shown = _shown(message)
+    captions = _Captions(shown)
     cubes = [each for each in shown if each.type == _CUBE]
     framed = {cube.id for cube in cubes}
     lists = [
@@ -67,11 +72,11 @@ def cuboids_of_markers(
 
     def make(cube: Any) -> Cuboid:  # noqa: ANN401 - as above
         return Cuboid(
-            _class_of(cube, shown),
+            _class_of(cube, captions),
             f'{cube.ns}/{cube.id}',
             place_in_velo(cube.pose, cube.header.frame_id, to_velo),
             (cube.scale.x, cube.scale.y, cube.scale.z),
-            _score_of(cube, shown) if scores else None,
+            _score_of(cube, captions) if scores else None,
         )
 
     cuboids, left_out = placed(cubes, make)
@@ -99,35 +104,59 @@ def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
     return [marker for (namespace, _), marker in shown.items() if namespace != _EGO]
 
 
-def _class_of(cube: Any, shown: list[Any]) -> str:  # noqa: ANN401 - of the bag's types
+class _Captions:
+    """The texts about the cubes of an array, looked up by id and namespace.
+
+    Args:
+        shown: The visible markers.
+    """
+
+    def __init__(self, shown: list[Any]) -> None:
+        self._cubes = Counter(each.id for each in shown if each.type == _CUBE)
+        self._texts: dict[int, list[tuple[str, int, str]]] = {}
+        for place, each in enumerate(shown):
+            if each.type == _TEXT:
+                self._texts.setdefault(each.id, []).append((each.ns, place, each.text))
+        for texts in self._texts.values():
+            texts.sort()
+
+    def of(self, cube: Any) -> list[str]:  # noqa: ANN401 - of the bag's types
+        """Return the texts about a cube.
+
+        They are its own text, and those of text markers with its id whose namespace begins with
+        the cube's, or of all if the cube is the only one with this id; as they were shown.
+        """
+        texts = self._texts.get(cube.id, [])
+        near = self._in_namespace(texts, cube.ns) if cube.ns else []
+        if not near and self._cubes[cube.id] == 1:
+            near = texts
+        return [cube.text, *(text for _, _, text in sorted(near, key=itemgetter(1)))]
+
+    @staticmethod
+    def _in_namespace(
+        texts: list[tuple[str, int, str]], namespace: str
+    ) -> list[tuple[str, int, str]]:
+        """Return those whose namespace begins so; sorted by it, they follow each other."""
+        following = islice(texts, bisect_left(texts, (namespace,)), None)
+        return list(takewhile(lambda each: each[0].startswith(namespace), following))
+
+
+def _class_of(cube: Any, captions: _Captions) -> str:  # noqa: ANN401 - of the bag's types
     """Return the class of a cube, empty if unknown.
 
     It is in a caption, or it is the cube's namespace.
     """
-    candidates = [*_captions(cube, shown), cube.ns.rpartition('/')[2]]
+    candidates = [*captions.of(cube), cube.ns.rpartition('/')[2]]
     return next((found for text in candidates if (found := _class_in(text))), '')
 
 
-def _score_of(cube: Any, shown: list[Any]) -> float | None:  # noqa: ANN401 - of the bag's types
+def _score_of(cube: Any, captions: _Captions) -> float | None:  # noqa: ANN401 - of the bag's types
     """Return the last fraction or percentage in the captions of a cube, None without one."""
-    found = [match for text in _captions(cube, shown) for match in _SCORE.finditer(text)]
+    found = [match for text in captions.of(cube) for match in _SCORE.finditer(text)]
     if not found:
         return None
     number = float(found[-1][1])
     return number / 100 if found[-1][2] else number
-
-
-def _captions(cube: Any, shown: list[Any]) -> list[str]:  # noqa: ANN401 - of the bag's types
-    """Return the texts about a cube.
-
-    They are its own text, and those of text markers with its id whose namespace begins with the
-    cube's, or of all if the cube is the only one with this id.
-    """
-    texts = [each for each in shown if each.type == _TEXT and each.id == cube.id]
-    near = [each for each in texts if cube.ns and each.ns.startswith(cube.ns)]
-    if not near and sum(each.type == cube.type and each.id == cube.id for each in shown) == 1:
-        near = texts
-    return [cube.text, *(each.text for each in near)]
 
 
 def _class_in(text: str) -> str:

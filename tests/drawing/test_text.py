@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -30,6 +32,21 @@ def test_tags_of_one_place_keep_apart_within_the_image(bounds):
         left, top, right, bottom = bounds_of(tag_pixels(picture, color))
         assert right - left + 1 >= extent.width, 'cut off'
         assert bottom - top + 1 >= extent.above + extent.below, 'hidden'
+
+
+def test_the_place_of_a_tag_costs_the_same_after_thousands():
+    def most_memory(count):
+        tags = [Tag('Car', (100.0, 100.0, 200.0, 150.0), COLORS[0])] * count
+        picture = canvas()
+        tracemalloc.start()
+        try:
+            draw_tags(picture, tags, SCALE)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    most_memory(1)
+    assert most_memory(2000) < 1.5 * most_memory(200)
 
 
 def test_a_tag_that_is_outlined_is_another():

@@ -10,6 +10,7 @@ from types import SimpleNamespace as Some
 
 import numpy as np
 import pytest
+from counted_calls import calls_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -398,6 +399,47 @@ def test_captions_go_with_the_cube_of_their_namespace():
         marker(TEXT, 'a_text', 0, 'Bus'), marker(TEXT, 'b_text', 0, 'Tram'),
     )  # fmt: skip
     assert found == ['Bus', 'Tram']
+
+
+@given(
+    st.dictionaries(
+        st.tuples(
+            st.sampled_from(['', 'box', 'box_id', 'boxes', 'label', '\U0010ffff']),
+            st.integers(0, 2),
+        ),
+        st.sampled_from([CUBE, TEXT, LINES]),
+        max_size=12,
+    )
+)
+def test_captions_are_found_as_by_looking_at_all_markers_for_each_cube(kind_of):
+    shown = [
+        marker(kind, ns, number, 'k' * (place + 2) if kind == TEXT else '')
+        for place, ((ns, number), kind) in enumerate(kind_of.items())
+    ]
+    expected = []
+    for cube in (each for each in shown if each.type == CUBE):
+        of_id = [each for each in shown if each.id == cube.id]
+        texts = [each.text for each in of_id if each.type == TEXT]
+        near = [
+            each.text
+            for each in of_id
+            if each.type == TEXT and cube.ns and each.ns.startswith(cube.ns)
+        ]
+        alone = sum(each.type == CUBE for each in of_id) == 1
+        expected.append(next(iter(near or (texts if alone else [])), 'Misc'))
+    assert kinds(*shown) == expected
+
+
+def test_twice_the_cubes_cost_twice():
+    def decoded(size):
+        shown = [
+            each
+            for number in range(size)
+            for each in (marker(number=number), marker(TEXT, 'labels', number, 'Van 0.87'))
+        ]
+        return calls_of(lambda: cuboids_of_markers(Some(markers=shown), HERE, scores=True))
+
+    assert decoded(400) < 2.3 * decoded(200)
 
 
 def test_what_is_deleted_is_not_there_and_what_is_changed_is_there_once():

@@ -7,15 +7,14 @@ Bags of many robots have thousands of frames, and hostile ones of a few kB as we
 
 from __future__ import annotations
 
-import sys
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from counted_calls import calls_of
 from surveyed import cloud, image, info, topic
 
 from kitti_ros2.importer.guess import guess_plan
@@ -82,19 +81,12 @@ def survey_of(kind: str, size: int) -> Survey:
 
 def calls_for(survey: Survey) -> int:
     """Return how many functions a plan calls."""
-    calls = count()
 
-    def note(_frame: object, event: str, _argument: object) -> None:
-        if event in {'call', 'c_call'}:
-            next(calls)
-
-    sys.setprofile(note)
-    try:
+    def plan() -> None:
         with suppress(KittiRos2Error):
             passed_over(survey, guess_plan(survey, Layout.RAW, Path('bag.mcap')).plan)
-    finally:
-        sys.setprofile(None)
-    return next(calls)
+
+    return calls_of(plan)
 
 
 @pytest.mark.parametrize(
