@@ -45,8 +45,9 @@ def test_the_place_of_a_tag_costs_the_same_after_thousands():
         finally:
             tracemalloc.stop()
 
-    most_memory(1)
-    assert most_memory(2000) < 1.5 * most_memory(200)
+    # Other threads of the process allocate as well, now and then.
+    few, many = (min(most_memory(count) for _ in range(3)) for count in (20, 2000))
+    assert many < 2 * few
 
 
 def test_a_tag_that_is_outlined_is_another():
