@@ -48,8 +48,9 @@ class Ending:
     def leave(self, code: int) -> None:
         """End the process at once after abandon; a normal exit would wait for what cannot close."""
         if self._abandoned:
-            sys.stdout.flush()
-            sys.stderr.flush()
+            for stream in (sys.stdout, sys.stderr):
+                with suppress(OSError):  # a full disk, or a pipe that nobody reads
+                    stream.flush()
             os._exit(code)
 
 

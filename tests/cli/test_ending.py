@@ -45,3 +45,25 @@ def test_a_signal_that_another_thread_takes_ends_the_wait(name):
         check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, 'ended\n', '')
+
+
+ABANDONED = """
+import threading
+from kitti_ros2.cli.ending import end_by_signal
+
+threading.Thread(target=threading.Event().wait).start()
+ending = end_by_signal()
+ending.abandon()
+print('unsaved')
+ending.leave(3)
+"""
+
+
+def test_what_cannot_be_closed_does_not_keep_a_process_whose_output_has_no_room():
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    environment.pop('PYTHONUNBUFFERED', None)
+    with Path('/dev/full').open('w') as full:
+        done = subprocess.run(
+            [sys.executable, '-c', ABANDONED], env=environment, stdout=full, timeout=30, check=False
+        )
+    assert done.returncode == 3

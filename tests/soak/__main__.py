@@ -39,11 +39,13 @@ class Reporter:
     """A process, and the lines of JSON that it prints or writes to a pipe.
 
     Attributes:
+        script: Its file.
         lines: What they say.
         others: Other lines, such as of Fast DDS, which prints some of its errors.
     """
 
     def __init__(self, stack: ExitStack, script: str, *words: object, fd: bool = False) -> None:
+        self.script = script
         self.lines: list[dict] = []
         self.others: list[str] = []
         self.errors = tempfile.TemporaryFile('w+')  # noqa: SIM115 - read after the end
@@ -108,8 +110,12 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
     samples: list[Sample] = []
     with suppress(KeyboardInterrupt):  # the figures so far
         watch(chosen, player, [*bare.values()], [caller, *visitors], samples)
+    everyone = [player, *bare.values(), caller, *visitors]
+    codes = [(each.script, each.process.poll()) for each in everyone]
+    ended = [(script, code) for script, code in codes if code is not None]
     code = player.end(signal.SIGINT)
-    return report(samples, player, bare, caller, visitors) | {'exit_code': code}
+    figures = report(samples, player, bare, caller, visitors)
+    return figures | {'ended_by_themselves': ended, 'exit_code': code}
 
 
 def folder() -> tempfile.TemporaryDirectory:
@@ -169,6 +175,7 @@ def report(
         **lateness('publisher_', bare['publisher'].last),
         'calls': len(caller.lines),
         'unanswered': sum(not each['answered'] for each in caller.lines),
+        'first_unanswered': next((each for each in caller.lines if not each['answered']), None),
         'subscribers_gone': sum(len(each.lines) for each in visitors),
         'taken': sum(line['taken'] for each in visitors for line in each.lines),
         'stderr': player.said(),

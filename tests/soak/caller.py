@@ -48,11 +48,15 @@ class Caller:
         self.node = rclpy.create_node('soak_caller')
         self.chance = random.Random(int(seed))
         self.rate = float(rate)
+        self.start = time.monotonic()
         self.clients = {}
         self.services = {}
         while not {'pause', 'resume', 'play_next'} <= self.services.keys():
             self.services = controls(self.node)
             time.sleep(0.1)
+
+    def minute(self):
+        return round((time.monotonic() - self.start) / 60, 2)
 
     def call(self, kind, name, request):
         client = self.clients.get(name)
@@ -62,7 +66,8 @@ class Caller:
         future = client.call_async(request)
         rclpy.spin_until_future_complete(self.node, future, timeout_sec=PATIENCE_S)
         answer = future.result()
-        print(json.dumps({'call': name, 'answered': answer is not None}), flush=True)
+        said = {'call': name, 'answered': answer is not None, 'minute': self.minute()}
+        print(json.dumps(said), flush=True)
 
     def set(self, name, value):
         kind = ParameterType.PARAMETER_DOUBLE
