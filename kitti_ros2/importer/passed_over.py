@@ -271,7 +271,10 @@ def _label_camera(plan: Plan) -> int:
 def _pixel_frames(survey: Survey, plan: Plan) -> PixelFrames | None:
     """Return the frames of the labels' camera, None where it is not planned."""
     camera = plan.cameras.get(_label_camera(plan))
-    return None if camera is None else PixelFrames(survey, survey.tree, camera)
+    try:
+        return None if camera is None else PixelFrames(survey, survey.tree, camera)
+    except UsageError:  # as in _links
+        return None
 
 
 def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
@@ -281,7 +284,8 @@ def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFram
             f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
             f' {_label_camera(plan)} have {some_of(pixels.every, _SHOWN)}'
         )
-    solid = labels is not None and survey.topics[labels.topic].msgtype != types.DETECTIONS_2D
+    labelled = None if labels is None else survey.topics.get(labels.topic)
+    solid = labelled is not None and labelled.msgtype != types.DETECTIONS_2D
     return _JOINED_2D if solid else _LABELS_2D
 
 

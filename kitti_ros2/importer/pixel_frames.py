@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model import msgtypes as types
+from .planned_topics import topic_of
 
 if TYPE_CHECKING:
     from ..rig.tf_tree import FrameTree
@@ -29,8 +30,12 @@ class PixelFrames:
     """
 
     def __init__(self, survey: Survey, tree: FrameTree, camera: CameraPlan) -> None:
-        """Take the frames of a camera in the tree of its bag."""
-        names = {survey.topics[name].frame for name in (camera.topic, camera.info) if name}
+        """Take the frames of a camera in the tree of its bag.
+
+        Raises:
+            UsageError: The bag has no messages of the camera.
+        """
+        names = {topic_of(survey, name).frame for name in (camera.topic, camera.info) if name}
         self._named = {*names, camera.frame} - {''}
         every = {each.frame for kind in _CAMERA_TYPES for each in survey.of_type(kind)}
         self._others = every - self._named - {''}

@@ -159,6 +159,7 @@ _EDITS: tuple[dict[str, Any], ...] = (
     *({'tolerance_s': value} for value in (-1, 0, '.inf', 1e9, 10**400, 'x', True)),
     *({'origin': value} for value in ('49,8,100', '99,8', 'x')),
     *({'cameras': value} for value in ({9: {}}, [1], {2: {'topic': 1}}, {2: {}}, {})),
+    {'cameras': {2: {'topic': '/none'}}, 'labels': {'topic': '/none'}},
     *({'camera_sets': value} for value in ([1], {'a b': {}}, {'a': {}, 'A': {}}, _SETS)),
     *({'camera_sets': _SETS, 'cameras': {}, 'calibration': value} for value in ('tf', 'none')),
     *({'layout': 'kitti'}, {'incomplete': 'keep'}, {'stamps': 'log'}, {'stamps': 3}, {'name': 7}),

@@ -94,6 +94,25 @@ def test_a_value_that_cannot_be_meant_is_refused_by_its_key(
     assert said in refusal(bag, tmp_path, capfd, path)
 
 
+@pytest.mark.parametrize(
+    ('keys', 'value'),
+    [
+        (('scan', 'topic'), '/none'),
+        (('cameras', 2, 'topic'), '/none'),
+        (('cameras', 2, 'info'), '/none'),
+        (('labels', 'topic'), '/none'),
+        (('labels', 'boxes_2d'), '/none'),
+        (('labels',), {'topic': '/none'}),
+        (('imu',), '/none'),
+        (('fix',), '/none'),
+        (('velocity',), '/none'),
+    ],
+)
+def test_a_topic_that_is_not_in_the_bag_is_named(bag, tmp_path, capfd, keys, value):
+    path = changed(tmp_path, *keys, value=value)
+    assert 'the plan names /none, of which the bag has no' in refusal(bag, tmp_path, capfd, path)
+
+
 def test_a_class_has_characters_that_can_be_printed(bag, tmp_path, capfd):
     labels = PLAN['labels'] | {'classes': {'Car': 'a\x00b'}, 'keep_classes': True}
     path = changed(tmp_path, 'labels', value=labels)
