@@ -77,19 +77,24 @@ class BirdOptions:
             raise UsageError(
                 f'a resolution of {self.pixels_per_metre:g} is not positive, in pixels per metre'
             )
-        if not all(1 <= pixels <= MOST_BIRD_PIXELS for pixels in self.size):
-            width, height = self.size
+        width, height = self._sides()
+        sides = (width, height)
+        if not all(side < math.inf and 1 <= round(side) <= MOST_BIRD_PIXELS for side in sides):
             raise UsageError(
-                f"a bird's-eye view of {width} x {height} pixels; expected 1 to"
+                f"a bird's-eye view of {width:.6g} x {height:.6g} pixels; expected 1 to"
                 f' {MOST_BIRD_PIXELS} a side (change its range or resolution)'
             )
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture."""
+        width, height = self._sides()
+        return round(width), round(height)
+
+    def _sides(self) -> tuple[float, float]:
+        """Return (width, height), not rounded; infinity where no float is so large."""
         width, height = (
-            round((high - low) * self.pixels_per_metre)
-            for low, high in (self.y_range, self.x_range)
+            (high - low) * self.pixels_per_metre for low, high in (self.y_range, self.x_range)
         )
         return width, height
 

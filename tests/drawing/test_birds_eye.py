@@ -144,6 +144,7 @@ def test_the_size_is_range_times_resolution():
         ({'pixels_per_metre': np.nan}, 'not positive'),
         ({'pixels_per_metre': 1e4}, 'a side'),
         ({'pixels_per_metre': 1e-4}, 'a side'),
+        ({'x_range': (-1e308, 1e308)}, 'a side'),
     ],
 )
 def test_views_that_cannot_be_are_refused(values, reason):

@@ -225,7 +225,8 @@ def _yaml_numbers() -> list[bytes]:
 
 
 def _shares() -> list[bytes]:
-    return [b'split ratio\n1e999999999', b'crop range\n1' + b'0' * 400 + b':']
+    beyond_float = b'view range\n-1e308,1e308,3,4'
+    return [b'split ratio\n1e999999999', b'crop range\n1' + b'0' * 400 + b':', beyond_float]
 
 
 def _idl(fields: str, constants: str = '') -> bytes:
