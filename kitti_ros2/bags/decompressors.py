@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import bz2
 from contextlib import suppress
+from mmap import mmap
 from typing import TYPE_CHECKING, Any
 
 import zstandard
@@ -122,11 +123,13 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
     if name not in _STREAMS:
         return b''
     most = min(size or largest_block(len(data)), largest_block(len(data)))
-    found = bytearray()
+    # Pages that are not written take no memory, and what grows is copied on the way.
+    found, end = mmap(-1, most), 0
     with suppress(*_ERRORS):
         for piece in _pieces(name, data, most):
-            found += piece
-    return memoryview(found).toreadonly()  # a copy would double the memory
+            found[end : end + len(piece)] = piece
+            end += len(piece)
+    return memoryview(found)[:end].toreadonly()
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:

@@ -68,6 +68,14 @@ def _chunk_bombs() -> list[bytes]:
     ]
 
 
+@cache
+def _cut_bombs() -> list[bytes]:
+    """Chunks without an end, and what they may become."""
+    packed = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(_BOMB_BYTES))
+    whole = [_mcap_chunk(b'zstd', packed, declared) for declared in (0, _BOMB_BYTES)]
+    return [each[: each.index(packed) + len(packed) - 100] for each in whole]
+
+
 def _short_messages() -> list[bytes]:
     """A chunk with messages that are shorter than their head."""
     schema = struct.pack('<H', 1) + _text(b'std_msgs/msg/String') + _text(b'ros2msg')
@@ -264,8 +272,8 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'definition': (_definitions,),
     'typestore': (_definitions,),
     'foxglove': (_beyond_float32,),
-    'mcap': (_chunk_bombs, _message_bomb, _short_messages, _endless_chunks),
-    'mcap_without_index': (_chunk_bombs, _short_messages, _endless_chunks),
+    'mcap': (_chunk_bombs, _cut_bombs, _message_bomb, _short_messages, _endless_chunks),
+    'mcap_without_index': (_chunk_bombs, _cut_bombs, _short_messages, _endless_chunks),
     'recover': (_many_types,),
     'ros1': (_ros1_bomb, _ros1_lengths, _ros1_chunk_info),
     'sqlite3': (_databases, _circles),
