@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import bz2
 from contextlib import suppress
-from mmap import mmap
+from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
 from typing import TYPE_CHECKING, Any
 
 import zstandard
@@ -123,10 +123,12 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
     if name not in _STREAMS:
         return b''
     most = min(size or largest_block(len(data)), largest_block(len(data)))
-    # Pages that are not written take no memory, and what grows is copied on the way.
-    found, end = mmap(-1, most), 0
+    # The system moves pages that grow; a bytearray may be copied.
+    found, end = mmap(-1, min(most, _STEP), flags=MAP_PRIVATE | MAP_ANONYMOUS), 0
     with suppress(*_ERRORS):
         for piece in _pieces(name, data, most):
+            if end + len(piece) > len(found):
+                found.resize(min(2 * len(found), most))
             found[end : end + len(piece)] = piece
             end += len(piece)
     return memoryview(found)[:end].toreadonly()

@@ -94,6 +94,14 @@ def test_the_beginning_of_a_block_is_bounded(bomb, size, most, allocated):
     assert not any(found[:1000])
 
 
+def test_no_memory_is_asked_for_that_a_beginning_does_not_need(monkeypatch):
+    monkeypatch.setenv(LARGEST_BLOCK, '1000TB')
+    packed = COMPRESS['zstd without a size'](BOMB[:MB])
+    for size in (0, 2**49):
+        found = decompress_beginning('zstd', packed[:-3], size)
+        assert 0 < len(found) <= MB
+
+
 GROWS = """
 import re, sys
 from pathlib import Path
