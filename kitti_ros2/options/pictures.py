@@ -77,8 +77,7 @@ class BirdOptions:
             raise UsageError(
                 f'a resolution of {self.pixels_per_metre:g} is not positive, in pixels per metre'
             )
-        width, height = self._sides()
-        sides = (width, height)
+        width, height = sides = self._sides()
         if not all(side < math.inf and 1 <= round(side) <= MOST_BIRD_PIXELS for side in sides):
             raise UsageError(
                 f"a bird's-eye view of {width:.6g} x {height:.6g} pixels; expected 1 to"

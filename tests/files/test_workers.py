@@ -43,17 +43,17 @@ def test_a_pool_takes_results_in_order_and_only_when_it_is_full():
 
 
 def test_a_closed_pool_cancels_what_has_not_begun():
-    begun, is_first, go = [], threading.Event(), threading.Event()
+    begun, has_begun, go = [], threading.Event(), threading.Event()
 
     def task(number):
         begun.append(number)
-        is_first.set()
+        has_begun.set()
         go.wait(10)
 
     pool = OrderedPool(1, ahead=5)
     for number in range(5):
         pool.put(partial(task, number))
-    assert is_first.wait(60)
+    assert has_begun.wait(60)
     threading.Timer(0.2, go.set).start()
     pool.close()
     assert begun == [0]

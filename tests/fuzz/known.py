@@ -232,7 +232,7 @@ def _yaml_numbers() -> list[bytes]:
     return [name + number for name in (b'layout: ', b'start: ') for number in numbers]
 
 
-def _shares() -> list[bytes]:
+def _large_numbers() -> list[bytes]:
     beyond_float = b'view range\n-1e308,1e308,3,4'
     return [b'split ratio\n1e999999999', b'crop range\n1' + b'0' * 400 + b':', beyond_float]
 
@@ -277,7 +277,7 @@ _KNOWN: dict[str, tuple[Callable[[], list[bytes]], ...]] = {
     'recover': (_many_types,),
     'ros1': (_ros1_bomb, _ros1_lengths, _ros1_chunk_info),
     'sqlite3': (_databases, _circles),
-    'option_text': (_shares,),
+    'option_text': (_large_numbers,),
     'png': (_pngs,),
     'yaml': (_yaml_tags, _yaml_numbers),
     'config': (_yaml_tags, _yaml_numbers),
