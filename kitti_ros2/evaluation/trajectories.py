@@ -206,7 +206,7 @@ def _parse_tum(words: list[str], _: int) -> tuple[int, list[float]]:
     length = hypot(*quaternion)
     if abs(length - 1) > _QUATERNION:
         raise ValueError(f'the quaternion has length {length:.3g}, not 1')
-    first, second, third = quaternion_to_rotation(np.array(quaternion)).tolist()
+    first, second, third = quaternion_to_rotation(quaternion).tolist()
     return parse_seconds(words[0]), [*first, x, *second, y, *third, z]
 
 

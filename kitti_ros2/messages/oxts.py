@@ -245,7 +245,7 @@ def has_orientation(imu: Imu) -> bool:
     quaternion all zeros instead.
     """
     q = imu.orientation
-    rotation = quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w]))
+    rotation = quaternion_to_rotation((q.x, q.y, q.z, q.w))
     return bool(imu.orientation_covariance[0] != _NOT_KNOWN and np.isfinite(rotation).all())
 
 
@@ -261,9 +261,7 @@ def _attitude(imu: Imu | None, imu_t_frame: Transform) -> Float64Array:
     if imu is None or not has_orientation(imu):
         return np.eye(3)
     q = imu.orientation
-    rotation: Float64Array = (
-        quaternion_to_rotation(np.array([q.x, q.y, q.z, q.w])) @ imu_t_frame.rotation.T
-    )
+    rotation: Float64Array = quaternion_to_rotation((q.x, q.y, q.z, q.w)) @ imu_t_frame.rotation.T
     return rotation
 
 

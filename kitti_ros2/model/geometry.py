@@ -9,11 +9,15 @@ Quaternions are (x, y, z, w), w >= 0. Metres and radians throughout.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 Float64Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -51,12 +55,9 @@ class Transform:
         return cls(values[:3, :3].copy(), values[:3, 3].copy())
 
     @classmethod
-    def from_quaternion(cls, xyzw: npt.ArrayLike, translation: npt.ArrayLike) -> Transform:
+    def from_quaternion(cls, xyzw: Iterable[float], translation: npt.ArrayLike) -> Transform:
         """Build from a unit quaternion (x, y, z, w) and a translation."""
-        return cls(
-            quaternion_to_rotation(np.asarray(xyzw, dtype=np.float64)),
-            np.asarray(translation, dtype=np.float64),
-        )
+        return cls(quaternion_to_rotation(xyzw), np.asarray(translation, dtype=np.float64))
 
     @classmethod
     def from_translation(cls, xyz: npt.ArrayLike) -> Transform:
@@ -115,16 +116,17 @@ def rotation_to_rpy(rotation: Float64Array) -> tuple[float, float, float]:
     return float(roll), float(pitch), float(yaw)
 
 
-def quaternion_to_rotation(xyzw: Float64Array) -> Float64Array:
+def quaternion_to_rotation(xyzw: Iterable[float]) -> Float64Array:
     """Return the (3, 3) rotation of a quaternion (x, y, z, w), which is normalised first.
 
     NaN if that is impossible: for zeros, NaN, and numbers whose squares overflow float64.
     """
-    with _any_numbers():
-        norm = np.linalg.norm(xyzw)
-    if not (np.isfinite(norm) and norm > 0):
+    # For four numbers NumPy takes five times as long.
+    x, y, z, w = (float(each) for each in xyzw)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not 0 < norm < math.inf:
         return np.full((3, 3), np.nan)
-    x, y, z, w = xyzw / norm
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -63,7 +63,7 @@ class LinkTally:
             self._topics.setdefault(key, topic)
             if still:
                 # The last value of a static link is valid, as for late subscribers.
-                if differ(first, transform, _STILL_M):
+                if first is not transform and differ(first, transform, _STILL_M):
                     self._changing.add(key)
                     self._check_robot(key, topic)
                 self._first[key] = transform
