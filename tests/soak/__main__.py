@@ -22,6 +22,7 @@ import threading
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
@@ -33,6 +34,13 @@ FRAMES = 120
 EVERY_S = 1.0
 BARE = ('timer', 'publisher')
 """What the machine and the middleware miss by themselves."""
+
+
+class Samples(NamedTuple):
+    """The player and the bare publisher at a moment."""
+
+    player: Sample
+    publisher: Sample
 
 
 class Reporter:
@@ -107,9 +115,9 @@ def soak(chosen: argparse.Namespace, stack: ExitStack) -> dict:
         for seed, speed in enumerate(speeds)
     ]
     caller = Reporter(stack, 'caller.py', 1, chosen.rate, chosen.calls_every)
-    samples: list[Sample] = []
+    samples: list[Samples] = []
     with suppress(KeyboardInterrupt):  # the figures so far
-        watch(chosen, player, [*bare.values()], [caller, *visitors], samples)
+        watch(chosen, player, bare, [caller, *visitors], samples)
     everyone = [player, *bare.values(), caller, *visitors]
     codes = [(each.script, each.process.poll()) for each in everyone]
     ended = [(script, code) for script, code in codes if code is not None]
@@ -126,24 +134,25 @@ def folder() -> tempfile.TemporaryDirectory:
 def watch(
     chosen: argparse.Namespace,
     player: Reporter,
-    bare: list[Reporter],
+    bare: dict[str, Reporter],
     others: list[Reporter],
-    samples: list[Sample],
+    samples: list[Samples],
 ) -> None:
     """Sample the player until the end, or until a process has ended by itself."""
     start = time.monotonic()
-    while all(each.process.poll() is None for each in (player, *bare, *others)):
+    while all(each.process.poll() is None for each in (player, *bare.values(), *others)):
         now = time.monotonic() - start
-        samples.append(sample(player.process.pid, now))
+        sampled = (player, bare['publisher'])
+        samples.append(Samples(*(sample(each.process.pid, now) for each in sampled)))
         if len(samples) % 60 == 0:
-            counts = [player.last, *(each.last for each in bare)]
-            print(f'{now / 60:.0f} min: {samples[-1]} {counts}', file=sys.stderr, flush=True)
+            counts = [player.last, *(each.last for each in bare.values())]
+            print(f'{now / 60:.0f} min: {samples[-1].player} {counts}', file=sys.stderr, flush=True)
         if chosen.loops:
             enough = (
                 player.last.get('frames', 0) >= chosen.loops * chosen.frames
                 and len(others[0].lines) >= chosen.loops
                 and sum(len(each.lines) for each in others[1:]) >= chosen.loops
-                and all(each.lines for each in bare)
+                and all(each.lines for each in bare.values())
             )
             if enough:
                 break
@@ -153,23 +162,26 @@ def watch(
 
 
 def report(
-    samples: list[Sample],
+    samples: list[Samples],
     player: Reporter,
     bare: dict[str, Reporter],
     caller: Reporter,
     visitors: list[Reporter],
 ) -> dict:
     """The figures as plain values."""
-    first, last = samples[len(samples) // 6], samples[-1]
+    players, publishers = ([*each] for each in zip(*samples, strict=True))
+    first, last = players[len(players) // 6], players[-1]
     others = [*bare.values(), caller, *visitors]
     return {
         'minutes': round(last.seconds / 60, 2),
         'published': player.last.get('published', 0),
         'frames': player.last.get('frames', 0),
         'rss_mb': [round(first.rss_bytes / 1e6, 1), round(last.rss_bytes / 1e6, 1)],
-        'rss_mb_per_10_min_after_5': slope_mb_per_10_min(samples),
-        'files': [first.files, last.files, max(each.files for each in samples)],
-        'threads': [first.threads, last.threads, max(each.threads for each in samples)],
+        'rss_mb_per_10_min_after_5': slope_mb_per_10_min(players),
+        'private_mb_per_10_min_after_5': slope_mb_per_10_min(players, 'private_bytes'),
+        'publisher_rss_mb_per_10_min_after_5': slope_mb_per_10_min(publishers),
+        'files': [first.files, last.files, max(each.files for each in players)],
+        'threads': [first.threads, last.threads, max(each.threads for each in players)],
         **lateness('', player.last),
         **lateness('timer_', bare['timer'].last),
         **lateness('publisher_', bare['publisher'].last),

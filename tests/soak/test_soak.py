@@ -39,9 +39,10 @@ def test_a_player_under_load_stays_well():
 
 
 def test_the_slope_is_that_of_the_settled_part():
-    early = [Sample(second, 100_000_000 + second * 1_000_000, 5, 3) for second in range(300)]
-    late = [Sample(second, 400_000_000 + second * 10_000, 5, 3) for second in range(300, 900)]
+    early = [Sample(each, 100_000_000 + each * 1_000_000, 7, 5, 3) for each in range(300)]
+    late = [Sample(each, 400_000_000 + each * 10_000, each * 500, 5, 3) for each in range(300, 900)]
     assert slope_mb_per_10_min(early + late) == pytest.approx(6.0)
+    assert slope_mb_per_10_min(early + late, 'private_bytes') == pytest.approx(0.3)
     assert slope_mb_per_10_min(early) is None
 
 
