@@ -43,7 +43,7 @@ from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
 START_NS = 1_700_000_000_123_456_789
@@ -297,12 +297,18 @@ def write_foreign(
     storage: str = 'mcap',
     *leave_out: str,
     change: Callable[[str, int, object], object] = lambda _topic, _place, message: message,
+    more: Iterable[tuple[str, int, object, bool]] = (),
+    **options: str,
 ) -> Path:
-    """The bag, without some topics, and with messages changed: by topic and place in it."""
+    """The bag, without some topics, with messages changed, by topic and place in it, and more.
+
+    Options are those of BagOptions.
+    """
     seen: Counter[str] = Counter()
-    with open_bag(path, BagOptions(storage=storage), TYPESTORE) as writer:
+    with open_bag(path, BagOptions(storage=storage, **options), TYPESTORE) as writer:
         channels: dict[str, int] = {}
-        for topic, stamp_ns, message, latched in messages(truth):
+        stored = sorted([*messages(truth), *more], key=lambda item: item[1])
+        for topic, stamp_ns, message, latched in stored:
             if topic in leave_out:
                 continue
             kind = getattr(message, '__msgtype__', 'vision_msgs/msg/Detection3DArray')
