@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import ExitStack
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -92,12 +93,14 @@ class BagMessages:
                 for path, file in bag.files(self._findings, stack)
             ]
             self._files = [file for _, _, file in found]
-            self._readings = [
-                Reading(number, channel_id, bag, path, channel if as_ros else stored(channel))
+            self._readings = {
+                (number, channel_id): Reading(
+                    number, channel_id, bag, path, channel if as_ros else stored(channel)
+                )
                 for number, (bag, path, file) in enumerate(found)
                 for channel_id, channel in file.channels.items()
                 if topics is None or channel.topic in topics
-            ]
+            }
             self.compressions = {'zstd' for bag in entered if bag.located.compression_mode}.union(
                 *(file.compressions for file in self._files)
             )
@@ -106,12 +109,11 @@ class BagMessages:
             self._define()
             self._prepare()
             self._stack = stack.pop_all()
-        self.sources = {each.channel.topic: each.channel for each in reversed(self._readings)}
+        readings = [*self._readings.values()]
+        self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
         self.latched = {
-            each.channel.topic: each.channel.depth
-            for each in self._readings
-            if each.channel.latched
+            each.channel.topic: each.channel.depth for each in readings if each.channel.latched
         }
 
     @cached_property
@@ -137,7 +139,7 @@ class BagMessages:
     @property
     def expected(self) -> int:
         """Number of messages listed in the files, including those in damaged pieces."""
-        return sum(map(self._count, self._readings))
+        return sum(map(self._count, self._readings.values()))
 
     @property
     def losses(self) -> dict[str, int | None]:
@@ -153,7 +155,7 @@ class BagMessages:
                 messages ahead, without effect on what is yielded.
         """
         known: list[dict[int, str]] = [{} for _ in self._files]
-        for each in self._readings:
+        for each in self._readings.values():
             if is_stored_as_cdr(each.channel):
                 known[each.number][each.channel_id] = each.channel.topic
         for file, topics in zip(self._files, known, strict=True):
@@ -175,7 +177,7 @@ class BagMessages:
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """Yield the messages from a log time on; None is the beginning."""
         readings: list[dict[int, Reading]] = [{} for _ in self._files]
-        for each in self._readings:
+        for each in self._readings.values():
             readings[each.number][each.channel_id] = each
         files = [
             (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
@@ -205,7 +207,7 @@ class BagMessages:
             BadBagError: No channel is left.
         """
         found: set[str] = set()
-        for reading in list(self._readings):
+        for reading in list(self._readings.values()):
             channel = reading.channel
             if channel.encoding not in READ:
                 found.add(channel.encoding)
@@ -217,7 +219,7 @@ class BagMessages:
 
     def _leave_out(self, reading: Reading, text: str) -> None:
         """Skip a channel that is undamaged: a loss only if the bag is copied."""
-        self._readings.remove(reading)
+        del self._readings[reading.number, reading.channel_id]
         reason = f'{reading.file}: {text}'
         channel, count = reading.channel, self._count(reading)
         self.left_out.append((channel, Loss(channel.topic, count, reason)))
@@ -233,7 +235,7 @@ class BagMessages:
             BadBagError: Bags disagree about the type.
         """
         first: dict[str, Reading] = {}
-        for reading in list(self._readings):
+        for reading in list(self._readings.values()):
             topic, msgtype = reading.channel.topic, reading.channel.msgtype
             known = first.setdefault(topic, reading)
             if known.channel.msgtype == msgtype:
@@ -251,11 +253,11 @@ class BagMessages:
             BadBagError: Such a topic was requested by name.
         """
         definitions = Definitions(self._findings)
-        for reading in list(self._readings):
+        for reading in list(self._readings.values()):
             conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
             if conflict:
                 self._leave_out_undefined(reading, conflict)
-        needed = {name for each in self._readings for name in types_of(each.channel)}
+        needed = {name for each in self._readings.values() for name in types_of(each.channel)}
         undefined = definitions.complete(needed)
         self._definitions = definitions
         reasons = {
@@ -266,7 +268,7 @@ class BagMessages:
             for reason in reasons.values():
                 self._findings.note(f'{self._path}: {reason}; it is copied as it is')
             return
-        for reading in list(self._readings):
+        for reading in list(self._readings.values()):
             lacking = [name for name in types_of(reading.channel) if name in reasons]
             if lacking:
                 self._leave_out_undefined(reading, reasons[lacking[0]])
@@ -278,11 +280,11 @@ class BagMessages:
             MissingLibraryError: A library is not installed, and a topic was requested by name, or
                 nothing can be read without it.
         """
-        for reading in list(self._readings):
+        encodings = {stored(each.channel).encoding for each in self._readings.values()}
+        for reading in list(self._readings.values()):
             try:
                 self._to_cdr.prepare(reading.channel, self._definitions)
             except MissingLibraryError as error:
-                encodings = {stored(each.channel).encoding for each in self._readings}
                 if self._must_read or encodings == {'protobuf'}:
                     raise
                 self._lose_channel(reading, str(error))
@@ -301,12 +303,20 @@ class BagMessages:
 
     def _lose_channel(self, reading: Reading, text: str) -> None:
         """Skip a channel whose messages are lost."""
-        self._readings.remove(reading)
+        del self._readings[reading.number, reading.channel_id]
         self._findings.lose(f'{reading.file}: {text}', self._count(reading))
 
     def _count(self, reading: Reading) -> int:
-        pieces = self._files[reading.number].pieces
-        return sum(piece.counts.get(reading.channel_id, 0) for piece in pieces)
+        return self._counts[reading.number][reading.channel_id]
+
+    @cached_property
+    def _counts(self) -> list[Counter[int]]:
+        """Messages by file and channel id: a sum for each channel would take channels x pieces."""
+        found: list[Counter[int]] = [Counter() for _ in self._files]
+        for file, counts in zip(self._files, found, strict=True):
+            for piece in file.pieces:
+                counts.update(piece.counts)
+        return found
 
 
 def _is_enough(
