@@ -39,8 +39,8 @@ OF_BAGS = ('info IN', 'validate IN', 'report IN -o OUT.html', 'view IN -o OUT.pn
            'recover IN OUT')  # fmt: skip
 OF_SETS = ('info IN', 'validate IN', 'report IN -o OUT.html', 'stats IN', 'view IN -o OUT.png',
            'to-bag IN OUT', 'crop IN OUT --range 0:50')  # fmt: skip
-LINES = 5_000
-FRAMES = 200
+LINES, COPIES, FRAMES = 5_000, 200, 200
+"""At first: lines of a text, copies of the bytes of another file, frames of a set."""
 FASTER = 3.0
 """Times the cost for twice the input, where 2 is right, and clocks are noisy."""
 REFUSED = 2
@@ -91,8 +91,9 @@ def cases() -> Iterator[Case]:
             write_small(Path(folder) / 'set', layout)
             kinds = kinds_of(Path(folder))
         for name in kinds:
+            count = LINES if name.endswith('.txt') else COPIES
             make = _set_maker(layout, name)
-            yield Case(f'{layout.value}: {name}', LINES, base, make, OF_SETS)
+            yield Case(f'{layout.value}: {name}', count, base, make, OF_SETS)
 
 
 def _base_bag(path: Path) -> Path:
