@@ -22,12 +22,15 @@ import threading
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from .figures import Sample, in_10_000, sample, slope_mb_per_10_min
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 HERE = Path(__file__).resolve().parent
 FRAMES = 120
@@ -171,15 +174,18 @@ def report(
     """The figures as plain values."""
     players, publishers = ([*each] for each in zip(*samples, strict=True))
     first, last = players[len(players) // 6], players[-1]
+    times = [each.seconds for each in players]
+    given_out = [each['in_use_bytes'] for each in player.lines]  # one a second
     others = [*bare.values(), caller, *visitors]
     return {
         'minutes': round(last.seconds / 60, 2),
         'published': player.last.get('published', 0),
         'frames': player.last.get('frames', 0),
         'rss_mb': [round(first.rss_bytes / 1e6, 1), round(last.rss_bytes / 1e6, 1)],
-        'rss_mb_per_10_min_after_5': slope_mb_per_10_min(players),
-        'private_mb_per_10_min_after_5': slope_mb_per_10_min(players, 'private_bytes'),
-        'publisher_rss_mb_per_10_min_after_5': slope_mb_per_10_min(publishers),
+        **growth('rss', times, [each.rss_bytes for each in players]),
+        **growth('private', times, [each.private_bytes for each in players]),
+        **growth('in_use', range(len(given_out)), given_out),
+        **growth('publisher_rss', times, [each.rss_bytes for each in publishers]),
         'files': [first.files, last.files, max(each.files for each in players)],
         'threads': [first.threads, last.threads, max(each.threads for each in players)],
         **lateness('', player.last),
@@ -193,6 +199,11 @@ def report(
         'stderr': player.said(),
         'stderr_of_others': [line for each in others for line in each.said()],
     }
+
+
+def growth(name: str, times: Sequence[float], sizes: Sequence[int]) -> dict:
+    """How fast a size grows."""
+    return {f'{name}_mb_per_10_min_after_5': slope_mb_per_10_min(times, sizes)}
 
 
 def lateness(prefix: str, counted: dict) -> dict:

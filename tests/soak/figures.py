@@ -50,15 +50,14 @@ def sample(pid: int, seconds: float) -> Sample:
 
 
 def slope_mb_per_10_min(
-    samples: Sequence[Sample], size: str = 'rss_bytes', after_s: float = SETTLED_S
+    seconds: Sequence[float], sizes: Sequence[int], after_s: float = SETTLED_S
 ) -> float | None:
-    """Growth of a size after a time, by least squares; None without two samples."""
-    late = [each for each in samples if each.seconds >= after_s]
-    if len(late) < 2:
+    """Growth of a size in bytes after a time, by least squares; None without two samples."""
+    late = np.array(seconds) >= after_s
+    if late.sum() < 2:
         return None
-    times = np.array([each.seconds for each in late])
-    sizes = np.array([getattr(each, size) for each in late]) / 1e6
-    return float(np.polynomial.polynomial.polyfit(times, sizes, 1)[1]) * _PER_S
+    times, found = np.array(seconds)[late], np.array(sizes)[late] / 1e6
+    return float(np.polynomial.polynomial.polyfit(times, found, 1)[1]) * _PER_S
 
 
 def in_10_000(part: int, whole: int) -> float:

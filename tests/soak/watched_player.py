@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player, which reports how late its messages are: one line of JSON a second.
+"""The player, which reports how late its messages are, and its memory: one line of JSON a second.
 
     python watched_player.py FD play SRC ...
 
 FD is the file descriptor that the lines are written to.
 """
 
+import ctypes
 import json
 import os
 import sys
@@ -30,10 +31,29 @@ def note(session, _, due_ns, now_ns):
     counts['worst_ms'] = max(counts['worst_ms'], round(late_ns / 1e6, 1))
 
 
+class MallInfo(ctypes.Structure):
+    """struct mallinfo2 of glibc."""
+
+    _fields_ = [
+        (name, ctypes.c_size_t)
+        for name in ('arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks',
+                     'uordblks', 'fordblks', 'keepcost')
+    ]  # fmt: skip
+
+
+def bytes_in_use():
+    """What malloc has given out, of all its arenas: memory in use without what is free in it."""
+    mallinfo = ctypes.CDLL(None).mallinfo2
+    mallinfo.restype = MallInfo
+    found = mallinfo()
+    return found.uordblks + found.hblkhd
+
+
 def report(fd):
     while True:
         time.sleep(EVERY_S)
-        os.write(fd, json.dumps(counts).encode() + b'\n')
+        line = json.dumps({**counts, 'in_use_bytes': bytes_in_use()})
+        os.write(fd, line.encode() + b'\n')
 
 
 if __name__ == '__main__':
