@@ -124,12 +124,12 @@ def run_on_processes(
                     pool.remove(worker)
                 yield outcome
     finally:
-        for worker in pool:
-            worker.stop()
         try:
             for worker in pool:
+                worker.stop()
+            for worker in pool:
                 worker.join()
-        except KeyboardInterrupt:  # Ctrl-C again, while one does not end
+        except BaseException:  # Ctrl-C or SIGTERM again: one may not end, and be waited for at exit
             for worker in pool:
                 worker.kill()
             raise

@@ -14,6 +14,7 @@ import pytest
 from blocking_unit import FOLDER, arm
 
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
+from kitti_ros2.batch.pool import run_on_processes
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
 
@@ -174,6 +175,55 @@ def test_ctrl_c_again_ends_a_worker_that_does_not_end(start, root, undisturbed):
     wait_until(lambda: not is_running(worker))
     assert main(['to-bag', str(root), str(running.out), '--all', '--jobs', '2', '-q']) == 0
     assert bags(running.out) == undisturbed
+
+
+class SignalledWorker:
+    """A worker; while the second one is stopped, or joined, a signal comes."""
+
+    def __init__(self, workers, place, error):
+        self.connection = self.job = self
+        self.killed = False
+        self._raises = error if len(workers) == 1 else None
+        self._place = place
+        workers.append(self)
+
+    def give(self, job):
+        pass
+
+    def stop(self):
+        self._signal('stop')
+
+    def join(self):
+        self._signal('join')
+
+    def _signal(self, place):
+        if self._raises and place == self._place:
+            raise self._raises
+
+    def kill(self):
+        self.killed = True
+
+
+class EndlessJobs:
+    def take(self):
+        return self
+
+
+def interrupted(_):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize('error', [KeyboardInterrupt, SystemExit])
+@pytest.mark.parametrize('place', ['stop', 'join'])
+def test_a_second_signal_at_any_moment_of_the_end_kills_all_workers(monkeypatch, error, place):
+    workers = []
+    monkeypatch.setattr(
+        'kitti_ros2.batch.pool._Worker', lambda *_: SignalledWorker(workers, place, error)
+    )
+    monkeypatch.setattr('kitti_ros2.batch.pool.wait', interrupted)
+    with pytest.raises(error):
+        next(run_on_processes(EndlessJobs(), None, None, 3, 0))
+    assert [each.killed for each in workers] == [True] * 3
 
 
 def test_a_second_run_to_the_same_output_is_refused(start, root, capsys, monkeypatch):
