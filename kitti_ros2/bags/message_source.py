@@ -109,7 +109,7 @@ class BagMessages:
             self._define()
             self._prepare()
             self._stack = stack.pop_all()
-        readings = [*self._readings.values()]
+        readings = self._readings.values()
         self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
         self.latched = {
@@ -176,15 +176,13 @@ class BagMessages:
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """Yield the messages from a log time on; None is the beginning."""
-        readings: list[dict[int, Reading]] = [{} for _ in self._files]
-        for each in self._readings.values():
-            readings[each.number][each.channel_id] = each
-        files = [
-            (file, set(channels)) for file, channels in zip(self._files, readings, strict=True)
-        ]
+        channels: list[set[int]] = [set() for _ in self._files]
+        for number, channel_id in self._readings:
+            channels[number].add(channel_id)
+        files = list(zip(self._files, channels, strict=True))
         since_ns = _BEGINNING if start_ns is None else start_ns
         for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
-            reading = readings[number][channel_id]
+            reading = self._readings[number, channel_id]
             try:
                 cdr = self._to_cdr(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything
