@@ -27,6 +27,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(_TESTS)]
 
 from larger_bags import KINDS, write_larger  # noqa: E402 - after the path
 from larger_sets import enlarge, kinds_of, write_small  # noqa: E402
+from marks import judge  # noqa: E402
 
 from kitti_ros2.model.layouts import Layout  # noqa: E402
 
@@ -41,11 +42,7 @@ OF_SETS = ('info IN', 'validate IN', 'report IN -o OUT.html', 'stats IN', 'view 
            'to-bag IN OUT', 'crop IN OUT --range 0:50')  # fmt: skip
 LINES, COPIES, FRAMES = 5_000, 200, 200
 """At first: lines of a text, copies of the bytes of another file, frames of a set."""
-FASTER = 3.0
-"""Times the cost for twice the input, where 2 is right, and clocks are noisy."""
 REFUSED = 2
-SEEN_S = 0.5
-"""Below it the difference is noise."""
 
 
 @dataclass(frozen=True)
@@ -83,12 +80,12 @@ class Case:
 def cases() -> Iterator[Case]:
     """Bags by what they hold, then sets by the file that grows."""
     for kind, count in KINDS.items():
-        yield Case(f'bag: {kind.__name__}', count, _base_bag, _bag_maker(kind), OF_BAGS)
+        yield Case(f'bag: {kind.__name__}', count, write_larger, _bag_maker(kind), OF_BAGS)
     for layout in Layout:
-        base = partial(write_small, layout=layout)
-        yield Case(f'{layout.value}: frames', FRAMES, base, partial(_frames, layout), OF_SETS)
+        base = partial(write_small, layout)
+        yield Case(f'{layout.value}: frames', FRAMES, base, base, OF_SETS)
         with tempfile.TemporaryDirectory() as folder:
-            write_small(Path(folder) / 'set', layout)
+            base(Path(folder) / 'set')
             kinds = kinds_of(Path(folder))
         for name in kinds:
             count = LINES if name.endswith('.txt') else COPIES
@@ -96,21 +93,13 @@ def cases() -> Iterator[Case]:
             yield Case(f'{layout.value}: {name}', count, base, make, OF_SETS)
 
 
-def _base_bag(path: Path) -> Path:
-    return write_larger(path.with_suffix('.mcap'), lambda _: iter(()), 0)
-
-
 def _bag_maker(kind: Callable[[int], Iterator]) -> Callable[[Path, int], Path]:
-    return lambda path, count: write_larger(path.with_suffix('.mcap'), kind, count)
-
-
-def _frames(layout: Layout, path: Path, count: int) -> Path:
-    return write_small(path, layout, count)
+    return lambda path, count: write_larger(path, kind(count))
 
 
 def _set_maker(layout: Layout, name: str) -> Callable[[Path, int], Path]:
     def make(path: Path, count: int) -> Path:
-        made = write_small(path, layout)
+        made = write_small(layout, path)
         for each in kinds_of(path)[name]:
             enlarge(each, count)
         return made
@@ -141,12 +130,6 @@ def size_of(path: Path) -> int:
     """Bytes of a file, or of all files in a folder."""
     files = [path] if path.is_file() else [each for each in path.rglob('*') if each.is_file()]
     return sum(each.stat().st_size for each in files)
-
-
-def judge(first_s: float, second_s: float, size: int) -> str:
-    """Mark what N, and 2 N with so many bytes, cost above none: * or !."""
-    grows = second_s - first_s > SEEN_S and second_s > FASTER * first_s
-    return '*' * grows + '!' * (second_s > 1 + size / 1e6)
 
 
 def measure(case: Case, costs: dict[tuple[str, str], float], shrink: int = 1) -> str:

@@ -30,7 +30,7 @@ from kitti_ros2.model.msgtypes import MARKERS
 
 if TYPE_CHECKING:
     import pathlib
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     Stored = tuple[str, int, object, bool]
 
@@ -172,8 +172,6 @@ KINDS: dict[Callable[[int], Iterator[Stored]], int] = {
 """How many at first: enough to see, above the start of a command."""
 
 
-def write_larger(
-    path: pathlib.Path, kind: Callable[[int], Iterator[Stored]], count: int
-) -> pathlib.Path:
-    """Write the bag with so many of a kind; compressed, so that few bytes hold much."""
-    return write_foreign(path, TRUTH, more=kind(count), compression='zstd')
+def write_larger(path: pathlib.Path, more: Iterable[Stored] = ()) -> pathlib.Path:
+    """Write the bag with more messages; compressed, so that few bytes hold much."""
+    return write_foreign(path.with_suffix('.mcap'), TRUTH, more=more, compression='zstd')

@@ -17,7 +17,7 @@ _TEXTS = frozenset({'.txt'})
 _REPEATED = _TEXTS | {'.bin', '.label'}
 
 
-def write_small(folder: Path, layout: Layout, frames: int = 3) -> Path:
+def write_small(layout: Layout, folder: Path, frames: int = 3) -> Path:
     """Write a set of few and small frames; the folder to give to commands."""
     options = SyntheticOptions(frames=frames, image_size=(64, 24), lidar_columns=20)
     return write_synthetic(folder, layout, options)

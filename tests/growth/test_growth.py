@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from larger_bags import KINDS, write_larger
 from larger_sets import enlarge, kinds_of, write_small
+from marks import judge
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.model.layouts import Layout
@@ -27,8 +28,7 @@ def growth(*words):
 def test_a_larger_bag_holds_more(tmp_path, kind):
     held = []
     for count in (3, 300):
-        path = tmp_path / f'{count}.mcap'
-        write_larger(path, kind, count)
+        path = write_larger(tmp_path / f'{count}', kind(count))
         with open_messages(path) as messages:
             held.append(sum(len(each.data) + len(each.topic) for each in messages))
     assert held[1] >= held[0] + 297
@@ -36,7 +36,7 @@ def test_a_larger_bag_holds_more(tmp_path, kind):
 
 @pytest.mark.parametrize('layout', Layout)
 def test_a_larger_set_has_more_in_each_file(tmp_path, layout):
-    write_small(tmp_path / 'set', layout)
+    write_small(layout, tmp_path / 'set')
     kinds = kinds_of(tmp_path)
     assert kinds
     for name, paths in kinds.items():
@@ -48,6 +48,17 @@ def test_a_larger_set_has_more_in_each_file(tmp_path, layout):
             assert after.splitlines() == [*lines, *[last] * 5], name
         else:
             assert after == 5 * before, name
+
+
+@pytest.mark.parametrize(
+    ('first_s', 'second_s', 'size', 'mark'),
+    [
+        (1.0, 2.0, 10**6, ''), (1.0, 3.9, 3 * 10**6, '*'), (0.1, 0.5, 0, ''), (0.0, 0.6, 0, '*'),
+        (1.0, 2.1, 10**6, '!'), (0.3, 2.1, 10**6, '*!'),
+    ],
+)  # fmt: skip
+def test_marks(first_s, second_s, size, mark):
+    assert judge(first_s, second_s, size) == mark
 
 
 def test_a_line_names_the_case_and_each_command():

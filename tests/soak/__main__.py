@@ -182,6 +182,7 @@ def report(
         'published': player.last.get('published', 0),
         'frames': player.last.get('frames', 0),
         'rss_mb': [round(first.rss_bytes / 1e6, 1), round(last.rss_bytes / 1e6, 1)],
+        'in_use_mb': round(given_out[-1] / 1e6, 1),
         **growth('rss', times, [each.rss_bytes for each in players]),
         **growth('private', times, [each.private_bytes for each in players]),
         **growth('in_use', range(len(given_out)), given_out),

@@ -32,6 +32,7 @@ def test_a_player_under_load_stays_well():
     assert (done.returncode, figures['stderr'], figures['stderr_of_others']) == (0, [], [])
     assert figures['frames'] >= LOOPS * FRAMES
     assert figures['calls'] >= LOOPS
+    assert 1 < figures['in_use_mb'] < figures['rss_mb'][1]
     assert figures['in_use_mb_per_10_min_after_5'] is None  # too short
     assert figures['subscribers_gone'] >= LOOPS
     assert figures['unanswered'] == 0
