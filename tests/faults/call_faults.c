@@ -8,7 +8,8 @@
                 memory: requests for at least FAULT_SIZE bytes of memory, without a path
    FAULT_AT     k, from 1; 0 only counts
    FAULT_DO     self: kill this process; group: kill its group; term: end it by SIGTERM;
-                error: this call fails; errors: this call and all later ones fail;
+                terms: SIGTERM at this call and at the next two; error: this call fails;
+                errors: this call and all later ones fail;
                 short: from this call on each read and write moves half of its bytes;
                 vanish: the file is removed before the call; grow: bytes are appended to it
    FAULT_CODE   errno of calls that fail
@@ -117,6 +118,8 @@ static int meets(const char *path, enum kind kind) {
     }
     if (!strcmp(action, "short"))
         return 2;
+    if (!strcmp(action, "terms") && now - at < 3)
+        kill(getpid(), SIGTERM);
     if (now != at || (once[0] && syscall(SYS_unlinkat, AT_FDCWD, once, 0)))
         return 0;
     if (!strcmp(action, "term")) {

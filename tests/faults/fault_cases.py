@@ -81,6 +81,7 @@ FAULTS = {
     'EINTR': Fault('error', errno.EINTR),
     'short writes': Fault('short'),
     'SIGTERM': Fault('term'),
+    'SIGTERM three times': Fault('terms'),
     'SIGKILL': Fault('self'),
     'EIO of a read': Fault('error', errno.EIO, 'read'),
     'EACCES of a read': Fault('errors', errno.EACCES, 'read'),
