@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.freed_memory import FreeMemory
 from ..messages.cdr import restamp_message
 from ..messages.last_keys import LastKeys
 from ..messages.markers import encode_clear
@@ -120,6 +121,7 @@ class Session:
         self._done: Callable[[BaseException | None], None] = lambda _: None
         self._complaints: set[str] = set()
         self._last_keys = LastKeys()
+        self._free_memory = FreeMemory()
         self._markers = [
             index for index, each in enumerate(program.channels) if each.msgtype == MARKERS
         ]
@@ -196,8 +198,11 @@ class Session:
         elif isinstance(event, Idle):
             self._look(ahead, at_rest=event.for_ns is None)
             # Decoding delays the next due message: a long gap is the best time for it.
-            if event.for_ns is None or event.for_ns > _LONG_GAP_NS or ahead.low():
+            is_long = event.for_ns is None or event.for_ns > _LONG_GAP_NS
+            if is_long or ahead.low():
                 ahead.refill()
+            if is_long:
+                self._free_memory.give_back()
             if event.for_ns is None:
                 self._clear_stale()
                 self._look_for_subscribers()
@@ -296,6 +301,7 @@ class Session:
 
     def _jump(self, event: Jump, ahead: ReadAhead) -> None:
         """Prepare the next frame, resend latched messages, and mark all markers as stale."""
+        self._free_memory.give_back()  # at a high rate there is no long gap
         self._prepare(event.position, ahead)
         self._last_keys = LastKeys()
         self._stale = set(self._markers)

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 
+from kitti_ros2.files.freed_memory import FreeMemory
 from kitti_ros2.messages.cdr import Message
 from kitti_ros2.model.channels import Channel
 from kitti_ros2.options.table import make_play_settings
@@ -266,6 +267,17 @@ def test_after_a_jump_time_goes_on_when_its_frame_is_there():
     threading.Timer(0.1, program.gate.set).start()
     run.to_the_end()
     assert due_ns[0] >= max(program.made_ns[position] for position in range(3, 6))
+
+
+@pytest.mark.parametrize(
+    'settings', [{'start_paused': True}, {'loop': 2, 'rate': 10.0}], ids=['long gaps', 'rounds']
+)
+def test_free_memory_is_given_back_where_nothing_is_due(settings, monkeypatch):
+    given_back = threading.Event()
+    monkeypatch.setattr(FreeMemory, 'give_back', lambda _: given_back.set())
+    run = Run(FakeTransport((0, 0)), **settings)
+    assert given_back.wait(PATIENCE_S)
+    run.session.stop()
 
 
 class CachedTransport(FakeTransport):
