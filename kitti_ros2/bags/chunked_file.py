@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections import Counter
 from contextlib import suppress
 from operator import itemgetter
-from typing import TYPE_CHECKING, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 from .chunk_scan import piece_records, unpack
 from .pieces import BagFile, FetchedPiece
@@ -156,7 +156,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         """Request the indexes of pieces from a store."""
 
     @abstractmethod
-    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
+    def _indexed(self, piece: Piece) -> Mapping[int, npt.NDArray[np.integer[Any]]]:
         """Return the stamps of a piece by channel id, from its index.
 
         Raises:

@@ -91,14 +91,14 @@ class McapFile(ChunkedFile[int]):
             start = piece.position + piece.length
             self._file.expect(start, self._index_lengths[piece.position])
 
-    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
+    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.uint64]]:
         start = piece.position + piece.length
         block = self._file.read(start, self._index_lengths[piece.position])
         found = {}
         for opcode, at, end in split_records(block):
             if opcode == Opcode.MESSAGE_INDEX:
                 channel_id, size = INDEX_BODY.unpack_from(block, at)
-                entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<i8')
+                entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<u8')
                 found[channel_id] = entries[: size // 8 : 2]
         return found
 

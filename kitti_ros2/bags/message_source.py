@@ -22,6 +22,7 @@ from .foxglove_channels import (
     why_unread,
 )
 from .reading import BagMessage, Reading
+from .summary import LAST_NS
 from .time_order import in_time_order
 from .to_cdr import READ, ToCdr, is_stored_as_cdr
 
@@ -35,8 +36,7 @@ if TYPE_CHECKING:
     from .pieces import StoredChannel
 
 _BEGINNING = -(2**63)
-_LAST_NS, _LAST_STORED_NS = 2**63 - 1, 2**64 - 1
-"""Readers count with int64; a record of MCAP may have any log time below 2**64."""
+_LAST_STORED_NS = 2**64 - 1
 
 
 class BagMessages:
@@ -81,7 +81,7 @@ class BagMessages:
         self._must_read = must_read and topics is not None
         self._as_stored = as_stored
         as_ros = not as_stored if as_ros is None else as_ros
-        self._last_ns = _LAST_NS if as_ros else _LAST_STORED_NS
+        self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
         self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}

@@ -17,6 +17,9 @@ StampArray: TypeAlias = npt.NDArray[np.int64]
 TopicKey: TypeAlias = tuple[str, str]
 """Topic name and message type."""
 
+LAST_NS = 2**63 - 1
+"""The stamp of all later messages: readers count with int64, MCAP with uint64."""
+
 
 @dataclass
 class BagIndex:
@@ -36,7 +39,10 @@ class BagIndex:
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
         """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
-        self.stamps.setdefault(key, []).append(np.asarray(stamps, dtype=np.int64))
+        found = np.asarray(stamps)
+        if found.dtype.kind == 'u':
+            found = np.minimum(found, np.uint64(LAST_NS))
+        self.stamps.setdefault(key, []).append(found.astype(np.int64, copy=False))
 
     def merge(self, other: BagIndex) -> None:
         """Add the index of another file of the same bag."""

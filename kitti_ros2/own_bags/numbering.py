@@ -90,7 +90,8 @@ class NumberedBag(NamedTuple):
         """Return (N,) the frame of each of (N,) messages.
 
         Args:
-            stamps_ns: (N,) log times of the messages of some topics, ascending.
+            stamps_ns: (N,) log times of the messages of some topics, ascending; those in the index
+                of a damaged bag may differ from those of its messages.
             topics: Their names.
         """
         if not self.common:
@@ -101,7 +102,7 @@ class NumberedBag(NamedTuple):
         last = np.searchsorted(log_ns[order], stamps_ns, 'right') - 1
         frames = frame_runs(numbers[order])[np.maximum(last, 0)]
         for each in (self.topics[topic] for topic in topics if topic in self.topics):
-            known = each.numbers != UNKNOWN
+            known = (each.numbers != UNKNOWN) & np.isin(each.log_ns, stamps_ns)
             frames[np.searchsorted(stamps_ns, each.log_ns[known])] = each.numbers[known]
         return frames
 

@@ -3,12 +3,12 @@
 """Values in bags, and beside them, that their recorders do not write."""
 
 import pytest
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from kitti_ros2.bags import offered_qos as offered_qos_module
 from kitti_ros2.bags.definitions import parse_definition
 from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
-from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.datasets import validate
 
 METADATA = """rosbag2_bagfile_information:
@@ -104,10 +104,11 @@ def test_enumerators_of_an_idl_text_keep_their_values():
     )
 
 
-def test_a_log_time_beyond_int64_is_the_last_one(tmp_path):
+@pytest.mark.parametrize('indexes', [IndexType.ALL, IndexType.NONE])
+def test_a_log_time_beyond_int64_is_the_last_one(tmp_path, indexes):
     path = tmp_path / 'a.mcap'
     with path.open('wb') as file:
-        writer = Writer(file)
+        writer = Writer(file, index_types=indexes)
         writer.start('ros2')
         schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
         channel = writer.register_channel('/t', 'cdr', schema)
@@ -117,6 +118,7 @@ def test_a_log_time_beyond_int64_is_the_last_one(tmp_path):
     with open_messages(path) as messages:
         assert [each.stamp_ns for each in messages] == [5, *[2**63 - 1] * 3]
         assert not messages.losses
+    assert bag_stamps(path)['/t'].tolist() == [5, *[2**63 - 1] * 3]
     assert validate(path).sources[0].count == 4
 
 

@@ -187,6 +187,7 @@ def odd_bags() -> list[bytes]:
     made = [_described(bags['object'], change) for change in _CHANGES]
     made += [_described(bags[name], change) for name in ('raw', 'stereo') for change in _ODD]
     made += [_described(bags[name], _CHANGES[0]) for name in ('raw', 'odometry', 'tracking')]
-    made += [_later(messages, 5 * 10**9 + 7) for messages in bags.values()]
+    leads = (5 * 10**9 + 7, 2**63)
+    made += [_later(messages, lead_ns) for messages in bags.values() for lead_ns in leads]
     made += [one for name in ('object', 'raw') for one in _odd(bags[name])]
     return [make_mcap(messages) for messages in made]

@@ -198,6 +198,16 @@ def test_bad_tracklets_cost_the_labels_only(drive, tmp_path):
     assert not source.frame(3).objects
 
 
+def test_stamps_that_are_not_in_the_index_cost_no_other_frame(holed_bag):
+    stamps = bag_stamps(holed_bag)
+    numbered = number_bag(holed_bag, stamps)
+    every = np.unique(np.concatenate([*stamps.values()]))
+    frames = numbered.frames_at(every, set(stamps))
+    for start in (0, 1):
+        part = slice(start, None, 2)
+        assert (numbered.frames_at(every[part], set(stamps)) == frames[part]).all()
+
+
 def test_topics_alone_keep_the_frames_of_the_bag(recordings, tmp_path):
     holed = make_holes(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path)
     bag = make_bag(holed, tmp_path / 'bag')
