@@ -13,7 +13,7 @@ from kitti_ros2.files import freed_memory
 from kitti_ros2.files.freed_memory import FreeMemory
 
 FREED = """
-import ctypes, re, sys
+import re
 from pathlib import Path
 from kitti_ros2.files import freed_memory
 
@@ -56,6 +56,5 @@ def test_memory_is_given_back_once_a_minute(monkeypatch):
 
 def test_without_glibc_nothing_is_given_back(monkeypatch):
     monkeypatch.setattr(freed_memory, '_GIVEN_BACK_EVERY_S', 0)
-    memory = FreeMemory()
-    monkeypatch.setattr(memory, '_trim', None)
-    memory.give_back()
+    monkeypatch.setattr(freed_memory.ctypes, 'CDLL', lambda _: object())  # as musl's or macOS's
+    FreeMemory().give_back()
