@@ -12,6 +12,7 @@ from stat import S_ISDIR, S_ISLNK, S_ISREG
 from typing import TYPE_CHECKING
 
 from ..files.checksums import crc32
+from ..files.durability import start_writing_out
 from ..kitti import names
 from .errors import BadMemberError
 from .members import PIECE_BYTES
@@ -165,6 +166,7 @@ def _write(
             while left:  # a disk that fills up takes less than it is given
                 left = left[file.write(left) :]
             advance(len(piece))
+        start_writing_out(file.fileno())
     if written != member.size:
         raise BadMemberError(
             f'damaged: its content has {"more" if written > member.size else "less"} than the'

@@ -11,7 +11,6 @@ import ctypes
 import errno
 import os
 from collections import deque
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +21,9 @@ from .workers import ordered_map
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
-_THREADS = 16
+_THREADS = 8
 """They wait for the disk, which writes the metadata of files that are synced at once together."""
-_BATCH = 8
+_BATCH = 32
 """Files that a thread takes at a time."""
 _ALONE = 4
 """Up to so many files, threads cost more than they save."""
@@ -74,7 +73,8 @@ def sync_folders(folders: Iterable[Path]) -> None:
 def sync_files(paths: Collection[Path]) -> None:
     """Write files to the disk, and wait until all are there.
 
-    Not syncfs, which would wait for what other programs write as well.
+    Quickest where start_writing_out was called for each: fsync of one then writes the metadata of
+    all. Not syncfs, which would wait for what other programs write as well.
 
     Raises:
         OSError: The disk refuses.
@@ -82,10 +82,8 @@ def sync_files(paths: Collection[Path]) -> None:
     if len(paths) <= _ALONE:
         for path in paths:
             sync_file(path)
-        return
-    # All begun first: fsync of one then writes the metadata of all.
-    for work in (_begin, sync_file):
-        deque(ordered_map(work, paths, _THREADS, _BATCH), maxlen=0)
+    else:
+        deque(ordered_map(sync_file, paths, _THREADS, _BATCH), maxlen=0)
 
 
 def sync_tree(top: Path) -> None:
@@ -147,15 +145,6 @@ class WritingOut:
         """Stop watching the file; does nothing the second time."""
         file, self._file = self._file, -1
         if file >= 0:
-            os.close(file)
-
-
-def _begin(path: Path) -> None:
-    with suppress(OSError):  # fsync reports it
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-        try:
-            start_writing_out(file)
-        finally:
             os.close(file)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError, UnreadableFileError
+from .durability import start_writing_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -81,6 +82,8 @@ def _copy(source: Path, target: Path) -> None:
             while rest and (piece := _read(file, min(rest, _BUFFER_BYTES), source)):
                 copied.write(piece)
                 rest -= len(piece)
+            copied.flush()
+            start_writing_out(copied.fileno())
         except UnreadableFileError:
             target.unlink()
             raise

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..files.durability import start_writing_out
 from ..files.page_cache import write_uncached
 from ..files.remote import RemotePath
 from ..model.errors import BadFileError
@@ -226,6 +227,7 @@ class FileStore:
             position = 0
             while position < len(view):
                 position += write_uncached(file.fileno(), [view[position:]], position)
+            start_writing_out(file.fileno())
 
     def write_text(self, path: Path, text: str) -> None:
         """Write a whole text file, line ends unchanged."""
