@@ -11,7 +11,14 @@ import numpy as np
 
 from ..model.boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
 from .looks import box_color, caption_2d, line_width, objects_to_draw, scale_of
-from .strokes import cut_segments, dashes, draw_segments, rectangle_segments, size_of
+from .strokes import (
+    cut_segments,
+    dashes,
+    draw_segments,
+    rectangle_segments,
+    size_of,
+    starts_of,
+)
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -57,18 +64,20 @@ def draw_boxes_2d(
     size, scale = size_of(picture), scale_of(picture)
     bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
     cut, _ = clip_bounds(bounds, size)
+    sides, origins = cut_segments(rectangle_segments(np.rint(bounds)), size)
+    starts = starts_of(origins // 4, len(shown))
     tags = []
     for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
         each, predicted = shown[place]
         if each.class_name == DONT_CARE:
             _shade(picture, cut[place])
             continue
-        sides, _ = cut_segments(rectangle_segments(np.rint(bounds[place : place + 1])), size)
         color, seen = box_color(each, predicted=predicted), tuple(cut[place].tolist())
+        mine = sides[slice(*starts[place : place + 2])]
         if predicted:
-            draw_segments(picture, dashes(sides, scale), color)
+            draw_segments(picture, dashes(mine, scale), color)
         else:
-            draw_segments(picture, sides, color, line_width(each, seen, scale))
+            draw_segments(picture, mine, color, line_width(each, seen, scale))
         tags.append(Tag(caption_2d(each), seen, color, predicted))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE * scale)

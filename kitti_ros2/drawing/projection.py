@@ -21,7 +21,6 @@ import numpy as np
 from ..model.boxes import NEAR_M
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
-from .strokes import sides_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -133,15 +132,6 @@ class Projection:
         pieces = self.pixels(seen)
         finite = np.isfinite(pieces).all(axis=(1, 2))
         return pieces[finite], lines[finite]
-
-    def polygon(self, corners: Float64Array) -> Float64Array:
-        """Return the (K, 2) outline in pixels of a flat polygon, clipped in front of the camera.
-
-        Args:
-            corners: (V, 3) in velo_link, metres, in order; K is 0 for one wholly behind.
-        """
-        pieces, _ = self.segments(sides_of(corners))
-        return pieces.reshape(-1, 2)
 
 
 def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:

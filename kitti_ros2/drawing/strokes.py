@@ -88,6 +88,17 @@ def cut_segments(
     return start[seen, None] + shares * delta[seen, None], lines[seen]
 
 
+def starts_of(owners: npt.NDArray[np.intp], count: int) -> list[int]:
+    """Return where the parts of each of `count` shapes begin, and where the last ones end.
+
+    Args:
+        owners: (K,) the shape of each part, ascending.
+        count: Number of shapes.
+    """
+    starts: list[int] = np.searchsorted(owners, np.arange(count + 1)).tolist()
+    return starts
+
+
 def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:
     """Return (K, 2, 2) dashes of (M, 2, 2) lines; each line begins and ends with one.
 
@@ -125,7 +136,9 @@ def cut_polygon(corners: Float64Array, size: tuple[int, int]) -> Float64Array:
         return np.empty((0, 2))
     for axis in (0, 1):
         for sign, bound in ((1.0, -_MARGIN), (-1.0, -(size[axis] - 1.0 + _MARGIN))):
-            corners = cut_polygon_by(corners, sign * corners[:, axis] - bound)
+            inside = sign * corners[:, axis] - bound
+            if (inside < 0).any():
+                corners = cut_polygon_by(corners, inside)
     return corners
 
 

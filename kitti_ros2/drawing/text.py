@@ -149,7 +149,14 @@ def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tup
     placed[:, 1] = placed[:, 1].clip(0, max(highest, 0))
     corners = [(x, y) for x, y in placed.tolist()]
     # Pixels, not tags, are counted: the cost of a place does not grow with the tags drawn.
-    return min(corners, key=lambda corner: np.count_nonzero(_part(taken, corner, room)))
+    best, least = corners[0], width * height + 1
+    for corner in corners:
+        overlap = int(np.count_nonzero(_part(taken, corner, room)))
+        if overlap < least:
+            best, least = corner, overlap
+        if not overlap:
+            break
+    return best
 
 
 def _part(

@@ -4,20 +4,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.boxes import EDGES, clip_bounds
-from .boxes_2d import TEXT_SCALE
+from .boxes_2d import TEXT_SCALE, projected_bounds
 from .looks import box_color, caption_3d, corners_of, line_width, objects_to_draw, scale_of
-from .strokes import cut_segments, dashes, draw_segments, size_of, tint_polygon
+from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of, starts_of, tint_polygon
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..model.geometry import Float64Array
     from .objects import LabelledObject
     from .pixels import Pixels
     from .projection import Projection
@@ -56,37 +56,31 @@ def draw_wireframes(
     shown = objects_to_draw(picture, objects, predictions)
     corners = corners_of(shown)
     size, scale = size_of(picture), scale_of(picture)
+    bounds, _ = clip_bounds(projected_bounds(corners, projection), size)
+    sides, owners = projection.segments(sides_of(corners[:, _FRONT]).reshape(-1, 2, 3))
+    fronts = starts_of(owners // len(_FRONT), len(shown))
     pieces, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))
     parts, origins = cut_segments(pieces, size)
     wires = lines[origins]
+    starts = starts_of(wires // len(_WIRES), len(shown))
     tags = []
     for place in reversed(range(len(shown))):
-        mine = slice(*np.searchsorted(wires, [place * len(_WIRES), (place + 1) * len(_WIRES)]))
+        mine = slice(*starts[place : place + 2])
         if not len(parts[mine]):
             continue
         each, predicted = shown[place]
         color = box_color(each, predicted=predicted)
         if not predicted:
-            front = projection.polygon(corners[place, _FRONT])
+            front = sides[slice(*fronts[place : place + 2])].reshape(-1, 2)
             tint_polygon(picture, front, color, _FRONT_ALPHA)
         cross = wires[mine] % len(_WIRES) >= len(EDGES)
-        bounds = _within(pieces[lines // len(_WIRES) == place].reshape(-1, 2), size)
-        edge_width = 1 if predicted else line_width(each, bounds, scale)
+        left, top, right, bottom = bounds[place].tolist()
+        seen = None if math.isnan(left) else (left, top, right, bottom)
+        edge_width = 1 if predicted else line_width(each, seen, scale)
         for chosen, width in ((cross, 1), (~cross, edge_width)):
             strokes = parts[mine][chosen]
             draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)
-        if bounds is not None:
-            tags.append(Tag(caption_3d(each), bounds, color, predicted))
+        if seen is not None:
+            tags.append(Tag(caption_3d(each), seen, color, predicted))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
-
-
-def _within(ends: Float64Array, size: tuple[int, int]) -> tuple[float, float, float, float] | None:
-    """Return the bounds of (N, 2) pixels clipped to the image, None for one out of view."""
-    bounds, truncation = clip_bounds(
-        np.concatenate([ends.min(axis=0), ends.max(axis=0)])[None], size
-    )
-    if truncation[0] >= 1:
-        return None
-    left, top, right, bottom = bounds[0].tolist()
-    return left, top, right, bottom

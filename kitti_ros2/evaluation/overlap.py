@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..model.boxes import DONT_CARE
+from ..model.overlaps import shared_areas_2d, signed_areas
 from .object_table import pairs_by_frame
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mappi
         Space.IMAGE: _Shares(
             _area(first[:, 2:] - first[:, :2]),
             _area(second[:, 2:] - second[:, :2]),
-            _common_area(first, second),
+            shared_areas_2d(first, second),
         ),
         Space.GROUND: ground,
         Space.SOLID: _Shares(
@@ -104,12 +105,6 @@ def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mappi
 def _area(sides: Float64Array) -> Float64Array:
     area: Float64Array = sides[:, 0] * sides[:, 1]
     return area
-
-
-def _common_area(first: Float64Array, second: Float64Array) -> Float64Array:
-    """Return (P,) areas that rectangles left, top, right, bottom have in common."""
-    sides = np.minimum(first[:, 2:], second[:, 2:]) - np.maximum(first[:, :2], second[:, :2])
-    return np.where((sides > 0).all(axis=1), _area(sides), 0.0)
 
 
 def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> _Shares:
@@ -133,24 +128,12 @@ def _footprints(table: ObjectTable) -> Float64Array:
 def intersect_rectangles(first: Float64Array, second: Float64Array) -> Float64Array:
     """Return (P,) areas that pairs of turned rectangles have in common.
 
-    In the first rectangle's own frame, where it is |u| <= a and |v| <= b, the area is the integral
-    of v, limited to -b..b, along the outline of the second one within -a..a. That is a sum over its
-    four edges, without cases: nearly equal and touching rectangles lose no precision.
-
     Args:
         first: (P, 5) x, z, length, width, metres; angle from x towards -z, radians.
         second: The same.
     """
     half = np.abs(first[:, 2:4]).T / 2
-    corners = _corners_in(first, second)
-    (u, v), (next_u, next_v) = corners, np.roll(corners, -1, axis=1)
-    step_u, step_v = next_u - u, next_v - v
-    start_u, end_u = np.clip(u, -half[0], half[0]), np.clip(next_u, -half[0], half[0])
-    start_v = v + _part(start_u - u, step_u) * step_v
-    end_v = next_v - _part(next_u - end_u, step_u) * step_v
-    parts = (end_u - start_u) * _mean_within(start_v, end_v, half[1])
-    area: Float64Array = np.maximum(parts.sum(axis=0), 0.0)
-    return area
+    return np.maximum(signed_areas(half, _corners_in(first, second)), 0.0)
 
 
 def _corners_in(first: Float64Array, second: Float64Array) -> Float64Array:
@@ -165,20 +148,3 @@ def _corners_in(first: Float64Array, second: Float64Array) -> Float64Array:
     u = cos * x - sin * z + np.cos(turn) * along + np.sin(turn) * across
     v = sin * x + cos * z - np.sin(turn) * along + np.cos(turn) * across
     return np.array([u, v])
-
-
-def _part(part: Float64Array, whole: Float64Array) -> Float64Array:
-    """Return part / whole within 0..1, 0 for 0 / 0."""
-    ratio = np.divide(part, whole, out=np.zeros_like(part), where=whole != 0)
-    return np.clip(ratio, 0.0, 1.0)
-
-
-def _mean_within(start: Float64Array, end: Float64Array, limit: Float64Array) -> Float64Array:
-    """Return the mean over a line from start to end of its values, limited to -limit..limit."""
-    step = end - start
-    low, high = np.clip(start, -limit, limit), np.clip(end, -limit, limit)
-    above = _part(np.maximum(end, limit) - np.maximum(start, limit), step)
-    below = _part(np.minimum(end, -limit) - np.minimum(start, -limit), step)
-    inside = _part(high - low, step)
-    mean = limit * (above - below) + inside * (low + high) / 2
-    return np.where(step == 0, low, mean)

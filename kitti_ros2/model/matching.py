@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The overlap of boxes, and which predictions find which labels, by the rules of KITTI's devkit.
+"""Which predictions find which labels, by the rules of KITTI's devkit.
 
 Source: evaluate_object.cpp of the object devkit. A prediction is a true positive (TP) if its
 intersection over union (IoU) with a label of its class is above 0.7 for cars and 0.5 for
@@ -21,16 +21,15 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from .boxes import DONT_CARE, cuboid_corners
-from .geometry import cut_polygon_by
+from .boxes import DONT_CARE
 from .least_overlaps import KITTI_OVERLAPS
+from .overlaps import Boxed, BoxTable, parts_within
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    from .boxes import Cuboid
-    from .geometry import Float64Array
     from .least_overlaps import LeastOverlaps
+    from .overlaps import Mask
 
 NEIGHBOURS = {
     'car': frozenset({'van'}),
@@ -39,25 +38,19 @@ NEIGHBOURS = {
 """A class that KITTI evaluates, and those that look like it, in lower case."""
 
 _DONT_CARE = DONT_CARE.lower()
+_MOST_PAIRS = 2**18
+"""Pairs of a prediction and a label that are compared at a time."""
 _UNEVALUATED = frozenset(
     {'van', 'truck', 'tram', 'person_sitting', 'person (sitting)', 'misc', _DONT_CARE}
 )
 
 
-class Matchable(Protocol):
-    """An object with boxes, a label or a prediction."""
+class Matchable(Boxed, Protocol):
+    """A label or a prediction."""
 
     @property
     def class_name(self) -> str:
         """Class name."""
-
-    @property
-    def cuboid(self) -> Cuboid | None:
-        """3D box in velo_link, None without one."""
-
-    @property
-    def box_2d(self) -> tuple[float, float, float, float] | None:
-        """left, top, right, bottom, pixels, None without one."""
 
     @property
     def score(self) -> float | None:
@@ -94,6 +87,7 @@ class Matches(NamedTuple):
     predictions: Sequence[Match]
 
 
+@np.errstate(all='ignore')  # labels may hold any numbers
 def match(
     labels: Sequence[Matchable],
     predictions: Sequence[Matchable],
@@ -107,122 +101,87 @@ def match(
         overlaps: The IoU above which a prediction finds a label.
     """
     predicted = {each.class_name.lower() for each in predictions}
+    names = [each.class_name.lower() for each in labels]
     of_labels = [
-        Match(None if _is_uncounted(each.class_name.lower(), predicted) else Verdict.FALSE_NEGATIVE)
-        for each in labels
+        Match(None if _is_uncounted(name, predicted) else Verdict.FALSE_NEGATIVE) for name in names
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
-    for place in sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place])):
-        prediction = predictions[place]
-        found = _match_one(prediction, labels, of_labels, overlaps.of(prediction.class_name))
+    for place, candidates in _overlapped(labels, predictions, overlaps):
+        found = _choose(candidates, of_labels)
         of_predictions[place] = found
         if found.partner is not None:
             of_labels[found.partner] = found._replace(partner=place)
     return Matches(of_labels, of_predictions)
 
 
-def _match_one(
-    prediction: Matchable, labels: Sequence[Matchable], taken: Sequence[Match], least: float
-) -> Match:
+class _OverlappedLabels(NamedTuple):
+    """The labels that a prediction overlaps.
+
+    Attributes:
+        own: Pairs of IoU and negative index, of the class of the prediction.
+        near: The same, of the neighbours of its class.
+        least: The IoU above which the prediction finds a label.
+        is_ignored: Whether it is within a DontCare region.
+    """
+
+    own: list[tuple[float, int]]
+    near: list[tuple[float, int]]
+    least: float
+    is_ignored: bool
+
+
+def _choose(candidates: _OverlappedLabels, taken: Sequence[Match]) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
-    best = 0.0
-    class_name = prediction.class_name.lower()
-    classes = frozenset({class_name}), NEIGHBOURS.get(class_name, frozenset())
-    for verdict, chosen in zip((Verdict.TRUE_POSITIVE, None), classes, strict=True):
-        overlaps = {
-            place: overlap_of(prediction, each)
-            for place, each in enumerate(labels)
-            if each.class_name.lower() in chosen
-        }
-        if verdict is Verdict.TRUE_POSITIVE:
-            best = max(overlaps.values(), default=0.0)
+    for verdict, pairs in ((Verdict.TRUE_POSITIVE, candidates.own), (None, candidates.near)):
         free = [
-            (overlap, -place)
-            for place, overlap in overlaps.items()
-            if overlap > least and taken[place].partner is None
+            (overlap, place)
+            for overlap, place in pairs
+            if overlap > candidates.least and taken[-place].partner is None
         ]
         if free:
             overlap, place = max(free)
             return Match(verdict, -place, overlap)
-    regions = (each for each in labels if each.class_name.lower() == _DONT_CARE)
-    ignored = any(_share_within(prediction, region) > least for region in regions)
-    return Match(None if ignored else Verdict.FALSE_POSITIVE, overlap=best)
+    best, _ = max(candidates.own, default=(0.0, 0))
+    return Match(None if candidates.is_ignored else Verdict.FALSE_POSITIVE, overlap=best)
 
 
-def overlap_of(one: Matchable, other: Matchable) -> float:
-    """Return the IoU of the 3D boxes if both objects have one, else of the 2D boxes, else 0."""
-    if one.cuboid is not None and other.cuboid is not None:
-        return iou_3d(one.cuboid, other.cuboid)
-    if one.box_2d is not None and other.box_2d is not None:
-        return iou_2d(one.box_2d, other.box_2d)
-    return 0.0
+def _overlapped(
+    labels: Sequence[Matchable], predictions: Sequence[Matchable], overlaps: LeastOverlaps
+) -> Iterator[tuple[int, _OverlappedLabels]]:
+    """Yield the index of each prediction and its candidates, by descending score."""
+    names = [each.class_name.lower() for each in labels]
+    table, boxes = BoxTable(labels), BoxTable(predictions)
+    regions = table.flat[[name == _DONT_CARE for name in names]]
+    order = sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place]))
+    step = max(_MOST_PAIRS // max(len(labels), 1), 1)
+    for start in range(0, len(order), step):
+        rows = np.array(order[start : start + step])
+        own = [predictions[place].class_name.lower() for place in rows]
+        least = [overlaps.of(name) for name in own]
+        parts = parts_within(boxes.flat[rows, None], regions)
+        ignored = np.any(parts > np.array(least)[:, None], axis=1).tolist()
+        pairs = boxes.overlaps(table, rows, _compared(own, names))
+        ends = np.searchsorted(pairs.first, np.arange(len(rows) + 1))
+        for index, place in enumerate(rows.tolist()):
+            mine = slice(*ends[index : index + 2])
+            found = zip(pairs.overlaps[mine].tolist(), pairs.second[mine].tolist(), strict=True)
+            both: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
+            for overlap, label in found:
+                both[names[label] != own[index]].append((overlap, -label))
+            yield place, _OverlappedLabels(*both, least[index], ignored[index])
 
 
-def iou_2d(
-    one: tuple[float, float, float, float], other: tuple[float, float, float, float]
-) -> float:
-    """Return the intersection over union of two rectangles left, top, right, bottom."""
-    shared = _shared_area(one, other)
-    return _ratio(shared, _shared_area(one, one) + _shared_area(other, other) - shared)
-
-
-@np.errstate(all='ignore')  # labels may hold any numbers
-def iou_3d(one: Cuboid, other: Cuboid) -> float:
-    """Return the intersection over union of two boxes that stand on one plane.
-
-    Boxes that are tilted against each other are compared upright, as seen along the first one's
-    vertical axis.
-    """
-    reach = (math.hypot(*one.size_lwh) + math.hypot(*other.size_lwh)) / 2
-    if not math.dist(one.velo_T_box.translation, other.velo_T_box.translation) <= reach:
-        return 0.0
-    shared = intersection_area(one, other) * _shared_height(one, other)
-    return _ratio(shared, math.prod(one.size_lwh) + math.prod(other.size_lwh) - shared)
-
-
-def intersection_area(one: Cuboid, other: Cuboid) -> float:
-    """Return the area that the footprints of two boxes share, square metres."""
-    half = np.array(one.size_lwh[:2]) / 2
-    corners = one.velo_T_box.inverse().apply(cuboid_corners([other])[0, :4])[:, :2]
-    for axis in (0, 1):
-        for sign in (1.0, -1.0):
-            corners = cut_polygon_by(corners, half[axis] - sign * corners[:, axis])
-    return _area(corners)
-
-
-def _shared_height(one: Cuboid, other: Cuboid) -> float:
-    """Return the length along the first box's vertical axis that is in both, metres."""
-    up = one.velo_T_box.rotation[:, 2]
-    middle = float(up @ (other.velo_T_box.translation - one.velo_T_box.translation))
-    mine, its = one.size_lwh[2] / 2, other.size_lwh[2] / 2
-    return max(min(mine, middle + its) - max(-mine, middle - its), 0.0)
-
-
-def _area(corners: Float64Array) -> float:
-    """Return the area of a (V, 2) polygon, by the shoelace formula."""
-    following = np.concatenate([corners[1:], corners[:1]])
-    return abs(float(corners[:, 0] @ following[:, 1] - corners[:, 1] @ following[:, 0])) / 2
-
-
-def _shared_area(
-    one: tuple[float, float, float, float], other: tuple[float, float, float, float]
-) -> float:
-    width = min(one[2], other[2]) - max(one[0], other[0])
-    height = min(one[3], other[3]) - max(one[1], other[1])
-    return max(width, 0.0) * max(height, 0.0)
-
-
-def _share_within(prediction: Matchable, region: Matchable) -> float:
-    """Return the part of a prediction's 2D box that is within a region, 0..1."""
-    if prediction.box_2d is None or region.box_2d is None:
-        return 0.0
-    box = prediction.box_2d
-    return _ratio(_shared_area(box, region.box_2d), _shared_area(box, box))
-
-
-def _ratio(part: float, whole: float) -> float:
-    """Return part / whole; 0 for empty boxes and for numbers that are not finite."""
-    return part / whole if 0 < whole < math.inf and math.isfinite(part) else 0.0
+def _compared(own: Sequence[str], names: Sequence[str]) -> Mask:
+    """Return (N, M) whether each label is of the class of each prediction, or of a neighbour."""
+    codes = {name: code for code, name in enumerate(dict.fromkeys(names))}
+    of_labels = np.array([codes[name] for name in names], np.intp)
+    rows = {
+        name: np.isin(
+            of_labels, [codes.get(each, -1) for each in (name, *NEIGHBOURS.get(name, ()))]
+        )
+        for name in set(own)
+    }
+    return np.array([rows[name] for name in own])
 
 
 def _sureness(prediction: Matchable) -> float:

@@ -24,7 +24,7 @@ from ..model.boxes import (
     wrap_angle,
 )
 from ..model.labels import rect_from_velo
-from ..model.matching import iou_2d
+from ..model.overlaps import ious_2d
 from .places import places_of_boxes, places_of_cuboids, places_without_points
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
@@ -162,9 +162,9 @@ def _find_apart(frames: Sequence[FrameFiles], p_rect: Float64Array, size: Size) 
         [box.rotation_y for box in boxes],
     )
     bounds, _ = clip_bounds(project_corners(corners, p_rect), size)
-    for (path, (line, box)), projected in zip(solid, bounds.tolist(), strict=True):
+    overlaps = ious_2d(bounds, np.array([box.box_2d for box in boxes]).reshape(-1, 4)).tolist()
+    for (path, (line, box)), overlap in zip(solid, overlaps, strict=True):
         left, top, right, bottom = box.box_2d
-        overlap = iou_2d((projected[0], projected[1], projected[2], projected[3]), box.box_2d)
         if right > left and bottom > top and overlap < _LEAST_IOU:
             text = (
                 f'{box.class_name}: the projected 3D box overlaps the 2D box by {overlap:.2f} (IoU)'

@@ -257,6 +257,6 @@ TARGETS = (
            short=100, long=100_000),
     Target('recover', _recover,
            lambda: [*_indexed(), *_unindexed(), *_ros1_bags(), *_databases()],
-           ('bags/recover.py',), short=30, long=2000),
+           ('bags/recover.py',), short=30),
 )  # fmt: skip
 """All of them."""

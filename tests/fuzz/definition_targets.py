@@ -79,6 +79,6 @@ TARGETS = (
     Target('definition', _definition, _definition_texts,
            _MODULES, _TYPE_WORDS, is_text=True, long=100_000),
     Target('typestore', _typestore, _definition_texts,
-           (*_MODULES, 'bags/decoding.py'), _TYPE_WORDS, is_text=True, short=40, long=5000),
+           (*_MODULES, 'bags/decoding.py'), _TYPE_WORDS, is_text=True, short=40),
 )  # fmt: skip
 """All of them."""

@@ -89,11 +89,11 @@ _WORDS = (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null
 
 TARGETS = (
     Target('restore', _restore, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'own_bags/restore.py'), _WORDS, short=10, long=2000),
+           (*_MODULES, 'own_bags/restore.py'), _WORDS, short=10),
     Target('own_numbers', _numbers, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'bags/forward_stamps.py'), _WORDS, short=10, long=5000),
+           (*_MODULES, 'bags/forward_stamps.py'), _WORDS, short=10),
     Target('own_recording', _recording, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'own_bags/recording.py'), _WORDS, short=10, long=2000),
-    Target('check_bag', _checked, _to_check, ('validation/bag_checks.py',), short=5, long=2000),
+           (*_MODULES, 'own_bags/recording.py'), _WORDS, short=10),
+    Target('check_bag', _checked, _to_check, ('validation/bag_checks.py',), short=5),
 )  # fmt: skip
 """All of them."""

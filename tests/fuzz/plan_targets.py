@@ -179,12 +179,12 @@ def _plan_inputs() -> list[bytes]:
 TARGETS = (
     Target('survey', _survey, _surveyed,
            ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py',
-            'importer/apply_plan.py'), RECORD_WORDS, short=5, long=2000),
+            'importer/apply_plan.py'), RECORD_WORDS, short=5),
     Target('plan', _plan, _plan_inputs,
            ('importer/plan_text.py', 'importer/plan_classes.py', 'importer/plan_numbers.py',
             'importer/apply_plan.py'), YAML_WORDS, is_text=True, short=90, long=100_000),
     Target('plan_applied', _plan_applied, _plan_inputs,
            ('importer/apply_plan.py', 'importer/set_builder.py'),
-           YAML_WORDS, is_text=True, short=15, long=5_000),
+           YAML_WORDS, is_text=True, short=15),
 )  # fmt: skip
 """All of them."""

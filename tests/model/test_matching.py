@@ -6,21 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.drawing.objects import LabelledObject
 from kitti_ros2.model.boxes import DONT_CARE, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from kitti_ros2.model.matching import (
-    Matches,
-    Verdict,
-    intersection_area,
-    iou_2d,
-    iou_3d,
-    match,
-)
+from kitti_ros2.model.matching import Matches, Verdict, match
+from kitti_ros2.model.overlaps import BoxTable, ious_2d
 
 TP, FP, FN = Verdict.TRUE_POSITIVE, Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE
 PLACE = st.floats(-3, 3)
@@ -41,6 +35,29 @@ def car(x=0.0, score=None, kind='Car', **rest):
 def flat(left, right, score=None, kind='Car'):
     """An object with a 2D box only, of 10 rows."""
     return LabelledObject(kind, None, (left, 0.0, right, 10.0), score=score)
+
+
+def overlap(one, *others):
+    """IoU of the first object with the others."""
+    with np.errstate(all='ignore'):
+        pairs = BoxTable([one]).overlaps(
+            BoxTable(others), np.array([0]), np.ones((1, len(others)), bool)
+        )
+    found = np.zeros(len(others))
+    found[pairs.second] = pairs.overlaps
+    return found
+
+
+def iou_3d(one, other):
+    (found,) = overlap(LabelledObject('Car', one), LabelledObject('Car', other))
+    return found
+
+
+def shared_area(one, other):
+    """The area that the footprints of two boxes share, if both are 1 m high and on one plane."""
+    found = iou_3d(one, other)
+    areas = sum(each.size_lwh[0] * each.size_lwh[1] for each in (one, other))
+    return found * areas / (1 + found)
 
 
 def verdicts(matches: Matches):
@@ -74,12 +91,10 @@ def test_a_square_turned_by_an_eighth():
     """The octagon that two unit squares share has an area of 2 (sqrt(2) - 1)."""
     one, other = (box(length=1.0, width=1.0, yaw=yaw) for yaw in (0.3, 0.3 + np.pi / 4))
     shared = 2 * (np.sqrt(2) - 1)
-    assert intersection_area(one, other) == pytest.approx(shared)
     assert iou_3d(one, other) == pytest.approx(shared / (2 - shared))
 
 
 @given(BOX, BOX)
-@example((0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0), (0.0, 0.0, 3.0, 0.0, 1.0, 0.5, 0.5))  # far above
 def test_footprints_share_the_sum_of_thin_slices(one, other):
     """Each rectangle is two strips: y is bounded by four lines, at each of many x."""
     x = np.linspace(-9, 9, 6001)
@@ -91,7 +106,10 @@ def test_footprints_share_the_sum_of_thin_slices(one, other):
             ends = ahead + (np.array([[-half], [half]]) - c * (x - left)) / s
             low, high = np.maximum(low, ends.min(axis=0)), np.minimum(high, ends.max(axis=0))
     expected = np.maximum(high - low, 0).sum() * (x[1] - x[0])
-    assert intersection_area(box(*one), box(*other)) == pytest.approx(expected, abs=0.05)
+    flat = (
+        box(x, y, 0.0, yaw, length, width, 1.0) for x, y, _, yaw, length, width, _ in (one, other)
+    )
+    assert shared_area(*flat) == pytest.approx(expected, abs=0.05)
 
 
 @given(BOX, BOX, BOX)
@@ -105,11 +123,42 @@ def test_overlap_is_symmetric_and_the_same_from_anywhere(one, other, place):
     assert iou_3d(*moved) == pytest.approx(found, abs=1e-6)
 
 
-def test_overlap_of_rectangles():
-    assert iou_2d((0, 0, 10, 10), (5, 0, 15, 10)) == pytest.approx(1 / 3)
-    assert iou_2d((0, 0, 10, 10), (10, 0, 20, 10)) == 0
-    assert iou_2d((0, 0, 0, 0), (0, 0, 0, 0)) == 0
-    assert iou_2d((0, 0, np.nan, 9), (0, 0, 9, 9)) == 0
+@pytest.mark.parametrize(
+    ('one', 'other', 'expected'),
+    [
+        ((0, 0, 10, 10), (5, 0, 15, 10), 1 / 3),
+        ((0, 0, 10, 10), (10, 0, 20, 10), 0),
+        ((0, 0, 0, 0), (0, 0, 0, 0), 0),
+        ((0, 0, np.nan, 9), (0, 0, 9, 9), 0),
+        ((0, 0, np.inf, 9), (0, 0, 9, 9), 0),
+        ((9, 9, 0, 0), (0, 0, 9, 9), 0),
+    ],
+)
+def test_overlap_of_rectangles(one, other, expected):
+    with np.errstate(all='ignore'):
+        found = ious_2d(np.array(one, float), np.array(other, float))
+    assert found == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('size', [(4.0, 2.0, 0.0), (-4.0, -2.0, 1.5), (4.0, np.nan, 1.5)])
+def test_empty_and_absurd_boxes_overlap_nothing(size):
+    odd = Cuboid('Car', '0', box().velo_T_box, size)
+    assert iou_3d(odd, box()) == iou_3d(box(), odd) == iou_3d(odd, odd) == 0
+
+
+def test_a_box_upside_down_overlaps_as_one_that_stands():
+    turned = Transform(rotation_from_rpy(np.pi, 0.0, 0.0), np.zeros(3))
+    assert iou_3d(box(), Cuboid('Car', '0', turned, (4.0, 2.0, 1.5))) == pytest.approx(1)
+
+
+def test_each_pair_is_compared_by_the_boxes_that_both_have():
+    """Solid boxes beside flat ones, objects with both, and with none, in any order."""
+    both = LabelledObject('Car', box(), (0.0, 0.0, 10.0, 10.0))
+    others = [flat(0.0, 5.0), car(2.0), LabelledObject('Car', None), car(99.0), both]
+    assert overlap(both, *others) == pytest.approx([0.5, 1 / 3, 0, 0, 1])
+    assert overlap(car(), *others) == pytest.approx([0, 1 / 3, 0, 0, 1])
+    assert overlap(flat(0.0, 5.0), *others) == pytest.approx([1, 0, 0, 0, 0.5])
+    assert overlap(LabelledObject('Car', None), *others) == pytest.approx([0] * 5)
 
 
 @pytest.mark.parametrize(
