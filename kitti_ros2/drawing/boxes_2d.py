@@ -11,14 +11,7 @@ import numpy as np
 
 from ..model.boxes import DONT_CARE, EDGES, clip_bounds, cuboid_corners
 from .looks import box_color, caption_2d, line_width, objects_to_draw, scale_of
-from .strokes import (
-    cut_segments,
-    dashes,
-    draw_segments,
-    rectangle_segments,
-    size_of,
-    starts_of,
-)
+from .strokes import cut_segments, dashes, draw_segments, rectangle_segments, size_of, slices_of
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -65,7 +58,7 @@ def draw_boxes_2d(
     bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
     cut, _ = clip_bounds(bounds, size)
     sides, origins = cut_segments(rectangle_segments(np.rint(bounds)), size)
-    starts = starts_of(origins // 4, len(shown))
+    sides_at = slices_of(origins // 4, len(shown))
     tags = []
     for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
         each, predicted = shown[place]
@@ -73,7 +66,7 @@ def draw_boxes_2d(
             _shade(picture, cut[place])
             continue
         color, seen = box_color(each, predicted=predicted), tuple(cut[place].tolist())
-        mine = sides[slice(*starts[place : place + 2])]
+        mine = sides[sides_at[place]]
         if predicted:
             draw_segments(picture, dashes(mine, scale), color)
         else:

@@ -13,7 +13,7 @@ import numpy as np
 from ..model.boxes import DONT_CARE
 from .looks import box_color, corners_of, is_quiet, objects_to_draw
 from .objects import name_of
-from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of, starts_of
+from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of, slices_of
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -84,19 +84,19 @@ def draw_footprints(
     outlines = view.pixels(corners[:, :4, :2])
     size, tags = size_of(picture), []
     seen = _Sides.of(outlines, size)
-    starts = starts_of(seen.owners, len(shown))
+    sides_at = slices_of(seen.owners, len(shown))
     arrows, origins = cut_segments(view.pixels(_arrows(corners)).reshape(-1, 2, 2), size)
-    heads = starts_of(origins // _ARROW_LINES, len(shown))
+    arrows_at = slices_of(origins // _ARROW_LINES, len(shown))
     for place in reversed(range(len(shown))):
         (each, predicted), outline = shown[place], outlines[place]
         color = box_color(each, predicted=predicted)
         if np.isnan(seen.bounds[place, 0]):
             continue
-        sides = seen.parts[slice(*starts[place : place + 2])]
+        sides = seen.parts[sides_at[place]]
         small = np.ptp(outline, axis=0).max() < _SMALL
         width = 1 if predicted or small or is_quiet(each) else 2
         draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, width)
-        draw_segments(picture, arrows[slice(*heads[place : place + 2])], color, width)
+        draw_segments(picture, arrows[arrows_at[place]], color, width)
         left, top, right, bottom = seen.bounds[place].tolist()
         bounds = (left, top, right, bottom)
         tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))

@@ -8,6 +8,7 @@ image in floating point first. Coordinates are pixels, (0, 0) the centre of the 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
 import cv2
@@ -88,15 +89,15 @@ def cut_segments(
     return start[seen, None] + shares * delta[seen, None], lines[seen]
 
 
-def starts_of(owners: npt.NDArray[np.intp], count: int) -> list[int]:
-    """Return where the parts of each of `count` shapes begin, and where the last ones end.
+def slices_of(owners: npt.NDArray[np.intp], count: int) -> list[slice]:
+    """Return where the parts of each of `count` shapes are.
 
     Args:
         owners: (K,) the shape of each part, ascending.
         count: Number of shapes.
     """
-    starts: list[int] = np.searchsorted(owners, np.arange(count + 1)).tolist()
-    return starts
+    starts = np.searchsorted(owners, np.arange(count + 1)).tolist()
+    return [slice(start, end) for start, end in pairwise(starts)]
 
 
 def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:

@@ -12,7 +12,7 @@ import numpy as np
 from ..model.boxes import EDGES, clip_bounds
 from .boxes_2d import TEXT_SCALE, projected_bounds
 from .looks import box_color, caption_3d, corners_of, line_width, objects_to_draw, scale_of
-from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of, starts_of, tint_polygon
+from .strokes import cut_segments, dashes, draw_segments, sides_of, size_of, slices_of, tint_polygon
 from .text import Tag, draw_tags
 
 if TYPE_CHECKING:
@@ -58,20 +58,20 @@ def draw_wireframes(
     size, scale = size_of(picture), scale_of(picture)
     bounds, _ = clip_bounds(projected_bounds(corners, projection), size)
     sides, owners = projection.segments(sides_of(corners[:, _FRONT]).reshape(-1, 2, 3))
-    fronts = starts_of(owners // len(_FRONT), len(shown))
+    fronts_at = slices_of(owners // len(_FRONT), len(shown))
     pieces, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))
     parts, origins = cut_segments(pieces, size)
     wires = lines[origins]
-    starts = starts_of(wires // len(_WIRES), len(shown))
+    wires_at = slices_of(wires // len(_WIRES), len(shown))
     tags = []
     for place in reversed(range(len(shown))):
-        mine = slice(*starts[place : place + 2])
+        mine = wires_at[place]
         if not len(parts[mine]):
             continue
         each, predicted = shown[place]
         color = box_color(each, predicted=predicted)
         if not predicted:
-            front = sides[slice(*fronts[place : place + 2])].reshape(-1, 2)
+            front = sides[fronts_at[place]].reshape(-1, 2)
             tint_polygon(picture, front, color, _FRONT_ALPHA)
         cross = wires[mine] % len(_WIRES) >= len(EDGES)
         left, top, right, bottom = bounds[place].tolist()

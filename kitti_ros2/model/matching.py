@@ -106,8 +106,8 @@ def match(
         Match(None if _is_uncounted(name, predicted) else Verdict.FALSE_NEGATIVE) for name in names
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
-    for place, candidates in _overlapped(labels, predictions, overlaps):
-        found = _choose(candidates, of_labels)
+    for place, overlapped in _overlapped(labels, predictions, overlaps):
+        found = _choose(overlapped, of_labels)
         of_predictions[place] = found
         if found.partner is not None:
             of_labels[found.partner] = found._replace(partner=place)
@@ -130,25 +130,25 @@ class _OverlappedLabels(NamedTuple):
     is_ignored: bool
 
 
-def _choose(candidates: _OverlappedLabels, taken: Sequence[Match]) -> Match:
+def _choose(overlapped: _OverlappedLabels, taken: Sequence[Match]) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
-    for verdict, pairs in ((Verdict.TRUE_POSITIVE, candidates.own), (None, candidates.near)):
+    for verdict, pairs in ((Verdict.TRUE_POSITIVE, overlapped.own), (None, overlapped.near)):
         free = [
             (overlap, place)
             for overlap, place in pairs
-            if overlap > candidates.least and taken[-place].partner is None
+            if overlap > overlapped.least and taken[-place].partner is None
         ]
         if free:
             overlap, place = max(free)
             return Match(verdict, -place, overlap)
-    best, _ = max(candidates.own, default=(0.0, 0))
-    return Match(None if candidates.is_ignored else Verdict.FALSE_POSITIVE, overlap=best)
+    best, _ = max(overlapped.own, default=(0.0, 0))
+    return Match(None if overlapped.is_ignored else Verdict.FALSE_POSITIVE, overlap=best)
 
 
 def _overlapped(
     labels: Sequence[Matchable], predictions: Sequence[Matchable], overlaps: LeastOverlaps
 ) -> Iterator[tuple[int, _OverlappedLabels]]:
-    """Yield the index of each prediction and its candidates, by descending score."""
+    """Yield the index of each prediction and the labels it overlaps, by descending score."""
     names = [each.class_name.lower() for each in labels]
     table, boxes = BoxTable(labels), BoxTable(predictions)
     regions = table.flat[[name == _DONT_CARE for name in names]]

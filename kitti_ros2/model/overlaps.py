@@ -94,10 +94,10 @@ class BoxTable:
             for mine, its in zip(self._middles[rows].T, others._middles.T, strict=True)
         )
         near = compared & both & (apart <= (self._reaches[rows, None] + others._reaches) ** 2)
-        flat = compared & ~both
-        if flat.any():
-            flat &= shared_areas_2d(self.flat[rows, None], others.flat) > 0
-        first, second = np.nonzero(near | flat)
+        rest = compared & ~both
+        if rest.any():
+            rest &= shared_areas_2d(self.flat[rows, None], others.flat) > 0
+        first, second = np.nonzero(near | rest)
         found = ious_2d(self.flat[rows[first]], others.flat[second])
         solid = near[first, second]
         found[solid] = self._ious_3d(others, rows[first[solid]], second[solid])

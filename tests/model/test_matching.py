@@ -252,6 +252,23 @@ def test_nothing_compared_with_nothing():
     assert match([], []) == ([], [])
 
 
+def test_many_predictions_are_compared_as_if_at_once(monkeypatch):
+    """Those of a step see what earlier steps found, in the order of their scores."""
+    rng = np.random.default_rng(5)
+    kinds = ['Car', 'Van', 'Pedestrian', DONT_CARE]
+    labels = [car(x, kind=kinds[i % 3], y=i % 5) for i, x in enumerate(rng.uniform(-9, 9, 40))]
+    labels += [flat(x, x + 9, kind=kinds[i % 4]) for i, x in enumerate(rng.uniform(0, 90, 20))]
+    predictions = [
+        car(x, score, kinds[i % 3], y=i % 5)
+        for i, (x, score) in enumerate(rng.uniform([-9, 0], [9, 1], (60, 2)))
+    ]
+    predictions += [flat(x, x + 9, x / 90) for x in rng.uniform(0, 90, 20)]
+    expected = match(labels, predictions, LeastOverlaps((), 0.3))
+    monkeypatch.setattr('kitti_ros2.model.matching._MOST_PAIRS', 3 * len(labels))
+    assert match(labels, predictions, LeastOverlaps((), 0.3)) == expected
+    assert {each.verdict for each in expected.predictions} == {TP, FP, None}
+
+
 @given(
     st.lists(st.tuples(st.floats(-5, 5), st.sampled_from(['Car', 'Van', 'Tram'])), max_size=6),
     st.lists(st.tuples(st.floats(-5, 5), st.floats(allow_nan=True)), max_size=6),
