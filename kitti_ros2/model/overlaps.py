@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     Places: TypeAlias = npt.NDArray[np.intp]
     Mask: TypeAlias = npt.NDArray[np.bool_]
 
+_ROUNDING = 1e-12
+"""Boxes that only touch, or are side by side, seem to overlap by so much."""
 _NO_CUBOID = Cuboid('', '', Transform(np.full((3, 3), np.nan), np.full(3, np.nan)), (np.nan,) * 3)
 
 
@@ -45,7 +47,7 @@ class OverlappingPairs(NamedTuple):
     Attributes:
         first: (P,) places in the rows that are compared.
         second: (P,) indices.
-        overlaps: (P,) intersection over union (IoU), above 0.
+        overlaps: (P,) intersection over union (IoU), above 0 by more than rounding.
     """
 
     first: Places
@@ -101,7 +103,7 @@ class BoxTable:
         found = ious_2d(self.flat[rows[first]], others.flat[second])
         solid = near[first, second]
         found[solid] = self._ious_3d(others, rows[first[solid]], second[solid])
-        kept = found > 0
+        kept = found > _ROUNDING
         return OverlappingPairs(first[kept], second[kept], found[kept])
 
     def _ious_3d(self, others: BoxTable, first: Places, second: Places) -> Float64Array:

@@ -189,6 +189,17 @@ def test_a_chosen_overlap_decides():
     assert verdicts(match([label], [prediction], by_class)) == [[TP], [TP]]
 
 
+@given(st.floats(0, 1.2), st.floats(-4, 4), st.floats(-4, 4))
+def test_boxes_that_do_not_touch_share_nothing(gap, place, yaw):
+    """Boxes side by side, near enough for their corners to touch if they were turned."""
+    aside = np.array([-np.sin(yaw), np.cos(yaw)]) * (2.001 + gap)
+    label = car(place, y=place, yaw=yaw)
+    prediction = car(place + aside[0], 0.5, y=place + aside[1], yaw=yaw)
+    matches = match([label], [prediction], LeastOverlaps((), 0.0))
+    assert verdicts(matches) == [[FN], [FP]]
+    assert matches.predictions[0].overlap == 0
+
+
 def test_a_label_is_found_once_by_the_surest():
     matches = match([car()], [car(0.1, 0.4), car(0.2, 0.9), car(0.0, 0.3)])
     assert verdicts(matches) == [[TP], [FP, TP, FP]]
