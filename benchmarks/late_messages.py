@@ -35,9 +35,12 @@ LATE = 'late_over_50_ms_in_10_000'
 
 def write_profile(folder: Path, milliseconds: str) -> Path:
     """The player's profile of Fast DDS with a health check, for all processes of a run."""
+    before, kind, after = PROFILE.read_text().partition(SHARED_MEMORY)
+    if not kind:
+        raise SystemExit(f'{PROFILE}: no {SHARED_MEMORY}, which the health check belongs to')
     check = f'<healthy_check_timeout_ms>{milliseconds}</healthy_check_timeout_ms>'
     path = folder / f'fastdds_{milliseconds}.xml'
-    path.write_text(PROFILE.read_text().replace(SHARED_MEMORY, SHARED_MEMORY + check))
+    path.write_text(before + kind + check + after)
     return path
 
 
@@ -53,8 +56,8 @@ def soak(words: list[str], profile: Path | None) -> dict[str, Any]:
         stdout=subprocess.PIPE,
         check=False,
     )
-    if not ended.stdout:
-        raise SystemExit('the soak failed')
+    if ended.returncode:
+        raise SystemExit(f'the soak failed: {ended.stdout.decode()}')
     figures: dict[str, Any] = json.loads(ended.stdout)
     return figures
 
