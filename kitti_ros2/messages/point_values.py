@@ -129,9 +129,9 @@ class PointValues:
 
     @property
     def azimuth(self) -> Float32Array:
-        """The angle from x to y, 0 to 2 pi."""
+        """The angle from x, clockwise seen from above as the scanner turns, 0 to 2 pi."""
         whole = np.float32(2 * np.pi)
-        return np.where(self._azimuth < 0, self._azimuth + whole, self._azimuth)
+        return np.where(self._azimuth > 0, whole - self._azimuth, np.abs(self._azimuth))
 
     @cached_property
     def elevation(self) -> Float32Array:

@@ -61,6 +61,11 @@ AUTOWARE = Stack(
                ' 32 bytes', Citation(*_POINT_TYPES, 95)),
         Demand('point-type-exact', 'the distortion corrector accepts no other layout',
                Citation(*_DISTORTION, symbol='pointcloud_callback')),
+        Demand('azimuth', 'azimuth rises with the points of a channel: the ring outlier filter'
+               ' joins neighbours less than a degree on, and drops points that have none',
+               Citation('autowarefoundation/autoware.universe', '17799e5d0dac',
+                      'sensing/autoware_cuda_pointcloud_preprocessor/src/'
+                      'cuda_pointcloud_preprocessor/outlier_kernels.cu', 46)),
         Demand('imu', 'Imu on /sensing/imu/tamagawa/imu_raw',
                Citation(_KIT, '210f29c', 'sample_sensor_kit_launch/launch/imu.launch.xml',
                       symbol='imu_raw')),

@@ -162,14 +162,68 @@ def test_angles_channels_and_times_of_autoware(file, length):
     for point in cloud:
         x, y, z = (float(point[name]) for name in 'xyz')
         azimuth = math.atan2(y, x)
-        assert point['azimuth'] == pytest.approx(azimuth % (2 * math.pi), abs=1e-5) or (
-            abs(azimuth) < 1e-5
-        )
+        assert math.remainder(point['azimuth'] + azimuth, 2 * math.pi) == pytest.approx(0, abs=1e-5)
         assert 0 <= point['azimuth'] <= np.float32(2 * math.pi)
         assert point['elevation'] == pytest.approx(math.atan2(z, math.hypot(x, y)), abs=1e-5)
         assert point['distance'] == pytest.approx(math.hypot(x, y, z), rel=1e-5, abs=1e-9)
         since = (0.5 - azimuth / (2 * math.pi)) * length
         assert point['time_stamp'] == pytest.approx(since, abs=1 + length * 1e-7)
+
+
+NEBULA = [
+    # x, y, z, azimuth, sine of the elevation, distance
+    (2.06693983, -2.46328282, 0.16852181, 0.87266463, 0.05233596, 3.22000003),
+    (-1.96807086, -1.43672097, -0.21318294, 2.51100516, -0.08715574, 2.44600010),
+    (-2.63965392, 2.94194245, 1.05908751, 3.98109603, 0.25881904, 4.09200001),
+    (1.03933012, 0.97667915, 0.22589140, 5.52885389, 0.15643448, 1.44400012),
+]
+"""Points of a VLP-16, one a quadrant, as the driver of Autoware decodes them: tier4/nebula 606ac41,
+src/nebula_velodyne/nebula_velodyne/test_resources/decoder_ground_truth/vlp16/
+1673400472138016708.pcd."""
+
+
+def test_angles_and_distances_are_those_that_autowares_driver_recorded():
+    file = np.array([(*each[:3], 0.25) for each in NEBULA], np.float32)
+    [cloud] = cells_of(encode(Scan(file), Points.XYZIRCAEDT), Points.XYZIRCAEDT)
+    azimuth, sine, distance = np.array(NEBULA).T[3:]
+    np.testing.assert_allclose(cloud['azimuth'], azimuth, atol=2e-6)
+    np.testing.assert_allclose(np.sin(cloud['elevation'].astype(float)), sine, atol=1e-6)
+    np.testing.assert_allclose(cloud['distance'], distance, rtol=1e-6)
+
+
+def ring_filter_keeps(cloud):
+    """The points that Autoware's filter of outliers keeps, (N,).
+
+    The rule of autoware.universe 17799e5, outlier_kernels.cu:21-74, for whole walks (the kernel
+    looks 4 points to either side): neighbours of a channel, in the order of the cloud, are joined
+    if their distances differ by less than 3 % and the azimuth rises by less than a degree; points
+    are kept with more than 4 in such a walk, or if its ends are 0.1 m apart.
+    """
+    kept = np.zeros(len(cloud), bool)
+    for channel in np.unique(cloud['channel']):
+        [ring] = np.nonzero(cloud['channel'] == channel)
+        distance, azimuth = (cloud[name][ring].astype(float) for name in ('distance', 'azimuth'))
+        near, far = np.sort([distance[:-1], distance[1:]], axis=0)
+        joined = (far < near * 1.03) & (np.diff(azimuth) % (2 * np.pi) < np.pi / 180)
+        for walk in np.split(ring, np.flatnonzero(~joined) + 1):
+            ends = [[cloud[name][walk[at]] for name in 'xyz'] for at in (0, -1)]
+            kept[walk] = len(walk) > 4 or math.dist(*ends) >= 0.1
+    return kept
+
+
+def test_autowares_ring_filter_keeps_a_street(real_kitti):
+    path = real_kitti / 'raw/2011_09_26/2011_09_26_drive_0005_sync/velodyne_points/data'
+    file = np.fromfile(path / '0000000000.bin', '<f4').reshape(-1, 4)
+    [cloud] = cells_of(encode(Scan(file, turn=TURN), Points.XYZIRCAEDT), Points.XYZIRCAEDT)
+    assert ring_filter_keeps(cloud).mean() > 0.95
+
+
+def test_autowares_ring_filter_keeps_a_wall_and_drops_a_single_point():
+    file = rings_of_points(8, 720)
+    file[1000, :3] *= 0.5
+    [cloud] = cells_of(encode(Scan(file, turn=TURN), Points.XYZIRCAEDT), Points.XYZIRCAEDT)
+    kept = ring_filter_keeps(cloud)
+    assert cloud['distance'][~kept].tolist() == [cloud['distance'].min()]
 
 
 @settings(max_examples=30)

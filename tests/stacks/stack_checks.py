@@ -113,6 +113,14 @@ def types_of_mrpt(cloud):
     return ''
 
 
+def rising_azimuth(cloud):
+    """By less than half a turn; the synthetic scans have columns of more than a degree."""
+    azimuth, channel = (cloud.points[name] for name in ('azimuth', 'channel'))
+    steps = np.concatenate([np.diff(azimuth[channel == each]) for each in np.unique(channel)])
+    rises = (steps.astype(np.float64) % (2 * np.pi) < np.pi).mean()
+    return '' if rises > 0.9 else f'azimuth rises between {rises:.0%} of the neighbours'
+
+
 def exact_type(cloud):
     right = cloud.fields == XYZIRCAEDT and list(cloud.fields) == list(XYZIRCAEDT)
     return '' if right and cloud.message.point_step == 32 else f'fields {cloud.fields}'
@@ -329,6 +337,7 @@ CHECKERS = {
         'cloud': cloud_on(TOP),
         'point-type': of_clouds(TOP, exact_type),
         'point-type-exact': of_clouds(TOP, exact_type),
+        'azimuth': of_clouds(TOP, rising_azimuth),
         'imu': is_type('/sensing/imu/tamagawa/imu_raw', IMU),
         'fix': is_type('/sensing/gnss/ublox/nav_sat_fix', FIX),
         'twist': is_type(
