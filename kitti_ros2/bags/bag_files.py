@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +19,7 @@ from .findings import Findings
 from .foxglove_channels import appearing
 from .locate import locate_bag, reindex_advice
 from .pieces import NamedFile
+from .spelling import ros2_spelling
 from .storages import storage_of
 from .summary import BagIndex
 
@@ -24,7 +27,10 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from .locate import BagFiles
-    from .pieces import BagFile
+    from .pieces import BagFile, StoredChannel
+
+_ROS2_TYPE = re.compile(r'\w+/(msg/)?\w+', re.ASCII)
+_ROS2_TEXTS = frozenset({'ros2msg', 'ros2idl', ''})
 
 
 def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
@@ -51,7 +57,14 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
             findings.lose(str(error))
             continue
         stack.callback(file.close)
-        file.channels = {key: appearing(each) for key, each in file.channels.items()}
+        unnamed = {key: _as_cdr(each) for key, each in file.channels.items() if _is_unnamed(each)}
+        if unnamed:
+            topics = f'{len(unnamed)} of its {len(file.channels)} topics'
+            findings.note(
+                f'{path}: {topics} have an empty serialization_format; they are read as cdr'
+            )
+        channels = {**file.channels, **unnamed}
+        file.channels = {key: appearing(each) for key, each in channels.items()}
         found.append((path, file))
     if failure is not None and not found:
         raise failure
@@ -62,6 +75,22 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
                 text = f'metadata.yaml names the topic {topic}, which its files lack'
                 findings.lose(f'{bag.path}: {text}', 0)
     return found
+
+
+def _is_unnamed(channel: StoredChannel) -> bool:
+    """Whether a channel of a ROS 2 type names no encoding: ROS 2 itself has cdr alone.
+
+    Recorders in drivers write this, where they create a topic without its serialization_format.
+    """
+    return (
+        not channel.encoding
+        and channel.definition_encoding in _ROS2_TEXTS
+        and bool(_ROS2_TYPE.fullmatch(channel.msgtype))
+    )
+
+
+def _as_cdr(channel: StoredChannel) -> StoredChannel:
+    return replace(channel, encoding='cdr', msgtype=ros2_spelling(channel.msgtype))
 
 
 class OpenBag:

@@ -95,7 +95,8 @@ def types_of(channel: StoredChannel) -> tuple[str, ...]:
 
 def why_unread(channel: StoredChannel) -> str:
     """Return why a channel that is neither in CDR nor of ROS 1 is not read."""
-    text = f'{channel.topic} is {channel.encoding}, which is not read'
+    encoding = channel.encoding or 'in an encoding that is not named'
+    text = f'{channel.topic} is {encoding}, which is not read'
     schema = _schema_of(channel)
     if not schema:
         return text

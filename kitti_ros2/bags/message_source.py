@@ -211,7 +211,7 @@ class BagMessages:
                 found.add(channel.encoding)
                 self._leave_out(reading, why_unread(channel))
         if found and not self._readings:
-            kinds = ', '.join(sorted(found))
+            kinds = ', '.join(each or 'an encoding that is not named' for each in sorted(found))
             expected = 'messages in cdr or of ROS 1, of which none is there'
             raise BadBagError(self._path, f'has messages in {kinds}', expected)
 

@@ -74,13 +74,13 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
     Raises:
         TypeError: A column is not a text.
     """
-    if not all(isinstance(text, str) for text in texts[:_LEAST_TOPIC_COLUMNS]):
-        raise TypeError('the names of topics are no texts')
     topic, msgtype, encoding, *rest = texts
+    if not all(isinstance(text, str) for text in (topic, msgtype, encoding or '')):
+        raise TypeError('the names of topics are no texts')
     return StoredChannel(
         topic,
         ros2_spelling(msgtype) if '/' in msgtype else msgtype,
-        encoding,
+        encoding or '',
         *definitions.get(msgtype, ('', '')),
         **offered_qos(rest[0] if rest else ''),
     )

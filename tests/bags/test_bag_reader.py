@@ -419,3 +419,83 @@ def test_what_is_not_read_among_others_is_told(encoding, tmp_path):
         assert [each.topic for each in messages] == ['/text']
         assert messages.findings == (f'{path}: /other is {encoding}, which is not read',)
         assert messages.complete
+
+
+def mcap_bag(path, channels):
+    """An MCAP file: topic, type, encoding of the schema, encoding of the messages, one each."""
+    with path.open('wb') as file:
+        writer = Writer(file)
+        writer.start(profile='ros2')
+        for topic, msgtype, text, encoding in channels:
+            schema = writer.register_schema(msgtype, text, b'string data\n')
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, 1, b'\0\1\0\0\2\0\0\0a\0', 1)
+        writer.finish()
+    return path
+
+
+def unnamed(path, encoding=''):
+    """Write another encoding into the topics of a database."""
+    with sqlite3.connect(path) as connection:
+        connection.execute('UPDATE topics SET serialization_format = ?', [encoding])
+    connection.close()
+
+
+@pytest.mark.parametrize('name', ['', 'a.mcap'])
+def test_a_bag_without_a_serialization_format_is_read_as_cdr(name, samples, tmp_path):
+    if name:
+        names = {'/a': 'std_msgs/msg/String', '/b': 'std_msgs/String'}
+        channels = [(topic, msgtype, 'ros2msg', '') for topic, msgtype in names.items()]
+        path = mcap_bag(tmp_path / name, [*channels, ('/c', names['/a'], 'ros2msg', 'cdr')])
+        expected, few, file = ['/a', '/b', '/c'], '2 of its 3', path
+    else:
+        path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
+        (file,) = path.glob('*.db3')
+        unnamed(file)
+        meta = path / 'metadata.yaml'
+        meta.write_text(meta.read_text().replace('format: cdr', 'format: ""'))
+        expected, few = [each.channel.topic for each in samples], f'{len(CHANNELS)} of its 14'
+    with open_messages(path) as messages:
+        assert [each.topic for each in messages] == expected
+        note = f'{file}: {few} topics have an empty serialization_format; they are read as cdr'
+        assert messages.findings == (note,)
+        assert messages.complete
+        assert {each.msgtype for each in messages.sources.values()} <= {
+            each.msgtype for each in CHANNELS
+        }
+    index = summarize_bag(path)
+    assert index.complete
+    assert note in index.findings
+
+
+def test_a_damaged_database_without_a_serialization_format_is_read(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
+    (file,) = path.glob('*.db3')
+    unnamed(file)
+    with file.open('r+b') as database:
+        database.truncate(file.stat().st_size - 4096)
+    with open_messages(path) as messages:
+        assert sum(1 for _ in messages) > len(samples) // 2
+        assert any('they are read as cdr' in each for each in messages.findings)
+
+
+@pytest.mark.parametrize(
+    ('msgtype', 'text', 'encoding', 'said'),
+    [
+        ('std_msgs/msg/String', 'ros2msg', 'flatbuffer', 'has messages in flatbuffer; expected'),
+        ('a.Text', 'protobuf', '', 'has messages in an encoding that is not named; expected'),
+        ('std_msgs/String', 'ros1msg', '', 'has messages in an encoding that is not named;'),
+        ('Text', 'jsonschema', '', 'has messages in an encoding that is not named; expected'),
+    ],
+)
+def test_other_unknown_encodings_are_refused(msgtype, text, encoding, said, tmp_path):
+    path = mcap_bag(tmp_path / 'a.mcap', [('/a', msgtype, text, encoding)])
+    with pytest.raises(BadBagError, match=said):
+        open_messages(path)
+
+
+def test_another_encoding_of_a_database_is_refused(samples, tmp_path):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
+    unnamed(*path.glob('*.db3'), encoding='proto')
+    with pytest.raises(BadBagError, match='has messages in proto; expected messages in cdr'):
+        open_messages(path)
