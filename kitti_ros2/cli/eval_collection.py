@@ -23,8 +23,9 @@ from ..options.evaluation_tables import (
     make_tracking_options,
 )
 from .collection import Combined, need_folder, refuse_sequence, run_collection
+from .eval_tracking import figure_cells
 from .plot_output import PLOTS
-from .tables import cell, plain_table
+from .tables import NONE, cell, plain_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     Rows = Iterator[tuple[str, Sequence[str]]]
     from .result_output import ResultOutput
 
-_NONE = '-'
 _TRACKED = ('HOTA', 'DetA', 'AssA', 'MOTA', 'MOTP', 'IDF1', 'IDSW')
 _DETECTED = ('2d', 'aos', 'bev', '3d')
 
@@ -162,7 +162,7 @@ def _read(path: Path) -> Values:
 
 
 def _number(value: float | None, digits: int = 2) -> str:
-    return _NONE if value is None else f'{value:.{digits}f}'
+    return NONE if value is None else f'{value:.{digits}f}'
 
 
 def _odometry_rows(values: Values) -> Rows:
@@ -181,13 +181,7 @@ def _odometry_rows(values: Values) -> Rows:
 
 def _tracking_rows(values: Values) -> Rows:
     for class_name, each in values['tracking'].items():
-        yield (
-            class_name,
-            [
-                f'{each[name]}' if isinstance(each[name], int) else _number(each[name])
-                for name in _TRACKED
-            ],
-        )
+        yield class_name, figure_cells(each, _TRACKED)
 
 
 def _detection_rows(values: Values) -> Rows:

@@ -22,7 +22,7 @@ from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .plot_output import check_plot, is_picture
 from .progress import step_progress
-from .tables import cell, plain_table
+from .tables import NONE, cell, plain_table
 from .text import format_count, format_path, say, show_losses
 from .worst_frames import check_folder, draw_worst, print_worst
 
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from .result_output import ResultOutput
 
 _METRICS = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
-_NONE = '-'
 
 
 def run_eval_detection(
@@ -151,8 +150,8 @@ def _counts(metrics: Mapping[str, Mapping[Difficulty, Curve | None]]) -> list[st
         next((each[level] for each in metrics.values() if each[level] is not None), None)
         for level in Difficulty
     ]
-    return [_NONE if each is None else f'{each.objects}' for each in known]
+    return [NONE if each is None else f'{each.objects}' for each in known]
 
 
 def _figure(curve: Curve | None, name: str) -> str:
-    return _NONE if curve is None or not curve.objects else f'{getattr(curve, name):.2f}'
+    return NONE if curve is None or not curve.objects else f'{getattr(curve, name):.2f}'

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+NONE = '-'
+"""The cell of a figure that is not there."""
+
+
 def plain_table(first: str, numbers: Iterable[str] = ()) -> Table:
     """Return a table with a column of names and columns of numbers."""
     from rich.table import Table

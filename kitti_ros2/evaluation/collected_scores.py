@@ -18,6 +18,8 @@ from .track_metrics import combine_parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from .track_metrics import Figures
+
     Values = Mapping[str, Any]
 
 
@@ -52,7 +54,7 @@ def _root_mean_square(weighted: Iterable[tuple[int, float | None]]) -> float | N
     return None if mean is None else math.sqrt(mean)
 
 
-def combined_tracking(found: Sequence[Values]) -> dict[str, dict[str, float]]:
+def combined_tracking(found: Sequence[Values]) -> dict[str, Figures]:
     """Return the figures of several sequences together by class, as TrackEval combines them.
 
     Args:

@@ -240,8 +240,8 @@ def _plain(scores: Scores) -> dict[str, object]:
         name: {
             metric: {
                 level.value: {
-                    'R40': None if curve is None else round(curve.r40, 4),
-                    'R11': None if curve is None else round(curve.r11, 4),
+                    'R40': _figure(curve, 'r40'),
+                    'R11': _figure(curve, 'r11'),
                 }
                 for level, curve in levels.items()
             }
@@ -249,3 +249,8 @@ def _plain(scores: Scores) -> dict[str, object]:
         }
         for name, metrics in scores.items()
     }
+
+
+def _figure(curve: Curve | None, name: str) -> float | None:
+    """Return an average precision in percent; None without an object, or not evaluated."""
+    return None if curve is None or not curve.objects else round(getattr(curve, name), 4)

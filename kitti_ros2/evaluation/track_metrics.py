@@ -37,6 +37,7 @@ _PERCENT = {
 _COUNTS = {'CLEAR': ('IDSW', 'Frag', 'MT', 'PT', 'ML', 'CLR_TP', 'CLR_FN', 'CLR_FP')}
 TrackParts: TypeAlias = 'Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]]'
 """Arrays and numbers by name of TrackEval, by sequence, class and metric."""
+Figures: TypeAlias = 'Mapping[str, float | None]'
 _TRACKER = 'tracker'
 _SPLIT = 'training'
 _UNSCORED = '1'
@@ -59,7 +60,7 @@ class TrackedSequence(NamedTuple):
 
 
 class TrackFigures(NamedTuple):
-    """Figures by class and by TrackEval's name: percent, or counts.
+    """Figures by class and by TrackEval's name: counts, or percent; None if no side has the class.
 
     Attributes:
         combined: Of all sequences together.
@@ -67,8 +68,8 @@ class TrackFigures(NamedTuple):
         parts: TrackEval's results by sequence, class and metric, of which combined is made.
     """
 
-    combined: Mapping[str, Mapping[str, float]]
-    by_sequence: Mapping[str, Mapping[str, Mapping[str, float]]]
+    combined: Mapping[str, Figures]
+    by_sequence: Mapping[str, Mapping[str, Figures]]
     parts: TrackParts
 
 
@@ -140,7 +141,7 @@ def _evaluate(
     return TrackFigures(combine_parts(results), by_sequence, results)
 
 
-def combine_parts(parts: TrackParts) -> dict[str, dict[str, float]]:
+def combine_parts(parts: TrackParts) -> dict[str, Figures]:
     """Return the figures of several sequences together, by class.
 
     Args:
@@ -190,15 +191,19 @@ def plain_parts(parts: TrackParts) -> dict[str, Any]:
     }
 
 
-def _figures(values: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Return the figures that are reported; those of HOTA are means over its 19 thresholds."""
-    percent = {
-        name: 100 * float(np.mean(values[metric][name]))
-        for metric, names in _PERCENT.items()
-        for name in names
-    }
+def _figures(values: Mapping[str, Mapping[str, Any]]) -> Figures:
+    """Return the figures that are reported; those of HOTA are means over its 19 thresholds.
+
+    TrackEval's percentages of a class that neither side has are 0: they are None here.
+    """
     counts = {
         name: int(values[metric][name]) for metric, names in _COUNTS.items() for name in names
+    }
+    known = any(counts[name] for name in ('CLR_TP', 'CLR_FN', 'CLR_FP'))
+    percent = {
+        name: 100 * float(np.mean(values[metric][name])) if known else None
+        for metric, names in _PERCENT.items()
+        for name in names
     }
     return percent | counts
 

@@ -31,7 +31,11 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
 
-_SEQMAPS = 'evaluate_tracking.seqmap'
+    Lengths = Mapping[str, int]
+
+_SEQMAP = 'evaluate_tracking.seqmap'
+_TRAINING_NAMES = frozenset(f'{number:0{SEQUENCE_DIGITS}d}' for number in range(21))
+"""The sequences of KITTI's training split; those of testing are 0000 to 0028."""
 
 
 class TruthSequence(NamedTuple):
@@ -104,15 +108,48 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
 def _length(recording: KittiRecording, labels: Path) -> int:
     """Return the number of frames: of the files, or in the list of sequences of the devkit."""
     length = max((int(each.numbers[-1]) + 1 for each in recording.streams.values()), default=0)
-    for folder in (labels.parent.parent, labels.parent):
-        for name in STORE.names(folder):
-            if not name.startswith(_SEQMAPS):
-                continue
-            for line in STORE.read_text(folder / name).splitlines():
-                words = line.split()
-                if len(words) == 4 and words[0] == recording.name and words[3].isdecimal():
-                    length = max(length, int(words[3]))
-    return length
+    return max(length, _listed_length(recording.name, labels.parent))
+
+
+def _listed_length(name: str, folder: Path) -> int:
+    """Return a sequence's number of frames by the devkit's lists of its split; 0 without one.
+
+    The devkit has evaluate_tracking.seqmap.training and .seqmap.test beside label_02, and copies of
+    it .val and others. Sequences of both splits have the same names and other lengths.
+    evaluate_tracking.seqmap names no split: it is read where no other file has the sequence, unless
+    its content is the other split's.
+
+    Args:
+        name: Such as 0000.
+        folder: label_02.
+    """
+    split = folder.parent
+    places = (split, folder, *([split.parent] if split.name in SPLITS else ()))
+    testing = split.name == SPLITS[1]
+    own: list[Lengths] = []
+    plain: list[Lengths] = []
+    others: list[Lengths] = []
+    for place in places:
+        for each in STORE.names(place):
+            if each == _SEQMAP:
+                plain.append(_lengths_of(place / each))
+            elif each.startswith(f'{_SEQMAP}.'):
+                is_test = each.removeprefix(f'{_SEQMAP}.').startswith('test')
+                (own if is_test == testing else others).append(_lengths_of(place / each))
+    if not testing:
+        allowed = _TRAINING_NAMES.union(_files(folder))
+        plain = [each for each in plain if each not in others and each.keys() <= allowed]
+    for lists in (own, plain):
+        found = [each[name] for each in lists if name in each]
+        if found:
+            return max(found)
+    return 0
+
+
+def _lengths_of(path: Path) -> Lengths:
+    """Read the number of frames of each sequence; lines look like 0000 empty 000000 000154."""
+    rows = (line.split() for line in STORE.read_text(path).splitlines())
+    return {row[0]: int(row[3]) for row in rows if len(row) == 4 and row[3].isdecimal()}
 
 
 def find_results(

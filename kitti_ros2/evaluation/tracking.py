@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..options.bag_results import BagResultsOptions
     from ..options.read import ReadOptions
     from .track_boxes import TrackBoxes
-    from .track_metrics import TrackParts
+    from .track_metrics import Figures, TrackParts
     from .track_sources import ResultSource, TruthSequence
 
     Progress = Callable[[int, int], None]
@@ -41,7 +41,8 @@ class TrackingScores:
     """The scores of tracks.
 
     The figures have TrackEval's names: HOTA, DetA, AssA, LocA, MOTA, MOTP, IDF1, IDP and IDR in
-    percent; IDSW (switches of id), Frag, MT, PT, ML, CLR_TP, CLR_FN and CLR_FP as counts.
+    percent, None of a class that neither labels nor tracks have; IDSW (switches of id), Frag, MT,
+    PT, ML, CLR_TP, CLR_FN and CLR_FP as counts.
 
     Attributes:
         classes: By class (car, pedestrian) the figures of all sequences together.
@@ -52,8 +53,8 @@ class TrackingScores:
         parts: TrackEval's own results, of which those of other sequences together can be made.
     """
 
-    classes: Mapping[str, Mapping[str, float]]
-    sequences: Mapping[str, Mapping[str, Mapping[str, float]]]
+    classes: Mapping[str, Figures]
+    sequences: Mapping[str, Mapping[str, Figures]]
     frames: int
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()

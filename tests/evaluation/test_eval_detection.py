@@ -59,7 +59,7 @@ def test_json_has_exactly_the_documented_shape(folders, capsys):
             assert list(levels) == LEVELS
             assert all(list(figures) == ['R40', 'R11'] for figures in levels.values())
     assert found['detection']['car']['3d']['easy'] == {'R40': 5.0, 'R11': 9.0909}
-    assert found['detection']['pedestrian']['3d']['easy'] == {'R40': 0.0, 'R11': 0.0}
+    assert found['detection']['pedestrian']['3d']['easy'] == {'R40': None, 'R11': None}
 
 
 def test_tables_fit_into_80_columns(folders, capsys, monkeypatch):

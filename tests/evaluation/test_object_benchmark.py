@@ -48,14 +48,16 @@ def r40(found, metric, level='easy', class_name='car'):
 
 
 def differences(found, expected):
-    """Cells that differ by more than the figures are rounded by."""
+    """Cells that differ by more than the figures are rounded by; the devkit's are 0 for None."""
     plain = found.percent()['detection']
     return {
         (name, metric, level): (plain[name][metric][level], figures)
         for name, metrics in expected.items()
         for metric, levels in metrics.items()
         for level, figures in levels.items()
-        if any(abs(plain[name][metric][level][each] - figures[each]) > 1e-4 for each in figures)
+        if any(
+            abs((plain[name][metric][level][each] or 0) - figures[each]) > 1e-4 for each in figures
+        )
     }
 
 

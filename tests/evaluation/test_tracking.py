@@ -95,7 +95,6 @@ def test_a_track_that_changes_its_id_by_hand(truth, tracks):
     assert car['DetA'] == pytest.approx(100)
     assert car['AssA'] == pytest.approx(50)
     assert car['HOTA'] == pytest.approx(100 * sqrt(0.5))
-    assert scores.classes['pedestrian']['HOTA'] == 0
     assert (scores.frames, [*scores.sequences]) == (6, ['0000'])
     assert not scores.losses
 
@@ -202,8 +201,7 @@ def own_figures(truth: Path, tracks: Path, out: Path) -> dict[str, dict[str, flo
 
 
 def write_seqmap(folder: Path, lengths: dict[str, int]) -> None:
-    lines = ''.join(f'{name} empty 000000 {count:06d}\n' for name, count in lengths.items())
-    (folder / 'evaluate_tracking.seqmap.training').write_text(lines)
+    (folder / 'evaluate_tracking.seqmap.training').write_text(seqmap(lengths))
 
 
 @needs_trackeval
@@ -220,6 +218,90 @@ def test_figures_are_those_of_trackeval_on_the_same_files(seed, tmp_path):
     assert scores.classes['car']['IDSW']
     assert scores.frames == sum(LENGTHS.values())
     assert any('of other classes' in note for note in scores.notes)
+
+
+def seqmap(lengths: dict[str, int]) -> str:
+    return ''.join(f'{name} empty 000000 {count:06d}\n' for name, count in lengths.items())
+
+
+_OF_TEST = {f'{number:04d}': 40 for number in range(29)}
+
+
+@needs_trackeval
+@pytest.mark.parametrize(
+    ('files', 'frames'),
+    [
+        ({'training/evaluate_tracking.seqmap.test': {'0000': 40}}, 2),
+        ({'training/evaluate_tracking.seqmap.testing': _OF_TEST}, 2),
+        ({'training/evaluate_tracking.seqmap.training': {'0000': 5}}, 5),
+        ({'training/label_02/evaluate_tracking.seqmap.val': {'0000': 5}}, 5),
+        ({'evaluate_tracking.seqmap.training': {'0000': 5}}, 5),
+        ({'training/evaluate_tracking.seqmap.val': {'0001': 5}}, 2),
+        ({'training/evaluate_tracking.seqmap': {'0000': 5}}, 5),
+        ({'training/evaluate_tracking.seqmap': _OF_TEST}, 2),
+        (
+            {
+                'training/evaluate_tracking.seqmap': {'0000': 40},
+                'training/evaluate_tracking.seqmap.test': {'0000': 40},
+            },
+            2,
+        ),
+        (
+            {
+                'training/evaluate_tracking.seqmap': {'0000': 40},
+                'training/evaluate_tracking.seqmap.training': {'0000': 5},
+                'training/evaluate_tracking.seqmap.test': _OF_TEST,
+            },
+            5,
+        ),
+    ],
+)
+def test_the_length_is_that_of_the_list_of_this_split(files, frames, truth, tracks, tmp_path):
+    labels = [box(frame, 1) for frame in range(2)]
+    folder = truth(labels)
+    for name, lengths in files.items():
+        (tmp_path / name).write_text(seqmap(lengths))
+    found = tracks([*labels, box(30, 2)])
+    for path in (folder, folder / 'label_02', folder / 'label_02' / '0000.txt'):
+        scores = evaluate_tracking(path, found)
+        assert scores.frames == frames
+        (loss,) = scores.losses
+        assert f'in frames 30; the sequence has {frames} frames' in loss.text()
+
+
+@needs_trackeval
+def test_the_list_of_testing_is_for_labels_of_testing(tracks, tmp_path):
+    labels = [box(frame, 1) for frame in range(2)]
+    folder = write_tracks(tmp_path / 'testing', {'0000': labels}, 'label_02')
+    (folder / 'evaluate_tracking.seqmap.training').write_text(seqmap({'0000': 5}))
+    found = tracks(labels)
+    assert evaluate_tracking(folder, found).frames == 2
+    (folder / 'evaluate_tracking.seqmap.test').write_text(seqmap(_OF_TEST))
+    assert evaluate_tracking(folder, found).frames == 40
+
+
+@needs_trackeval
+@pytest.mark.parametrize(
+    ('label', 'track', 'expected'),
+    [
+        (None, None, None),
+        (box(0, 9, 'Pedestrian', occluded=3), None, None),
+        (box(0, 9, 'Pedestrian'), None, 0),
+        (None, box(0, 9, 'Pedestrian', left=500), -100),
+    ],
+)
+def test_a_class_without_objects_and_tracks_has_no_percentage(
+    label, track, expected, truth, tracks
+):
+    labels = [box(frame, 1) for frame in range(2)]
+    scores = evaluate_tracking(
+        truth([*labels, *filter(None, [label])]), tracks([*labels, *filter(None, [track])])
+    )
+    pedestrian = scores.classes['pedestrian']
+    assert pedestrian['MOTA'] == expected
+    assert (pedestrian['HOTA'] is None) == (expected is None)
+    assert (scores.sequences['0000']['pedestrian']['HOTA'] is None) == (expected is None)
+    assert scores.classes['car']['MOTA'] == pytest.approx(100)
 
 
 @needs_trackeval
@@ -402,6 +484,8 @@ def test_the_command_prints_a_table_of_80_columns_and_losses(truth, tracks, caps
     rows = [line.split() for line in out.splitlines()]
     assert ' '.join(rows[1]) == 'class HOTA DetA AssA MOTA MOTP IDF1 IDs FRAG MT PT ML'
     assert rows[2] == ['car', *['100.00'] * 6, '0', '0', '1', '0', '0']
+    assert rows[3] == ['pedestrian', *'-' * 11]
+    assert out.endswith('\n- has no objects and no tracks\n')
     assert 'track id below 0' in err
     assert main(['eval', 'tracking', str(folder), str(found), '-q']) == 1
     assert capsys.readouterr().out == ''
@@ -418,6 +502,13 @@ def test_json_has_the_figures_by_class(truth, tracks, capsys):
     assert (car['HOTA'], car['MOTA'], car['IDF1'], car['IDSW']) == (100, 100, 100, 0)
     assert found['sequences']['0000']['car'] == car
     assert found['frames'] == 3
+    nobody = found['tracking']['pedestrian']
+    assert (nobody['HOTA'], nobody['MOTA'], nobody['IDR'], nobody['CLR_FP']) == (
+        None,
+        None,
+        None,
+        0,
+    )
 
 
 def test_keywords_are_the_options():
