@@ -156,6 +156,7 @@ class LiveKeywords(TypedDict, total=False):
     node: str | None
     type: str | None
     task: str | None
+    align: str
     start_timeout: float | str
     timeout: float | str
     wait_for: int

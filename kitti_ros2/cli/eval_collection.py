@@ -23,9 +23,8 @@ from ..options.evaluation_tables import (
     make_tracking_options,
 )
 from .collection import Combined, need_folder, refuse_sequence, run_collection
-from .eval_tracking import figure_cells
 from .plot_output import PLOTS
-from .tables import NONE, cell, plain_table
+from .tables import cell, figure_cells, number_cell, plain_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -161,20 +160,16 @@ def _read(path: Path) -> Values:
     return values
 
 
-def _number(value: float | None, digits: int = 2) -> str:
-    return NONE if value is None else f'{value:.{digits}f}'
-
-
 def _odometry_rows(values: Values) -> Rows:
     for each in values['odometry'].values():
         yield (
             '',
             (
                 f'{each["segments"]}',
-                _number(each['t_err_percent'], 4),
-                _number(each['r_err_deg_per_m'], 6),
-                _number(each['ape_m'], 4),
-                _number(each['rpe_m'], 4),
+                number_cell(each['t_err_percent'], 4),
+                number_cell(each['r_err_deg_per_m'], 6),
+                number_cell(each['ape_m'], 4),
+                number_cell(each['rpe_m'], 4),
             ),
         )
 
@@ -187,7 +182,7 @@ def _tracking_rows(values: Values) -> Rows:
 def _detection_rows(values: Values) -> Rows:
     for class_name, metrics in values['detection'].items():
         levels = [metrics.get(name, {}).get(Difficulty.MODERATE.value, {}) for name in _DETECTED]
-        yield class_name, [_number(each.get('R40')) for each in levels]
+        yield class_name, [number_cell(each.get('R40')) for each in levels]
 
 
 EVAL_DETECTION = Evaluation(

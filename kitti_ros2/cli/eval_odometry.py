@@ -19,7 +19,7 @@ from ..options.evaluation_tables import make_odometry_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .plot_output import check_plot
-from .tables import plain_table
+from .tables import number_cell, plain_table
 from .text import format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ _ALIGNMENTS = {
     Alignment.FIRST: 'first pose aligned',
     Alignment.SE3: 'all positions aligned, SE(3)',
     Alignment.SIM3: 'all positions aligned, Sim(3)',
+    Alignment.SCALE: 'first pose aligned',
 }
 
 
@@ -99,9 +100,15 @@ def print_scores(scores: OdometryScores) -> None:
     say('')
     console.print(_segments(scores.segments), soft_wrap=False)
     say('')
-    scale = f', scale {scores.errors.scale:.6g}' if scores.alignment is Alignment.SIM3 else ''
     console.print(_errors(scores), soft_wrap=False)
-    say(f'{_ALIGNMENTS[scores.alignment]}{scale} for APE and RPE; segments need no alignment')
+    say(f'{_ALIGNMENTS[scores.alignment]}{_alignment_of(scores)}')
+
+
+def _alignment_of(scores: OdometryScores) -> str:
+    """Say which figures are aligned: a rigid alignment changes no segment, a scale does."""
+    if scores.alignment.has_scale:
+        return f', scale {scores.errors.scale:.6g} for APE, RPE and segments'
+    return ' for APE and RPE; segments do not depend on it'
 
 
 def _segments(segments: SegmentErrors) -> Table:
@@ -115,11 +122,7 @@ def _segments(segments: SegmentErrors) -> Table:
 
 
 def _segment_cells(part: SegmentErrors) -> tuple[str, ...]:
-    return f'{len(part)}', _number(part.t_err_percent, 4), _number(part.r_err_deg_per_m, 6)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return '-' if value is None else f'{value:.{digits}f}'
+    return f'{len(part)}', number_cell(part.t_err_percent, 4), number_cell(part.r_err_deg_per_m, 6)
 
 
 def _errors(scores: OdometryScores) -> Table:
@@ -133,4 +136,4 @@ def _error_cells(errors: Float64Array, root: float | None) -> tuple[str, ...]:
     if not len(errors):
         return ('-',) * 4
     values = root, errors.mean(), np.median(errors), errors.max()
-    return tuple(_number(value, 4) for value in values)
+    return tuple(number_cell(value, 4) for value in values)

@@ -14,11 +14,11 @@ from ..options.evaluation_tables import make_tracking_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .progress import step_progress
-from .tables import NONE, plain_table
+from .tables import figure_cells, plain_table
 from .text import format_count, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from ..evaluation.tracking import TrackingScores
@@ -93,16 +93,3 @@ def print_scores(scores: TrackingScores) -> None:
         say('- has no objects and no tracks')
     for note in scores.notes:
         say(f'note: {note}')
-
-
-def figure_cells(figures: Mapping[str, float | None], names: Iterable[str]) -> list[str]:
-    """Format percentages, and counts, which are integers; a class without boxes has neither."""
-    if figures['HOTA'] is None:
-        return [NONE for _ in names]
-    return [_cell(figures[name]) for name in names]
-
-
-def _cell(value: float | None) -> str:
-    if value is None:
-        return NONE
-    return f'{value:d}' if isinstance(value, int) else f'{value:.2f}'

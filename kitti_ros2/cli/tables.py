@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..model.text import one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from rich.table import Table
 
@@ -34,3 +34,16 @@ def cell(text: str) -> str:
     from rich.markup import escape
 
     return escape(one_line(text))
+
+
+def number_cell(value: float | None, digits: int = 2) -> str:
+    """Format a figure: a count, which is an integer, or a number with decimal places."""
+    if value is None:
+        return NONE
+    return f'{value:d}' if isinstance(value, int) else f'{value:.{digits}f}'
+
+
+def figure_cells(figures: Mapping[str, float | None], names: Iterable[str]) -> list[str]:
+    """Format the figures of a class; the counts of one that neither side has are no figures."""
+    found = [figures[name] for name in names]
+    return [NONE for _ in found] if None in found else [number_cell(each) for each in found]

@@ -134,7 +134,7 @@ def run_live(
             refuse_inside(source, bag)
         run = record_run(source, options, played, bag, accept, show, progress)
         task = options.task_of(run.msgtype)
-        scores = score_results(task, source, bag, played, run)
+        scores = score_results(task, source, bag, played, run, options.align.value)
     return LiveScores(
         task=task,
         scores=scores,

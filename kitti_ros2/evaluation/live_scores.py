@@ -47,7 +47,9 @@ def check_task(task: str, source: Path, played: Given) -> None:
     _TASKS[task].check(source, _of_truth(task, played))
 
 
-def score_results(task: str, source: Path, bag: Path, played: Given, run: LiveRun) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
+def score_results(
+    task: str, source: Path, bag: Path, played: Given, run: LiveRun, align: str | None = None
+) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
     """Score the results in a bag with the ground truth of a source.
 
     Losses that concern frames without an answer are left out: those of the run name them.
@@ -58,8 +60,11 @@ def score_results(task: str, source: Path, bag: Path, played: Given, run: LiveRu
         bag: The results.
         played: The options of the player.
         run: The run, whose frames are scored.
+        align: How poses are aligned; None is the default.
     """
     given = {**_of_truth(task, played), 'topic': run.topic}
+    if task == 'odometry':
+        given['align'] = align
     scores = _TASKS[task].score(source, bag, given, run)
     answered = run.answers.latencies_ns
     losses = (loss.among(answered) for loss in scores.losses)

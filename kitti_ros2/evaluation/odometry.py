@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..files.remote import as_path
 from ..options.evaluation_tables import ODOMETRY, make_odometry_options
 from .frame_matching import match_result, poses_at_frames
 from .open_trajectories import open_result, open_truth
-from .pose_errors import check_evo, pose_errors, rmse
+from .pose_errors import check_evo, fit_scale, pose_errors, rmse
 from .segment_errors import LENGTHS_M, path_distances, segment_errors
 
 if TYPE_CHECKING:
@@ -30,10 +30,16 @@ if TYPE_CHECKING:
     from ..model.samples import Float32Array, Int64Array
     from ..options.eval_odometry import Alignment, OdometryOptions
     from ..options.read import ReadOptions
+    from .frame_matching import FrameMatch
+    from .ground_truth_poses import GroundTruth
     from .pose_errors import PoseErrors
     from .segment_errors import SegmentErrors
+    from .trajectories import CameraTrajectory
 
 __all__ = ['OdometryScores', 'evaluate_odometry']
+
+_SCALE_STEPS = 5
+_SAME_SCALE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +55,7 @@ class OdometryScores:
         distances_m: (N,) along the ground truth up to each frame.
         segments: KITTI's segment errors.
         errors: APE and RPE of the frames with a result.
-        alignment: How the result was aligned for APE and RPE.
+        alignment: How the result was aligned for APE and RPE; segments have its scale, too.
         matched_by: What poses and frames were matched by.
         losses: What was missing or could not be used.
         notes: Remarks that are no loss.
@@ -145,10 +151,11 @@ def score_trajectory(
         numbers = np.arange(len(poses), dtype=np.int64)
     scored = np.array([frames is None or number in frames for number in numbers.tolist()])
     match = match_result(truth, numbers, found, options.tolerance_ns, scored)
-    at_frames = poses_at_frames(truth.trajectory, match, found)[scored]
     numbers, poses, known = numbers[scored], poses[scored], match.known[scored]
+    at_frames, scale = _scaled_poses(truth, match, found, scored, options.align)
     segments = segment_errors(numbers, poses, at_frames, known)
     errors = pose_errors(numbers[known], poses[known], at_frames[known], options.align)
+    errors = replace(errors, scale=errors.scale * scale)
     distances = path_distances(poses)
     short = _note_short(segments, float(distances[-1]))
     return OdometryScores(
@@ -166,6 +173,29 @@ def score_trajectory(
         (*truth.trajectory.losses, *found.losses, *match.losses),
         (*truth.trajectory.notes, *found.notes, *match.notes, *short),
     )
+
+
+def _scaled_poses(
+    truth: GroundTruth,
+    match: FrameMatch,
+    result: CameraTrajectory,
+    scored: npt.NDArray[np.bool_],
+    alignment: Alignment,
+) -> tuple[Float64Array, float]:
+    """Return (N, 4, 4) poses of a result at the frames to score, scaled, and their scale.
+
+    The way to camera 0 and the motion from a stamp to its frame are metres: they are applied to
+    scaled poses, so that the scale is found in steps.
+    """
+    at_frames = poses_at_frames(truth.trajectory, match, result)
+    scale, kept = 1.0, scored & match.known
+    for _ in range(_SCALE_STEPS if alignment.has_scale else 0):
+        step = fit_scale(truth.trajectory.poses[kept], at_frames[kept], alignment)
+        scale, result = scale * step, result.scaled(step)
+        at_frames = poses_at_frames(truth.trajectory, match, result)
+        if abs(step - 1) < _SAME_SCALE:
+            break
+    return at_frames[scored], scale
 
 
 def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:

@@ -61,6 +61,8 @@ def _heading(scores: OdometryScores) -> str:
         parts.append(f'{scores.r_err_deg_per_m:.4f} deg/m')
     if scores.ape_m is not None:
         parts.append(f'APE {scores.ape_m:.2f} m')
+    if scores.alignment.has_scale:
+        parts.append(f'scale {scores.errors.scale:.6g}')
     return ', '.join(parts)
 
 

@@ -27,7 +27,7 @@ class PoseErrors:
         rpe_m: (K,) errors of the steps from a frame to the next, metres; steps over missing frames
             are left out.
         positions: (M, 3) aligned positions of the result.
-        scale: Factor of the alignment; 1 unless it is a Sim(3).
+        scale: Factor of the alignment; 1 unless it scales.
     """
 
     ape_m: Float64Array
@@ -83,7 +83,7 @@ def _align(estimate: Any, reference: Any, alignment: Alignment) -> float:  # noq
     from evo import EvoException  # noqa: PLC0415 - as above
 
     try:
-        if alignment is Alignment.FIRST:
+        if alignment in {Alignment.FIRST, Alignment.SCALE}:
             estimate.align_origin(reference)
         elif alignment is not Alignment.NONE:
             *_, scale = estimate.align(reference, correct_scale=alignment is Alignment.SIM3)
@@ -93,6 +93,33 @@ def _align(estimate: Any, reference: Any, alignment: Alignment) -> float:  # noq
             f'--align {alignment.value} is not possible ({error}); give --align first'
         ) from error
     return 1.0
+
+
+def fit_scale(ground_truth: Float64Array, result: Float64Array, alignment: Alignment) -> float:
+    """Return the factor of the result's positions by which they fit those of the ground truth.
+
+    Both are those of kitti-odom-eval (kitti_odometry.py, 2019), by which monocular odometry is
+    reported: for sim3 that of the alignment of all positions (Umeyama), as its 7dof; for scale the
+    least squares of positions from the first pose, as its scale.
+
+    Args:
+        ground_truth: (M, 4, 4) poses.
+        result: (M, 4, 4) poses.
+        alignment: One with a scale.
+
+    Raises:
+        UsageError: The alignment is not possible.
+    """
+    if alignment is Alignment.SIM3:
+        return pose_errors(np.arange(len(result)), ground_truth, result, alignment).scale
+    true, found = ((np.linalg.inv(poses[0]) @ poses)[:, :3, 3] for poses in (ground_truth, result))
+    squares, product = float(np.sum(found * found)), float(np.sum(found * true))
+    if not squares or product <= 0:
+        raise UsageError(
+            f'--align {alignment.value} is not possible (the result does not move along the ground'
+            f' truth); give --align first'
+        )
+    return product / squares
 
 
 def rmse(errors: Float64Array) -> float | None:

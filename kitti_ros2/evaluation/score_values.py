@@ -37,6 +37,8 @@ def odometry_values(scores: OdometryScores) -> dict[str, object]:
         'ape_m': scores.ape_m,
         'rpe_m': scores.rpe_m,
     }
+    if scores.alignment.has_scale:
+        figures['scale'] = scores.errors.scale
     return {'odometry': {scores.name: figures}}
 
 

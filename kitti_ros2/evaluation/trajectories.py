@@ -51,6 +51,7 @@ class CameraTrajectory:
         numbers: (N,) KITTI's frame numbers, ascending; None if they have none.
         stamps_ns: (N,) nanoseconds, ascending; None if they have none.
         frame: The frame whose poses they are; empty for the rectified camera 0.
+        frame_T_cam0: (4, 4) camera 0 in the frame whose poses they were; None if they were its own.
         losses: What could not be used.
         notes: Remarks that are no loss.
     """
@@ -60,6 +61,7 @@ class CameraTrajectory:
     numbers: Int64Array | None = None
     stamps_ns: Int64Array | None = None
     frame: str = ''
+    frame_T_cam0: Float64Array | None = None
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -72,9 +74,15 @@ class CameraTrajectory:
         Args:
             frame_t_cam0: (4, 4) camera 0 in the frame whose poses these are.
         """
-        return replace(
-            self, poses=np.linalg.inv(frame_t_cam0) @ self.poses @ frame_t_cam0, frame=''
-        )
+        poses = np.linalg.inv(frame_t_cam0) @ self.poses @ frame_t_cam0
+        return replace(self, poses=poses, frame='', frame_T_cam0=frame_t_cam0)
+
+    def scaled(self, factor: float) -> CameraTrajectory:
+        """Return poses with positions times a factor: not the way from their frame to camera 0."""
+        mount = np.eye(4) if self.frame_T_cam0 is None else self.frame_T_cam0
+        own = mount @ self.poses @ np.linalg.inv(mount)
+        own[:, :3, 3] *= factor
+        return replace(self, poses=np.linalg.inv(mount) @ own @ mount)
 
 
 def read_trajectory(path: Path) -> CameraTrajectory:

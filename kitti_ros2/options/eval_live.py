@@ -21,7 +21,8 @@ from ..model.msgtypes import (
     TRACKED_OBJECTS,
 )
 from ..model.spelling import not_one_of
-from .declare import check_bounds, option
+from .declare import check_bounds, choice, option
+from .eval_odometry import Alignment
 from .parsers import parse_flag, parse_integer, parse_path, parse_text
 from .playback import MOST_SUBSCRIBERS
 from .quantity_parsers import parse_seconds_ns
@@ -54,6 +55,7 @@ class LiveOptions:
         node: The command that starts it; None if it is started otherwise.
         msgtype: The type of the topic; None takes that of its publisher.
         task: The evaluation; None is the usual one for the type.
+        align: How poses are aligned before they are scored.
         start_timeout_ns: Nanoseconds within which the node must publish the topic and subscribe.
         timeout_ns: Nanoseconds without an answer after which the run ends.
         wait_for: Nodes that must subscribe before it begins.
@@ -90,6 +92,9 @@ class LiveOptions:
         parse_text,
         unset="by the topic's type",
         choices=(*_BOXES, *_POSES),
+    )
+    align: Alignment = choice(
+        Alignment.FIRST, 'Alignment of poses; sim3, scale: segments are scaled, too', Alignment
     )
     start_timeout_ns: int = option(
         60_000_000_000,
@@ -164,4 +169,7 @@ class LiveOptions:
                 f'{self.topic} is {msgtype}, which cannot be scored as {self.task}; expected'
                 f' --task {" or ".join(tasks)}'
             )
-        return self.task or tasks[0]
+        task = self.task or tasks[0]
+        if self.align is not Alignment.FIRST and task not in _POSES:
+            raise UsageError(f'--align is for poses; {self.topic} is scored as {task}')
+        return task

@@ -15,12 +15,18 @@ from .quantity_parsers import parse_seconds_ns
 
 
 class Alignment(str, Enum):
-    """What is aligned with the ground truth before the absolute error is measured."""
+    """Alignment of a result with the ground truth before errors are computed."""
 
     NONE = 'none'
     FIRST = 'first'
     SE3 = 'se3'
     SIM3 = 'sim3'
+    SCALE = 'scale'
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether it scales the result, for KITTI's segments too."""
+        return self in {Alignment.SIM3, Alignment.SCALE}
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ class OdometryOptions:
         gt_topic: The topic of a ground truth in a bag that to-bag did not write; None is chosen.
         frame: The frame whose poses the result has; None is that of the messages, in files the
             rectified camera 0.
-        align: How the result is aligned for APE and RPE; KITTI's segments need no alignment.
+        align: How the result is aligned for APE and RPE; a scale is also that of the segments.
         tolerance_ns: Largest accepted difference of the stamps of a pose and its frame; None is
             half the period of the ground truth.
 
@@ -72,7 +78,9 @@ class OdometryOptions:
         metavar='FRAME',
     )
     align: Alignment = choice(
-        Alignment.FIRST, 'Alignment for APE and RPE: the first pose, or all positions', Alignment
+        Alignment.FIRST,
+        'Alignment: the first pose, or all positions; sim3, scale: segments are scaled, too',
+        Alignment,
     )
     tolerance_ns: int | None = option(
         None,

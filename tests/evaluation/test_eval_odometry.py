@@ -94,7 +94,7 @@ def gt(root):
     return root / 'poses' / '07.txt'
 
 
-def body_poses(root, frame):
+def body_poses(root, frame, result=RESULT):
     """The result as poses of base_link or velo_link in a fixed frame of their own."""
     path = root / 'sequences/07/calib.txt'
     calibration = parse_calibration(path.read_text(), path, 'calib.txt')
@@ -105,7 +105,7 @@ def body_poses(root, frame):
     }
     mount = mounts[frame].matrix()
     world = Transform(rotation_from_rpy(0.1, -0.2, 2.0), np.array([500.0, -20, 7])).matrix()
-    return world @ RESULT @ np.linalg.inv(mount)
+    return world @ result @ np.linalg.inv(mount)
 
 
 def test_the_json_has_these_keys_only(root, tmp_path, run):
@@ -226,16 +226,72 @@ def test_errors_are_those_of_definition(root, tmp_path):
     assert scores.rpe_m == pytest.approx(np.sqrt(np.mean(np.sum(wrong**2, axis=1))), rel=1e-5)
 
 
-def test_alignments(root, tmp_path, run, scores_of):
+def test_alignments(root, tmp_path, scores_of):
     moved = Transform(rotation_from_rpy(0.3, 0.1, 1.0), np.array([9.0, 3, 1])).matrix() @ TRUTH
     moved[:, :3, 3] *= 2
     path = write_poses(tmp_path / 'r.txt', moved)
     ape = {kind: scores_of(gt(root), path, '--align', kind)['ape_m']
-           for kind in ('none', 'first', 'se3', 'sim3')}  # fmt: skip
+           for kind in ('none', 'first', 'se3', 'sim3', 'scale')}  # fmt: skip
     assert ape['none'] > ape['first'] > ape['se3'] > 1
     assert ape['sim3'] == pytest.approx(0, abs=1e-5)
-    assert 'Sim(3), scale 0.5 for' in run(gt(root), path, '--align', 'sim3')[1]
+    assert ape['scale'] == pytest.approx(0, abs=1e-5)
     assert scores_of(gt(root), path)['ape_m'] == ape['first']
+
+
+@pytest.mark.parametrize(
+    ('align', 'said'),
+    [
+        ('none', 'not aligned for APE and RPE; segments do not depend on it'),
+        ('first', 'first pose aligned for APE and RPE; segments do not depend on it'),
+        ('se3', 'all positions aligned, SE(3) for APE and RPE; segments do not depend on it'),
+        ('sim3', 'all positions aligned, Sim(3), scale 20 for APE, RPE and segments'),
+        ('scale', 'first pose aligned, scale 20 for APE, RPE and segments'),
+    ],
+)
+def test_a_scale_is_also_that_of_the_segments(align, said, root, tmp_path, run, scores_of):
+    small = TRUTH.copy()
+    small[:, :3, 3] *= 0.05
+    path = write_poses(tmp_path / 'r.txt', small)
+    assert f'\n{said}\n' in run(gt(root), path, '--align', align)[1]
+    figures = scores_of(gt(root), path, '--align', align)
+    if align in {'sim3', 'scale'}:
+        assert figures['scale'] == pytest.approx(20)
+        assert figures['t_err_percent'] == pytest.approx(0, abs=1e-3)
+    else:
+        assert 'scale' not in figures
+        assert 90 < figures['t_err_percent'] < 96
+
+
+@pytest.mark.parametrize('align', ['sim3', 'scale'])
+def test_scaled_figures_are_those_of_the_result_times_the_scale(align, root, tmp_path, scores_of):
+    """As kitti-odom-eval's 7dof and scale; on its example_0 both agree with it to four digits."""
+    small = RESULT.copy()
+    small[:, :3, 3] *= 0.05
+    scaled = scores_of(gt(root), write_poses(tmp_path / 'r.txt', small), '--align', align)
+    if align == 'scale':
+        true, found = ((np.linalg.inv(each[0]) @ each)[:, :3, 3] for each in (TRUTH, small))
+        assert scaled['scale'] == pytest.approx((true * found).sum() / (found**2).sum())
+    small[:, :3, 3] *= scaled['scale']
+    plain = scores_of(gt(root), write_poses(tmp_path / 's.txt', small), '--align', 'first')
+    assert scaled['t_err_percent'] == pytest.approx(plain['t_err_percent'], rel=1e-4)
+    assert scaled['r_err_deg_per_m'] == pytest.approx(plain['r_err_deg_per_m'], rel=1e-4)
+
+
+@pytest.mark.parametrize('align', ['sim3', 'scale'])
+def test_the_way_from_a_frame_to_camera_0_is_not_scaled(align, root, tmp_path, scores_of):
+    poses = body_poses(root, 'base_link', TRUTH)
+    poses[:, :3, 3] *= 0.05
+    path = write_poses(tmp_path / 'r.txt', poses)
+    figures = scores_of(gt(root), path, '--align', align, '--frame', 'base_link')
+    assert figures['scale'] == pytest.approx(20, rel=1e-5)
+    assert figures['ape_m'] < 1e-3
+
+
+def test_a_scale_of_a_result_that_stays_is_refused(root, tmp_path, run):
+    path = write_poses(tmp_path / 'r.txt', np.tile(np.eye(4), (FRAMES, 1, 1)))
+    code, _, err = run(gt(root), path, '--align', 'scale')
+    assert code == 2
+    assert err.startswith('kitti-ros2: --align scale is not possible (the result does not move')
 
 
 def test_an_alignment_of_a_straight_way_is_refused(tmp_path, run):

@@ -4,6 +4,7 @@
 
 import re
 import shutil
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,10 +14,11 @@ from kitti_ros2.evaluation import live, live_run, live_scores, pose_errors, trac
 from kitti_ros2.evaluation.live_losses import LiveRun
 from kitti_ros2.evaluation.track_boxes import TrackBox, TrackBoxes
 from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.losses import Loss
 from kitti_ros2.model.msgtypes import DETECTIONS_3D, ODOMETRY
+from kitti_ros2.options.eval_odometry import Alignment
 from kitti_ros2.options.evaluation_tables import make_live_options
 from kitti_ros2.player.answers import Answers
 
@@ -179,3 +181,26 @@ def test_the_evaluation_is_known_from_the_task_or_the_type():
         ({'type': DETECTIONS_3D, 'task': 'tracking'}, 'tracking'),
     ]:
         assert make_live_options({'topic': '/boxes', **given})[0].known_task() == task
+
+
+def test_poses_are_aligned_as_the_options_say(monkeypatch):
+    options, _ = make_live_options({'topic': '/odom', 'type': ODOMETRY, 'align': 'sim3'})
+    assert options.known_task() == 'odometry'
+    aligned = []
+
+    def score(_source, _bag, _read, chosen, _frames):
+        aligned.append(chosen.align)
+        raise UsageError('scored')
+
+    monkeypatch.setattr(live_scores, 'score_trajectory', score)
+    for align in (None, options.align.value):
+        run = run_of([], played=set(), answered=set())
+        with pytest.raises(UsageError, match='scored'):
+            live_scores.score_results('odometry', Path('gt'), Path('bag'), {}, run, align)
+    assert aligned == [Alignment.FIRST, Alignment.SIM3]
+
+
+def test_boxes_cannot_be_aligned():
+    options, _ = make_live_options({'topic': '/boxes', 'align': 'scale'})
+    with pytest.raises(UsageError, match='--align is for poses; /boxes is scored as detection'):
+        options.task_of(DETECTIONS_3D)
