@@ -98,7 +98,7 @@ def _truncation(share: float) -> str:
 
 def caption_3d(each: LabelledObject) -> str:
     """Format class, track, score and distance."""
-    return f'{name_of(each)} {distance_of(each):.1f} m'
+    return f'{name_of(each)}, {distance_of(each):.1f} m'
 
 
 def objects_to_draw(

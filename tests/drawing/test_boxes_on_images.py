@@ -14,7 +14,7 @@ from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, project, solid
 
 from kitti_ros2.drawing.annotate import annotate
 from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
-from kitti_ros2.drawing.looks import box_color, caption_2d, class_color
+from kitti_ros2.drawing.looks import box_color, caption_2d, caption_3d, class_color
 from kitti_ros2.drawing.objects import resized
 from kitti_ros2.drawing.palette import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS
 from kitti_ros2.drawing.projection import Projection
@@ -107,6 +107,11 @@ def test_the_result_of_the_comparison_is_told(score, match, caption):
 
 def test_the_score_is_told():
     assert caption_2d(flat(0, 0, 9, 9, score=0.875, track_id=12)) == 'Car 12 0.88'
+
+
+def test_the_distance_is_no_part_of_the_track_s_number():
+    assert caption_3d(solid(80.3, kind='Van', track_id=27)) == 'Van 27, 80.3 m'
+    assert caption_3d(solid(80.3, kind='Van')) == 'Van, 80.3 m'
 
 
 def test_occlusion_and_truncation_are_told():

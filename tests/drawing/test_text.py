@@ -82,6 +82,24 @@ def test_fitted_text_fits(text, width):
     assert shown == text or (shown.endswith('...') and text.startswith(shown[:-3]))
 
 
+def gaps(text, scale, bold):
+    """The widths of the empty columns within a text, pixels."""
+    picture = canvas()
+    put_text(picture, text, (20, 100), scale, bold=bold)
+    drawn = np.flatnonzero((picture > 64).any(axis=(0, 2)))
+    return (np.diff(drawn) - 1).tolist()
+
+
+@pytest.mark.parametrize('bold', [False, True])
+@pytest.mark.parametrize('scale', [0.36, 0.37, 0.38, 0.4, 0.42, 0.45, 0.6, 0.7, 1.1])
+@pytest.mark.parametrize(('words', 'joined'), [('27 80', '2780'), ('27 11.1 m', '2711.1m')])
+def test_numbers_keep_apart_in_any_opencv(words, joined, scale, bold):
+    """OpenCV 5 has blanks of two pixels."""
+    closest = sorted(gaps(words, scale, bold))[-words.count(' ')]
+    assert closest >= 0.4 * extent_of('0', scale, bold=bold).width
+    assert closest > max(gaps(joined, scale, bold))
+
+
 def test_letters_have_the_room_that_was_measured():
     for text in ('Pedestrian 12 0.87', 'gjpqy|'):
         picture = canvas()
