@@ -16,6 +16,8 @@ import shutil
 import subprocess
 from typing import TYPE_CHECKING, Any
 
+from waiting import PATIENCE_S  # isort: skip
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
 DESK, PHONE = 1280, 390
 """Widths of windows to test with, pixels."""
 
-PATIENCE_S = 60
 AXE = """axe.run({preload: false}).then(
     r => r.violations.map(v => `${v.impact} ${v.id}: ${v.nodes[0].html}`)
 )"""
@@ -91,7 +92,7 @@ class Chromium:
         self._out.close()
         self._process.terminate()
         try:
-            self._process.wait(timeout=20)
+            self._process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

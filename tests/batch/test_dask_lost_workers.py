@@ -153,5 +153,5 @@ def test_a_worker_thought_lost_that_still_writes_publishes_nothing(
     assert bags(out) == undisturbed
     (processes.block / 'released').touch()
     os.kill(first.pid, signal.SIGCONT)
-    first.wait(PATIENCE_S)
+    assert first.wait(PATIENCE_S) is not None
     assert bags(out) == undisturbed

@@ -20,7 +20,6 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from viewer import Player, Viewer  # isort: skip
-from waiting import PATIENCE_S  # isort: skip
 
 OXTS = '/kitti/oxts/imu'
 PROTOCOL = 'foxglove.sdk.v1'
@@ -174,10 +173,11 @@ def test_without_the_sdk_it_says_what_to_install(recordings, monkeypatch, capsys
 
 def test_a_viewer_cannot_fill_the_terminal(play):
     player = play()
-    with connect(player.url, subprotocols=[PROTOCOL]) as client:
-        for _ in range(500):
-            client.send('')
-        client.ping().wait(PATIENCE_S)
+    with Viewer(player.url) as viewer:
+        for count in range(1, 101):
+            viewer.socket.send('')
+            # Each is answered: a client that sends without reading is disconnected by the SDK.
+            viewer.until(lambda count=count: len(viewer.statuses) == count)
     code, said = player.end(signal.SIGINT)
     assert code == 0
     lines = said.splitlines()

@@ -13,6 +13,8 @@ from kitti_ros2.bridge import outbox
 from kitti_ros2.bridge.frames import FrameError, FrameKind, FrameReader, kind_of
 from kitti_ros2.bridge.outbox import Outbox
 
+from waiting import PATIENCE_S  # isort: skip
+
 TEXT, BINARY, CONTINUATION, PING = 1, 2, 0, 9
 MESSAGE, TIME, PLAYBACK = 1, 2, 5
 
@@ -110,7 +112,7 @@ def drain(box):
     ours, theirs = socket.socketpair()
     sent = b''
     with ours, theirs:
-        theirs.settimeout(10)
+        theirs.settimeout(PATIENCE_S)
         while box:
             box.send(ours)
             sent += theirs.recv(1 << 20)

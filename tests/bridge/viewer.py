@@ -177,5 +177,5 @@ class Player:
         """End it, or wait for its end; exit code and what it complained of."""
         if number is not None:
             self.process.send_signal(number)
-        _, complaints = self.process.communicate(timeout=30)
+        _, complaints = self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode, complaints

@@ -35,7 +35,7 @@ from kitti_ros2.options.quantity_parsers import parse_bytes
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip
-from waiting import UNTIL_A_SIGNAL, wait_until  # isort: skip
+from waiting import PATIENCE_S, UNTIL_A_SIGNAL, wait_until  # isort: skip
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = [sys.executable, '-m', 'kitti_ros2']
@@ -514,7 +514,7 @@ from kitti_ros2.cli import main; sys.exit(main())
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     wait_until(lambda: list(out.parent.iterdir()) or process.poll() is not None)
     process.send_signal(sent)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == code
     if sent == signal.SIGINT:
         assert 'interrupted' in one_line(said)

@@ -15,6 +15,8 @@ from kitti_ros2.cli import main
 from kitti_ros2.cli.completion import VARIABLE
 from kitti_ros2.model.layouts import Layout
 
+from waiting import PATIENCE_S  # isort: skip
+
 SHELLS = {
     'bash': ['--norc', '-i'],
     'zsh': ['-i'],
@@ -76,7 +78,12 @@ def test_a_shell_completes_what_is_typed(home, name):
     if shell is None:
         pytest.skip(f'{name} is not installed')
     start = [shell, *SHELLS[name]]
-    settings = {'cwd': str(home), 'env': environment(home), 'encoding': 'utf-8', 'timeout': 60}
+    settings = {
+        'cwd': str(home),
+        'env': environment(home),
+        'encoding': 'utf-8',
+        'timeout': PATIENCE_S,
+    }
     with pexpect.spawn(start[0], start[1:], **settings) as session:
         session.sendline('kitti-ros2 --install-completion')
         session.expect(f'{name} completion installed')

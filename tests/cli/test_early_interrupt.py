@@ -13,6 +13,8 @@ import pytest
 
 from kitti_ros2.cli.exit_codes import EXIT_INTERRUPTED
 
+from waiting import PATIENCE_S  # isort: skip
+
 ROOT = Path(__file__).parents[2]
 SAID = 'kitti-ros2: interrupted; no incomplete output is left behind\n'
 PROGRAM = """
@@ -41,8 +43,8 @@ def interrupted(moment, *words):
     """Exit code, output and errors of a command that is interrupted at its n-th import."""
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM, str(moment), *words],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=120,
-        check=False,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     return done.returncode, done.stdout, done.stderr
 
@@ -72,8 +74,8 @@ def test_an_ignored_ctrl_c_stays_ignored():
     )
     done = subprocess.run(
         [sys.executable, '-c', program],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=120,
-        check=False,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, '')
     assert done.stdout.startswith('kitti_ros2 ')

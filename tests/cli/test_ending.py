@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from waiting import PATIENCE_S  # isort: skip
+
 ROOT = Path(__file__).parents[2]
 BLOCKED_IN = Path(f'/proc/self/task/{os.getpid()}/wchan')
 PROGRAM = """
@@ -41,8 +43,8 @@ def test_a_signal_that_another_thread_takes_ends_the_wait(name):
     """The main thread is blocked in select and not interrupted."""
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM, name],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=30,
-        check=False,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, 'ended\n', '')
 
@@ -64,6 +66,10 @@ def test_what_cannot_be_closed_does_not_keep_a_process_whose_output_has_no_room(
     environment.pop('PYTHONUNBUFFERED', None)
     with Path('/dev/full').open('w') as full:
         done = subprocess.run(
-            [sys.executable, '-c', ABANDONED], env=environment, stdout=full, timeout=30, check=False
+            [sys.executable, '-c', ABANDONED],
+            env=environment,
+            stdout=full,
+            timeout=PATIENCE_S,
+            check=False,
         )
     assert done.returncode == 3

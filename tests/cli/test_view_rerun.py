@@ -20,6 +20,8 @@ from kitti_ros2.cli.view_rerun import run_rerun
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
 from kitti_ros2.model.layouts import Layout
 
+from waiting import PATIENCE_S  # isort: skip
+
 needs_sdk = pytest.mark.skipif(find_spec('rerun') is None, reason='rerun-sdk is not installed')
 RUN = 'import sys; from pathlib import Path; from kitti_ros2.cli.view_rerun import run_rerun;'
 
@@ -113,7 +115,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(raw, tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=PATIENCE_S,
     )
     assert OutputError.__name__ in done.stderr.splitlines()[-1]
     assert 'o.rrd: cannot be written (File too large)' in done.stderr.splitlines()[-1]
@@ -160,7 +162,7 @@ def test_the_page_is_served_on_this_machine_alone_until_ctrl_c(raw):
         lines = [process.stdout.readline() for _ in range(2)]
         assert 'Ctrl-C ends it' in lines[-1]
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=PATIENCE_S) == 0
         assert not reached('127.0.0.1', port)
     finally:
         process.kill()
@@ -169,7 +171,7 @@ def test_the_page_is_served_on_this_machine_alone_until_ctrl_c(raw):
 
 def reached(address, port):
     try:
-        with socket.create_connection((address, port), timeout=2):
+        with socket.create_connection((address, port), timeout=PATIENCE_S):
             return True
     except OSError:
         return False

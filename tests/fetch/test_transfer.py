@@ -27,6 +27,8 @@ from kitti_ros2.fetch.sources import (
 )
 from kitti_ros2.fetch.transfer import Backoff, Transfer
 
+from waiting import PATIENCE_S, wait_until  # isort: skip
+
 pytest.importorskip('httpx')
 
 CONTENT = random.Random(0).randbytes(700_000)
@@ -256,7 +258,7 @@ def test_a_server_that_declares_too_much(tmp_path, declared):
 
 def test_a_server_that_stalls(tmp_path):
     mirror = Mirror({PATH: CONTENT})
-    end = threading.Event()
+    end, stalled = threading.Event(), []
 
     def stall(handler):
         if len(mirror.requests) != 1:
@@ -266,22 +268,25 @@ def test_a_server_that_stalls(tmp_path):
         handler.send_header('ETag', etag_of(CONTENT))
         handler.end_headers()
         handler.wfile.write(CONTENT[:300_000])
-        end.wait(10)
+        stalled.append(end.wait(PATIENCE_S))
         handler.close_connection = True
         return True
 
     mirror.fault = stall
     with serving(mirror):
-        run = Run(tmp_path, mirror, timeout_s=0.2)
+        run = Run(tmp_path, mirror, timeout_s=1.0)
         assert run.run() == CONTENT
         end.set()
+        wait_until(lambda: stalled)
+    assert stalled == [True]
     assert mirror.requests[1][1].startswith('bytes=')
     assert run.done == len(CONTENT)
 
 
 @pytest.mark.parametrize('redirected', [False, True])
-def test_a_server_that_sends_its_header_by_and_by(tmp_path, redirected):
+def test_a_server_that_sends_its_header_by_and_by(tmp_path, redirected, monkeypatch):
     """It is never silent for as long as the time-out is."""
+    monkeypatch.setattr(http_client, '_HEADER_TIMEOUTS', 0.4 / PATIENCE_S)
     given_up, never = threading.Event(), threading.Event()
 
     def drip(handler):
@@ -297,10 +302,10 @@ def test_a_server_that_sends_its_header_by_and_by(tmp_path, redirected):
 
     with serving(Mirror({}, fault=drip, faulty_head=True)) as mirror:
         with pytest.raises(DownloadError, match=r'cannot be read \(no response within 0\.4 s\)'):
-            Run(tmp_path, mirror, retries=0, timeout_s=0.2).run()
-        assert given_up.wait(10)
+            Run(tmp_path, mirror, retries=0, timeout_s=PATIENCE_S).run()
+        assert given_up.wait(PATIENCE_S)
         given_up.clear()
-        source = HttpSource(0.2)
+        source = HttpSource(PATIENCE_S)
         with pytest.raises(BrokenTransferError, match='no response within'):
             source.size(mirror.url + PATH)
         source.close()
@@ -329,7 +334,7 @@ def test_the_time_for_a_header_ends_with_it(monkeypatch):
         handler.send_header('Content-Length', '9')
         handler.end_headers()
         handler.wfile.write(b'x')
-        assert begun.wait(10)
+        assert begun.wait(PATIENCE_S)
         handler.wfile.write(b'x' * 8)
         return True
 
@@ -458,7 +463,7 @@ def test_the_body_of_a_redirect_is_not_read(tmp_path):
 
     with serving(Mirror({'/elsewhere.zip': CONTENT}, fault=redirect)) as mirror, little_memory():
         assert Run(tmp_path, mirror).run() == CONTENT
-        assert broken_off.wait(10)
+        assert broken_off.wait(PATIENCE_S)
 
 
 def test_the_body_of_a_redirect_is_not_decompressed(tmp_path):

@@ -13,6 +13,7 @@ from kitti_ros2.files.threads import Threads, ThreadTask
 from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map
 
 from broken_lock import strike_each_lock  # isort: skip
+from waiting import PATIENCE_S, wait_until  # isort: skip
 
 
 def put_and_drain():
@@ -81,16 +82,16 @@ def test_a_task_that_is_cancelled_makes_no_call():
 
 
 def test_closing_ends_tasks_that_wait():
-    begun, go = threading.Event(), threading.Event()
+    begun = threading.Event()
 
     def first():
         begun.set()
-        go.wait(10)
+        wait_until(lambda: len(tasks) == 2 and tasks[1].has_failed())
 
-    threads = Threads(1, 'worker')
-    tasks = [threads.submit(first), threads.submit(str)]
-    begun.wait(10)
-    threading.Timer(0.1, go.set).start()
+    threads, tasks = Threads(1, 'worker'), []
+    tasks.append(threads.submit(first))
+    tasks.append(threads.submit(str))
+    assert begun.wait(PATIENCE_S)
     threads.close()
     assert not tasks[0].has_failed()
     assert tasks[1].has_failed()

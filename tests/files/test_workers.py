@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map, worker_count
 
+from waiting import PATIENCE_S, wait_until  # isort: skip
+
 
 @given(st.lists(st.integers(), max_size=60), st.integers(1, 4), st.integers(1, 9))
 def test_it_is_map(items, workers, batch):
@@ -43,29 +45,30 @@ def test_a_pool_takes_results_in_order_and_only_when_it_is_full():
 
 
 def test_a_closed_pool_cancels_what_has_not_begun():
-    begun, has_begun, go = [], threading.Event(), threading.Event()
+    begun, has_begun, pending = [], threading.Event(), []
 
     def task(number):
         begun.append(number)
         has_begun.set()
-        go.wait(10)
+        wait_until(lambda: pending and pending[-1].has_failed())
 
     pool = OrderedPool(1, ahead=5)
     for number in range(5):
         pool.put(partial(task, number))
-    assert has_begun.wait(60)
-    threading.Timer(0.2, go.set).start()
+    assert has_begun.wait(PATIENCE_S)
+    pending.extend(pool._pending)
     pool.close()
     assert begun == [0]
     assert list(pool.drain()) == []
 
 
-def test_a_signal_does_not_cut_the_wait_for_its_threads():
-    begun, go, handled, ended = *(threading.Event() for _ in range(3)), []
+def test_a_signal_does_not_cut_the_wait_for_its_threads(monkeypatch):
+    begun, go, closing, handled = (threading.Event() for _ in range(4))
+    cut, ended = [], []
 
     def task():
         begun.set()
-        go.wait(10)
+        assert go.wait(PATIENCE_S)
         ended.append(True)
 
     def handle(*_):
@@ -73,19 +76,22 @@ def test_a_signal_does_not_cut_the_wait_for_its_threads():
         raise KeyboardInterrupt
 
     def interrupt():
+        assert closing.wait(PATIENCE_S)
         os.kill(os.getpid(), signal.SIGINT)
-        handled.wait(0.3)
+        cut.append(handled.wait(0.3))
         go.set()
 
     pool = OrderedPool(1, ahead=1)
+    close_threads = pool._threads.close
+    monkeypatch.setattr(pool._threads, 'close', lambda: (closing.set(), close_threads()))
     pool.put(task)
-    begun.wait(10)
+    assert begun.wait(PATIENCE_S)
     before = signal.signal(signal.SIGINT, handle)
     try:
-        threading.Timer(0.2, interrupt).start()
+        threading.Thread(target=interrupt).start()
         with pytest.raises(KeyboardInterrupt):
             pool.close()
-        assert ended
+        assert (cut, ended) == ([False], [True])
     finally:
         signal.signal(signal.SIGINT, before)
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import foreign
 import pytest
 from builders import one_line
-from waiting import UNTIL_A_SIGNAL, wait_until
+from waiting import PATIENCE_S, UNTIL_A_SIGNAL, wait_until
 
 from kitti_ros2.cli import main
 from kitti_ros2.model.layouts import Layout
@@ -207,7 +207,7 @@ from kitti_ros2.cli import main; sys.exit(main())
     )
     wait_until(lambda: any(tmp_path.glob('to/.out.partial/content*/*')))
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, said
     assert b'Traceback' not in said
     assert not list((tmp_path / 'to').glob('*')) if (tmp_path / 'to').exists() else True

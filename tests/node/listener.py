@@ -10,7 +10,7 @@ The stamp is that of a header at the begin of the message, nanoseconds; without 
 number.
 Lines: `call NAME` (a std_srvs/Trigger of /kitti_player), `set NAME VALUE` (VALUE as JSON),
 `count TOPIC` (how many messages so far), `last TOPIC` (its last message, in hex), `state NAME TEXT`
-(the first ~/state in which a value begins with a text), `wait TOPIC N SECONDS`,
+(the first ~/state in which a value begins with a text), `wait TOPIC N`,
 `describe TYPE HASH`, `publishers TOPIC` (how many; waits for the first).
 """
 
@@ -77,9 +77,8 @@ class Listener:
             self.executor.spin()
 
     def _take(self):
-        while not self.ended.is_set():
+        while not self.ended.wait(0.002):
             self._take_what_came()
-            self.ended.wait(0.002)
         self._take_what_came()
 
     def _take_what_came(self):
@@ -94,9 +93,9 @@ class Listener:
     def _state(self, message):
         self.values = {one.key: one.value for one in message.status[0].values}
 
-    def wait(self, topic, count, seconds):
+    def wait(self, topic, count):
         with suppress(AssertionError):
-            wait_until(lambda: len(self.heard[topic]) >= count, seconds)
+            wait_until(lambda: len(self.heard[topic]) >= count)
         return len(self.heard[topic])
 
     def publishers(self, topic):
@@ -137,8 +136,7 @@ class Listener:
         answered = threading.Event()
         future = client.call_async(request)
         future.add_done_callback(lambda _: answered.set())
-        answered.wait(PATIENCE_S)
-        return future.result()
+        return future.result() if answered.wait(PATIENCE_S) else None
 
     def obey(self, words):
         verb, *rest = words
@@ -151,7 +149,7 @@ class Listener:
         if verb == 'count':
             return len(self.heard[rest[0]])
         if verb == 'wait':
-            return self.wait(rest[0], int(rest[1]), float(rest[2]))
+            return self.wait(rest[0], int(rest[1]))
         if verb == 'last':
             return self.last[rest[0]].hex()
         if verb == 'describe':

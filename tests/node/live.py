@@ -20,8 +20,10 @@ MAIN = 'import sys; sys.argv[0] = "kitti-ros2"; from kitti_ros2.cli import main;
 
 WATCHED = f"""
 from kitti_ros2.node.outlets import Outlets
+from kitti_ros2.player import session
 from kitti_ros2.player.playback import Playback
 
+session.LAST_WAIT_S = {PATIENCE_S}
 Playback.play_next.__defaults__ = ({PATIENCE_S},)
 wanted, seen = Outlets.wanted, [0]
 
@@ -37,7 +39,8 @@ Outlets.wanted = count
 """
 """The same, which prints how many subscriptions its topics have whenever that changes.
 
-Its play_next waits longer for a frame than a user would: reading takes its time on a busy machine.
+Its play_next waits longer for a frame than a user would, and its end for the last messages to
+arrive: both take their time on a busy machine.
 """
 
 
@@ -100,7 +103,7 @@ class Listening:
         """End it; by topic the stamp of each message, if its type has one, and its digest."""
         self.process.stdin.close()
         heard = json.loads(self.process.stdout.read().splitlines()[-1])
-        assert self.process.wait(10) == 0
+        assert self.process.wait(PATIENCE_S) == 0
         return heard
 
 
@@ -115,7 +118,7 @@ class Recording:
 
     def counts(self):
         """End it; by topic how many messages came."""
-        said, _ = self.process.communicate(timeout=30)
+        said, _ = self.process.communicate(timeout=PATIENCE_S)
         return json.loads(said.splitlines()[-1])
 
 
@@ -124,7 +127,7 @@ def stop(process):
     if process.poll() is None:
         process.terminate()
         try:
-            process.communicate(timeout=20)
+            process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
@@ -133,7 +136,7 @@ def stop(process):
 def end(process, number=signal.SIGINT):
     """End a player; its exit code and what it said on stderr."""
     process.send_signal(number)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=PATIENCE_S)
     return process.returncode, said
 
 

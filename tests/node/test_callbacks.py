@@ -57,6 +57,7 @@ def played(drive):
             assert client.wait_for_service(PATIENCE_S)
             answer = client.call_async(request)
             answering.spin_until_future_complete(answer, PATIENCE_S)
+            assert answer.done()
             assert not over.is_set()
             return answer.result()
 

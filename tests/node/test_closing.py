@@ -20,6 +20,8 @@ from kitti_ros2.node import closing, run
 from kitti_ros2.node.closing import EXIT_S, Closing
 from kitti_ros2.player.session import LAST_WAIT_S
 
+from waiting import PATIENCE_S  # isort: skip
+
 # A player whose node is as one of Cyclone DDS while a subscriber acknowledges nothing.
 STUCK = """
 import sys, threading
@@ -143,7 +145,7 @@ def test_threads_that_are_stuck_do_not_hold_the_process(tmp_path):
     )
     done = subprocess.run(
         [sys.executable, '-c', program], env=live.environment(), cwd=tmp_path,
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (3, 'said\n')
 
@@ -160,7 +162,7 @@ def test_a_stuck_player_ends_by_a_signal(recordings, place):
         stream = process.stdout if place == 'publish' else process.stderr
         assert stream.readline()
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
         process.communicate()

@@ -17,6 +17,7 @@ import live
 from kitti_ros2.cli import main
 
 from builders import convert_recording, one_line  # isort: skip
+from waiting import PATIENCE_S  # isort: skip
 
 IMAGE = 'sensor_msgs/msg/Image'
 CAMERA = '/kitti/camera_color_left'
@@ -55,10 +56,10 @@ def test_a_bag_shows_the_images_of_its_folder(recordings, tmp_path):
         try:
             listener.wait_for_publishers(process)
             assert listener.tell('call', 'resume')[0]
-            _, said = process.communicate(timeout=60)
+            _, said = process.communicate(timeout=PATIENCE_S)
             assert (process.returncode, 'Traceback' in said) == (0, False), said
             for topic, digests in digests_of(recordings[Layout.RAW]).items():
-                assert listener.tell('wait', topic, len(digests), 20) == len(digests)
+                assert listener.tell('wait', topic, len(digests)) == len(digests)
             heard = listener.heard()
         finally:
             live.stop(listener.process)

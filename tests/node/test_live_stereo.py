@@ -13,6 +13,7 @@ pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 import live
 
 from builders import convert_recording  # isort: skip
+from waiting import PATIENCE_S  # isort: skip
 
 PAIRS = (('gray_left', 'gray_right'), ('color_left', 'color_right'))
 TOPICS = {
@@ -34,7 +35,7 @@ def test_no_pair_is_heard_with_two_stamps(recordings, tmp_path):
     try:
         listener.wait_for_publishers(player)
         assert listener.tell('call', 'resume')[0]
-        _, said = player.communicate(timeout=60)
+        _, said = player.communicate(timeout=PATIENCE_S)
         assert player.returncode == 0, said
         heard = listener.heard()
     finally:

@@ -26,12 +26,13 @@ from kitti_ros2.node.message_fields import defined_hash, references_of
 from kitti_ros2.node.message_types import _runtime_class, message_class, type_hash
 from kitti_ros2.node.runtime_types import runtime_type
 
+from waiting import PATIENCE_S  # isort: skip
+
 TF = 'tf2_msgs/msg/TFMessage'
 DETECTIONS = 'vision_msgs/msg/Detection3DArray'
 IMU = 'sensor_msgs/msg/Imu'
 STRANGE = 'kitti_ros2_tests/msg/Strange'
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
-TIMEOUT_S = 20.0
 
 
 def define(text, msgtype=STRANGE):
@@ -445,14 +446,14 @@ def ros():
     executor.add_node(writer)
     executor.add_node(reader)
 
-    def wait(done, meanwhile=lambda: None):
-        end = time.monotonic() + TIMEOUT_S
+    def wait_until(done, meanwhile=lambda: None):
+        end = time.monotonic() + PATIENCE_S
         while not done() and time.monotonic() < end:
             meanwhile()
             executor.spin_once(timeout_sec=0.05)
-        assert done(), f'not within {TIMEOUT_S} s'
+        assert done(), f'not within {PATIENCE_S} s'
 
-    yield SimpleNamespace(writer=writer, reader=reader, wait=wait)
+    yield SimpleNamespace(writer=writer, reader=reader, wait_until=wait_until)
     executor.shutdown()
     writer.destroy_node()
     reader.destroy_node()
@@ -503,10 +504,10 @@ def test_serialised_messages_arrive_as_they_left(ros, msgtype, collect, monkeypa
         monkeypatch.setattr('kitti_ros2.node.message_types._CLASSES', {})
         monkeypatch.setattr('kitti_ros2.node.runtime_types._TYPES', {})
     try:
-        ros.wait(lambda: len(got) >= (20 if collect else 2), publish)
+        ros.wait_until(lambda: len(got) >= (20 if collect else 2), publish)
         assert set(got) == {sent}
         assert TYPESTORE.deserialize_cdr(got[0], msgtype) == make_message(msgtype)
-        ros.wait(lambda: ros.reader.get_publishers_info_by_topic(topic))
+        ros.wait_until(lambda: ros.reader.get_publishers_info_by_topic(topic))
         (info,) = ros.reader.get_publishers_info_by_topic(topic)
         assert info.topic_type == msgtype
         assert str(info.topic_type_hash) == TYPESTORE.hash_rihs01(msgtype)
@@ -520,11 +521,11 @@ def ask(ros, msgtype, expected_hash, sources):
     interfaces = pytest.importorskip('type_description_interfaces.srv')
     service = interfaces.GetTypeDescription
     client = ros.reader.create_client(service, '/types_writer/get_type_description')
-    ros.wait(client.service_is_ready)
+    ros.wait_until(client.service_is_ready)
     future = client.call_async(
         service.Request(type_name=msgtype, type_hash=expected_hash, include_type_sources=sources)
     )
-    ros.wait(future.done)
+    ros.wait_until(future.done)
     ros.reader.destroy_client(client)
     return future.result()
 

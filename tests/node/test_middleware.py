@@ -27,6 +27,8 @@ from kitti_ros2.node.middleware import (
     stays_on_this_machine,
 )
 
+from waiting import PATIENCE_S  # isort: skip
+
 # As Cyclone DDS 11.0.1 writes them where its settings are wrong.
 ELEMENT = 'config: //CycloneDDS/Domain/General: Bogus: unknown element (CYCLONEDDS_URI+0 line 1)'
 INTERFACE = 'eth77: does not match an available interface.'
@@ -254,7 +256,7 @@ sys.exit(main())
 def test_the_command_says_so_in_one_line_and_ends_with_2(recordings):
     done = subprocess.run(
         [sys.executable, '-c', REFUSED, 'play', str(recordings[Layout.RAW])],
-        env=live.environment(), capture_output=True, text=True, timeout=60, check=False,
+        env=live.environment(), capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr == (

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often the node publishes ~/state, counted by a subscriber who is there first."""
 
-import threading
-
 import pytest
 
 from kitti_ros2.model.layouts import Layout
@@ -18,8 +16,9 @@ from kitti_ros2.node import player as player_module
 from kitti_ros2.node.parameters import to_parameters
 from kitti_ros2.node.player import KittiPlayer
 
+from waiting import wait_until  # isort: skip
+
 LAST = 'the last one'
-PATIENCE_S = 20.0
 
 
 class Played:
@@ -37,17 +36,8 @@ class Played:
             DiagnosticArray, topic, lambda _: None, profile
         )
         self.publisher = self.player._state_publisher
-        self._until(lambda: self.publisher.get_subscription_count() == 1)
-        self._until(lambda: self.node.count_publishers(topic) == 1)
-
-    @staticmethod
-    def _until(condition):
-        pause = threading.Event()
-        for _ in range(int(PATIENCE_S / 0.01)):
-            if condition():
-                return
-            pause.wait(0.01)
-        raise AssertionError('they did not find each other')
+        wait_until(lambda: self.publisher.get_subscription_count() == 1)
+        wait_until(lambda: self.node.count_publishers(topic) == 1)
 
     def set(self, name, value):
         """Set a parameter, as the service does."""
@@ -65,7 +55,7 @@ class Played:
                 found.append(taken[0].status[0].message)
             return found[-1:] == [LAST]
 
-        self._until(heard_the_last)
+        wait_until(heard_the_last)
         return found[:-1]
 
     def close(self):

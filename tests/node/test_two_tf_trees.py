@@ -19,6 +19,8 @@ pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 import live
 
+from waiting import PATIENCE_S  # isort: skip
+
 SCANS = '/kitti/velo/points'
 NODES = 2  # of tf_stack.py
 
@@ -38,9 +40,9 @@ def hear(recordings):
         drive = recordings[Layout.RAW]
         player = live.play(drive, '--lossless', '--wait-for', NODES, *options, program=live.MAIN)
         started.append(player)
-        _, said = player.communicate(timeout=60)
+        _, said = player.communicate(timeout=PATIENCE_S)
         assert player.returncode == 0, said
-        heard, _ = stack.communicate(timeout=20)
+        heard, _ = stack.communicate(timeout=PATIENCE_S)
         return json.loads(heard.splitlines()[-1])
 
     yield run

@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 
 from kitti_ros2.cli import main
 
+from waiting import PATIENCE_S  # isort: skip
+
 DATE = '2011_09_26'
 DRIVE = f'{DATE}_drive_0009_sync'
 LAST = 120
@@ -97,7 +99,7 @@ def there_and_back(source: Path, root: Path, ending: str, folder: Path) -> tuple
     assert main(words if ending else [*words, '--storage', 'sqlite3']) in {0, 1}
     code = main(['to-kitti', str(bag), str(out), '-q'])
     done = subprocess.run(
-        ['diff', '-r', root, out], capture_output=True, text=True, check=False, timeout=60
+        ['diff', '-r', root, out], capture_output=True, text=True, check=False, timeout=PATIENCE_S
     )
     return code, done.stdout + done.stderr
 

@@ -20,7 +20,7 @@ import pytest
 from kitti_ros2.player import keyboard
 from kitti_ros2.player.keyboard import Key, Keyboard
 
-from waiting import wait_until  # isort: skip
+from waiting import PATIENCE_S, wait_until  # isort: skip
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
     type_in(terminal, keys)
     closing = threading.Thread(target=entered.__exit__, args=(None, None, None), daemon=True)
     closing.start()
-    closing.join(60)
+    closing.join(PATIENCE_S)
     assert not closing.is_alive()
     assert not entered._thread.is_alive()
 
@@ -260,7 +260,7 @@ def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(way):
         text=True,
     )
     os.close(slave)
-    watchdog = threading.Timer(30, shell.kill)
+    watchdog = threading.Timer(PATIENCE_S, shell.kill)
     watchdog.start()
     with shell:
         assert shell.stderr.readline() == 'rFalse\n'
@@ -311,7 +311,7 @@ def test_a_signal_that_ends_the_process_leaves_the_mode_of_before(number):
             os.write(master, b'\x1c')
         else:
             process.send_signal(number)
-        assert process.wait(timeout=60) == -number
+        assert process.wait(timeout=PATIENCE_S) == -number
     assert termios.tcgetattr(slave) == before
     os.close(slave)
     os.close(master)

@@ -15,7 +15,7 @@ from kitti_ros2.options.playback import AtEnd, PlaybackOptions
 from kitti_ros2.player.playback import Playback
 from kitti_ros2.player.playback_events import Idle, Jump, Send, Tick
 
-from waiting import wait_until  # isort: skip
+from waiting import PATIENCE_S, wait_until  # isort: skip
 
 SECOND = 1_000_000_000
 START = 1_300_000_000 * SECOND
@@ -295,7 +295,8 @@ def test_a_step_is_a_frame():
     clock.at(2, lambda: playback.play_next(timeout=0))
     clock.at(3, playback.stop)
     walked.start()
-    walked.join(10)
+    walked.join(PATIENCE_S)
+    assert not walked.is_alive()
     assert sends(done) == [(1, 0), (1, 1), (1, 2), (2, 3), (2, 4), (2, 5)]
     assert playback.state().frame == 11
 
@@ -329,7 +330,7 @@ def test_a_burst_plays_whole_samples_until_there_are_so_many_messages():
         wait_until(lambda: playback._burst_left)
 
     clock.at(1, ask)
-    clock.at(2, lambda: (asking.join(5), playback.stop()))
+    clock.at(2, lambda: (asking.join(PATIENCE_S), playback.stop()))
     played = []
     for at, event in events:
         if isinstance(event, Send):

@@ -15,6 +15,7 @@ from kitti_ros2.messages.cdr import Message
 from kitti_ros2.player.read_ahead import ReadAhead
 
 from broken_lock import strike_each_lock  # isort: skip
+from waiting import PATIENCE_S  # isort: skip
 
 TOTAL = 20
 ALL = frozenset({0, 1})
@@ -33,7 +34,7 @@ class Counting:
 
     def fetch(self, index, wanted):
         self.fetched.append((index, frozenset(wanted)))
-        self.gate.wait(10)
+        assert self.gate.wait(PATIENCE_S)
         if index in self.failing:
             raise ZeroDivisionError(f'at {index}')
         return [Message(0, index, (repr(sorted(wanted)).encode(),))], []

@@ -21,6 +21,8 @@ from kitti_ros2.player.playback import PlaybackState
 from kitti_ros2.player.session import Counts
 from kitti_ros2.player.status import StatusLine, describe_now, describe_result
 
+from waiting import PATIENCE_S  # isort: skip
+
 ERASE = '\r\x1b[K'
 
 
@@ -129,7 +131,7 @@ def test_it_is_refreshed_by_itself(screen):
         return 'here'
 
     with StatusLine(screen.stream).follow(text):
-        assert drawn.wait(30)
+        assert drawn.wait(PATIENCE_S)
 
 
 @pytest.mark.parametrize('reason', ['quiet', 'no terminal', 'background'])

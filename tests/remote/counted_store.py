@@ -14,12 +14,13 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 from kitti_ros2.files.remote import RemotePath
 
+from waiting import PATIENCE_S  # isort: skip
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
 PROTOCOL = 'counted'
-WAIT_S = 60
 
 
 class CountedStore(MemoryFileSystem):
@@ -123,4 +124,4 @@ class Stalls:
     def __call__(self, method: str) -> None:
         if method == 'cat':
             self.begun.set()
-            assert self.go_on.wait(WAIT_S)
+            assert self.go_on.wait(PATIENCE_S)

@@ -23,6 +23,8 @@ from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import RemoteError
 from kitti_ros2.model.layouts import Layout
 
+from waiting import PATIENCE_S  # isort: skip
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
@@ -159,7 +161,7 @@ def test_files_are_read_ahead_within_bounds(tmp_path: Path):
     for number, path in enumerate(paths[:30]):
         assert ahead.read(path)[:1] == bytes([number])
         assert ahead._held <= MOST_BYTES
-    assert stall.begun.wait(60)  # nobody asked for it yet
+    assert stall.begun.wait(PATIENCE_S)  # nobody asked for it yet
     stall.go_on.set()
     assert [ahead.read(path)[0] for path in paths[30:]] == [*range(30, 40)]
     assert CountedStore.requests['cat'] == 40

@@ -23,6 +23,8 @@ from kitti_ros2.files.store_lock import locked_in_store
 from kitti_ros2.model.errors import OutputError
 from kitti_ros2.model.layouts import Layout
 
+from waiting import PATIENCE_S  # isort: skip
+
 LOCK = 'bags/.manifest.sqlite.lock'
 
 
@@ -176,6 +178,6 @@ def test_the_lock_is_ours_whichever_request_fails(fault, s3):
 def test_a_lock_that_another_run_has_taken_ends_the_run(s3):
     with locked_in_store(as_path(f'{s3.url}/lock'), lease_s=0.03) as held:
         s3.put('lock', b'{"run": "2"}')
-        assert held.lost.wait(60)
+        assert held.lost.wait(PATIENCE_S)
         with pytest.raises(OutputError, match='another run has taken this lock'):
             held.check()

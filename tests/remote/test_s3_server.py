@@ -16,6 +16,8 @@ import botocore.exceptions as errors
 from botocore.config import Config
 from s3_server import Fault
 
+from waiting import PATIENCE_S  # isort: skip
+
 _PART = bytes(5 << 20)
 
 
@@ -41,7 +43,7 @@ def test_a_body_is_asked_for_once(s3):
     """Twice, and aiohttp may wait for an answer without a time-out."""
     host, _, port = s3.server.url.removeprefix('http://').partition(':')
     head = f'PUT /{s3.name}/a HTTP/1.1\r\nHost: {host}\r\nContent-Length: 1\r\n'
-    with socket.create_connection((host, int(port)), timeout=60) as connection:
+    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as connection:
         connection.sendall(f'{head}Expect: 100-continue\r\nConnection: close\r\n\r\n'.encode())
         asked = connection.recv(1)
         connection.sendall(b'x')

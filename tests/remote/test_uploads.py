@@ -22,6 +22,8 @@ from kitti_ros2.files.staging import staged, staged_file
 from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, OutputError, OutputExistsError
 
+from waiting import PATIENCE_S  # isort: skip
+
 PART = 32 << 10
 LARGE = b''.join(hashlib.sha256(b'%d' % at).digest() for at in range(PART // 32 + 100))
 FILES = {
@@ -302,7 +304,7 @@ def test_a_run_that_is_killed_in_the_middle_is_done_again(kind, store, tmp_path)
     command = [sys.executable, '-c', _PROGRAM, f'{store.url}/out', str(source)]
     store.server.fail(Fault.STALL, kinds={kind})
     with subprocess.Popen(command) as process:
-        assert store.server.stalled.wait(120)
+        assert store.server.stalled.wait(PATIENCE_S)
         process.kill()
     store.server.clear()
     assert '.out.partial' in store.objects()

@@ -21,6 +21,8 @@ from kitti_ros2.files import http_session, remote_requests
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.model.errors import RemoteError
 
+from waiting import PATIENCE_S  # isort: skip
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -145,7 +147,7 @@ def test_headers_that_come_by_and_by_are_given_up(monkeypatch: pytest.MonkeyPatc
 
     with serving(answer) as (url, asked):
         assert main(['info', url]) == 2
-        assert broken_off.wait(10)
+        assert broken_off.wait(PATIENCE_S)
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert 'b.bin: no answer in time, 2 times; try again later' in error
