@@ -79,7 +79,8 @@ class Rigging:
         self._plan = plan
         self.calibrations = make_calibrations(plan, survey, self._tree, self._models, self._others)
         base = self._moving_base(survey, scan_frame, moving)
-        self.scans = ScanConversion(plan.scan, survey, self._tree, base)
+        point_labels = plan.layout.traits.point_labels
+        self.scans = ScanConversion(plan.scan, survey, self._tree, base, point_labels=point_labels)
         self.images = ImageConversion(plan, survey, self._models)
         self._changing = [
             f'{camera.info} changes within the bag; the first that can be read counts'

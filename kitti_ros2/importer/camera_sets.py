@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 _CAMERA = 2
-_SCANS = frozenset({names.SCANS, names.RAW_SCANS})
+_SCANS = frozenset({names.SCANS, names.RAW_SCANS, names.POINT_LABELS})
 
 
 def plans_of(plan: Plan) -> dict[str, Plan]:

@@ -16,6 +16,7 @@ from .camera_geometry import find_heading, with_frames
 from .camera_topics import find_cameras
 from .clock_offsets import estimate_offsets
 from .clocks import clocked
+from .convert_scans import cloud_notes
 from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, main_camera
 from .guess_labels import guess_labels
 from .guess_pose import guess_pose
@@ -120,6 +121,8 @@ def guess_plan(
         velocity_axes=guess_velocity_axes(survey, unit, notes),
         camera_sets=sets,
     )
+    if scan is not None:
+        notes += cloud_notes(scan, survey.topics[scan.topic], point_labels=traits.point_labels)
     plan, offsets = _with_offsets(survey, plan)
     if offsets:
         stamps, _ = clocked(survey, plan).topics[topic].stamps()

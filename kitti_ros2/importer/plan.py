@@ -64,6 +64,7 @@ class ScanPlan:
         calibration: The YAML file with the calibration of the scanner's unit, as the ROS driver
             reads it; required for a HDL-64E, empty for the angles of the model's manual.
         minimum_range_m: Returns nearer to the scanner are dropped, metres.
+        unit_m: The unit of x y z in clouds, metres: 0.001 for millimetres.
         offset_s: Added to the stamps, seconds, where a clock is wrong.
         forward: Forward of the scans, where x of the frame is not: a frame of the static tree whose
             orientation they get (base_link), or the axis of the frame that looks forward: -x, y,
@@ -80,6 +81,7 @@ class ScanPlan:
     model: str = _quiet('')
     calibration: str = _quiet('')
     minimum_range_m: float = _quiet(0.0)
+    unit_m: float = _quiet(1.0)
     offset_s: float = _quiet(0.0)
     forward: str = _quiet('')
 

@@ -50,7 +50,7 @@ def check_numbers(values: Mapping[str, Any], place: str) -> None:
             expected = f'seconds from 0 to {_LONGEST_S:.0f}'
         elif key == 'minimum_range_m' and value < 0:
             expected = '0 or more'
-        elif key == 'intensity_scale' and value <= 0:
+        elif key in {'intensity_scale', 'unit_m'} and value <= 0:
             expected = 'more than 0'
         else:
             continue

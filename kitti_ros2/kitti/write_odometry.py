@@ -11,6 +11,7 @@ from ..model.layouts import Layout
 from . import names
 from .calib_file import format_odometry
 from .poses_file import format_poses
+from .semantic_file import format_point_labels
 from .stamps_file import format_times
 from .store import STORE
 from .writer import LayoutWriter, require_next
@@ -40,9 +41,12 @@ class OdometryWriter(LayoutWriter):
         self._stamps: dict[int, int] = {}
 
     def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
-        """Write velodyne/NNNNNN.bin."""
+        """Write velodyne/NNNNNN.bin, and labels/NNNNNN.label if its points have labels."""
         self._stamps.setdefault(number, stamp_ns)
         super().write_scan(number, stamp_ns, scan)
+        if scan.labels is not None:
+            path = self._file(names.POINT_LABELS, number, names.LABEL)
+            STORE.write(path, format_point_labels(scan.labels))
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
         """Write image_C/NNNNNN.png; the benchmark's times are those of camera 0."""

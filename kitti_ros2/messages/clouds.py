@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .ros_types import PointField
+from .scan_points import ScanPoints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -33,12 +34,25 @@ _KINDS = {
     PointField.FLOAT32: 'f4',
     PointField.FLOAT64: 'f8',
 }
+_FAR_M = 1000.0
 _XYZ = ('x', 'y', 'z')
 INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
 """Fields that become reflectance, best first."""
 _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
 _RANGE = 'range'
+_LEAST_AT_ONE_PLACE = 2
+_CLASSES = frozenset({
+    'label', 'labels', 'labelid', 'pointlabel', 'class', 'classid', 'classlabel', 'category',
+    'categoryid', 'semantic', 'semanticid', 'semanticlabel', 'semanticclass', 'semlabel',
+    'semclass', 'objtag',
+})  # fmt: skip
+_INSTANCES = frozenset({
+    'instance', 'instances', 'instanceid', 'instancelabel', 'inst', 'instid', 'objectid', 'objid',
+    'objidx',
+})  # fmt: skip
+_MOST_LABEL = 0xFFFF
+_NO_LABEL = -1  # of programs in which 0 is a class or an instance
 NOT_FINITE = 'x y z not finite'
 AT_ZERO = 'x y z 0 0 0'
 RANGE_ZERO = 'range 0'
@@ -108,29 +122,32 @@ def decode_cloud(message: PointCloud2, intensity_scale: float = 1.0) -> tuple[Fl
     return _kept(points, ~missing)
 
 
-def decode_returns(
-    message: PointCloud2, intensity_scale: float = 1.0
-) -> tuple[Float32Array, Counter[str]]:
-    """Decode the returns of any cloud; also return how many points were dropped, by reason.
+def decode_returns(message: PointCloud2, intensity_scale: float = 1.0) -> ScanPoints:
+    """Decode the returns of any cloud with their labels, and count dropped points by reason.
 
-    As decode_cloud, but 0 0 0 is a missing return in any cloud, and so is a point whose field range
-    is 0 (Ouster's clouds have it, and 0 0 0 is elsewhere after a transformation).
+    As decode_cloud, but 0 0 0 is a missing return in any cloud. So are points whose field range is
+    0 if most of them are at one place: Ouster's clouds have it, and 0 0 0 is elsewhere after a
+    transformation. Other points are returns, also where a driver leaves range at 0.
 
     Raises:
         ValueError: As read_points.
     """
     order = file_order(message)
     points = read_points(message, order, intensity_scale)
+    labels, lost = read_labels(message, order)
     missing = np.zeros(len(points), dtype=np.bool_)
     dropped: Counter[str] = Counter()
     for reason, wrong in (
         (NOT_FINITE, _not_finite(points)),
         (AT_ZERO, _at_zero(points)),
-        (RANGE_ZERO, _range_zero(message, order, len(points))),
+        (RANGE_ZERO, _one_place(points, _range_zero(message, order, len(points)))),
     ):
         dropped[reason] = int(np.count_nonzero(wrong & ~missing))
         missing |= wrong
-    return _kept(points, ~missing)[0], +dropped
+    kept, _ = _kept(points, ~missing)
+    if labels is not None and dropped.total():
+        labels = labels[~missing]
+    return ScanPoints(kept, +dropped, lost, labels)
 
 
 def _not_finite(points: Float32Array) -> npt.NDArray[np.bool_]:
@@ -153,6 +170,23 @@ def _range_zero(
     except ValueError:
         return np.zeros(count, dtype=np.bool_)
     return np.asarray((ranges if order is None else ranges[order]) == 0)
+
+
+def _one_place(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return (N,) which of the chosen points are at one place, if several and most of them are.
+
+    Points that are missing returns by themselves are left out.
+    """
+    chosen = chosen & ~_not_finite(points) & ~_at_zero(points)
+    [which] = np.nonzero(chosen)
+    if len(which) < _LEAST_AT_ONE_PLACE:
+        return np.zeros(len(points), dtype=np.bool_)
+    places = points[which, :3]
+    same = (places == np.sort(places, axis=0)[len(places) // 2]).all(axis=1)
+    found = np.zeros(len(points), dtype=np.bool_)
+    if np.count_nonzero(same) * 2 > len(which):
+        found[which[same]] = True
+    return found
 
 
 def _kept(points: Float32Array, is_return: npt.NDArray[np.bool_]) -> tuple[Float32Array, int]:
@@ -217,6 +251,28 @@ def _intensity_of(cloud: npt.NDArray[np.void]) -> str | None:
     return next((name for name in cloud.dtype.names or () if name not in _XYZ), None)
 
 
+def unit_doubt(clouds: Iterable[PointCloud2]) -> str:
+    """Return why coordinates of a stream are hardly metres, from some of its clouds; '' if not.
+
+    They are whole numbers, or half of the points are more than a kilometre away.
+    """
+    medians = []
+    for cloud in clouds:
+        kinds = [_KINDS.get(field.datatype, '') for field in cloud.fields if field.name in _XYZ]
+        whole = [kind for kind in kinds if kind[:1] in {'i', 'u'}]
+        if whole:
+            return f'x y z are whole numbers ({np.dtype(whole[0]).name})'
+        try:
+            places = read_points(cloud, None)[:, :3].astype(np.float64)
+        except ValueError:
+            continue
+        away = np.linalg.norm(places[np.isfinite(places).all(axis=1)], axis=1)
+        if away.any():
+            medians.append(float(np.median(away[away > 0])))
+    half_m = float(np.median(medians)) if medians else 0.0
+    return f'half of the points are more than {half_m:.0f} m away' if half_m > _FAR_M else ''
+
+
 def file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
     """Return indices that put points in the order of their file.
 
@@ -230,6 +286,64 @@ def file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
     inside = places < len(places)
     order[places[inside]] = np.flatnonzero(inside)
     return order if (order >= 0).all() else None
+
+
+def label_fields(message: PointCloud2) -> tuple[str, ...]:
+    """Return the fields with the class and the instance of points; no fields without a class.
+
+    Their names are known in any case, with or without underscores: label and instance, semantic_id
+    and instance_id, class_id and object_id, CARLA's ObjTag and ObjIdx.
+    """
+    names = {field.name.lower().replace('_', ''): field.name for field in reversed(message.fields)}
+    found = [
+        next((own for name, own in names.items() if name in known), '')
+        for known in (_CLASSES, _INSTANCES)
+    ]
+    return tuple(filter(None, found)) if found[0] else ()
+
+
+def read_labels(
+    message: PointCloud2, order: npt.NDArray[np.intp] | None
+) -> tuple[npt.NDArray[np.uint32] | None, dict[str, int]]:
+    """Read the labels of a cloud as SemanticKITTI's: low 16 bits class, high 16 instance.
+
+    Fields may have any type. One of 32 bits without a second may have both parts already; -1 is 0,
+    without a label.
+
+    Args:
+        message: Any cloud.
+        order: The result of file_order for the message.
+
+    Returns:
+        (N,) labels, None without such a field; and the number of values that have no place there,
+        by reason: they become 0.
+    """
+    names, count = label_fields(message), message.width * message.height
+    if not names or not count:
+        return None, {}
+    lost: dict[str, int] = {}
+    most = _MOST_LABEL if len(names) > 1 else 0xFFFFFFFF
+    try:
+        parts = [_whole(read_field(message, name), most, name, lost) for name in names]
+    except ValueError as error:
+        return None, {f'labels of points cannot be read ({error})': count}
+    labels = parts[0] if len(parts) == 1 else parts[0] | parts[1] << np.uint32(16)
+    return labels if order is None else labels[order], lost
+
+
+def _whole(
+    values: npt.NDArray[Any], most: int, name: str, lost: dict[str, int]
+) -> npt.NDArray[np.uint32]:
+    """Return (N,) values as uint32; others are 0 and counted."""
+    if values.dtype.kind == 'f':
+        values = np.where(np.isnan(values), _NO_LABEL, values)
+    fits = (values >= 0) & (values <= most)
+    if values.dtype.kind == 'f':
+        fits &= values == np.floor(values)
+    wrong = int(np.count_nonzero(~fits & (values != _NO_LABEL)))
+    if wrong:
+        lost[f'values of {name} that are no whole numbers from 0 to {most}, written as 0'] = wrong
+    return np.where(fits, values, 0).astype(np.uint32)
 
 
 def read_field(message: PointCloud2, name: str) -> npt.NDArray[Any]:

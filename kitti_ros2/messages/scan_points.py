@@ -12,6 +12,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy.typing as npt
+
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array
 
@@ -24,11 +26,13 @@ class ScanPoints:
         points: (N, 4) float32 x y z reflectance, metres and 0..1, in the message's frame.
         dropped: Number of values without a return, by reason.
         lost: Number of parts that could not be decoded, by reason.
+        labels: (N,) uint32 as SemanticKITTI's: low 16 bits class, high 16 instance; None without.
     """
 
     points: Float32Array
     dropped: Mapping[str, int]
     lost: Mapping[str, int] = field(default_factory=dict)
+    labels: npt.NDArray[np.uint32] | None = None
 
 
 def make_points(xyz: Float64Array, reflectance: Float64Array) -> Float32Array:

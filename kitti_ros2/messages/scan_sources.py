@@ -16,13 +16,13 @@ from .clouds import decode_returns, guess_intensity_scale, scale_of_peak
 from .depth_images import decode_depth_points, is_depth
 from .laser_scan import decode_laser_scan, peak_of_scans
 from .livox_points import decode_livox
-from .scan_points import ScanPoints
 from .velodyne_packets import decode_packets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from .camera_info import CameraModel
+    from .scan_points import ScanPoints
     from .velodyne_models import Lasers, VelodyneModel
 
 _FULL_BYTE = 255.0
@@ -72,7 +72,7 @@ class ScanSource:
 
 
 def _decode_cloud(message: Any, needs: ScanNeeds) -> ScanPoints:  # noqa: ANN401 - as the table
-    return ScanPoints(*decode_returns(message, needs.intensity_scale))
+    return decode_returns(message, needs.intensity_scale)
 
 
 def _decode_livox(message: Any, needs: ScanNeeds) -> ScanPoints:  # noqa: ANN401

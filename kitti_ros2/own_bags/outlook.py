@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..importer.apply_plan import adapt, guess
+from ..importer.convert_scans import labelled_fields
 from ..importer.plan_overview import streams_of_topics
 from ..importer.plan_text import parse_plan
 from ..importer.survey import look
@@ -84,7 +85,7 @@ def make_outlook(
     reason, layouts = '', None
     if options.layout is None and any_layout:
         plans = _every_plan(bags, survey, options)
-        layout, reason = _choose_layout(plans)
+        layout, reason = _choose_layout(plans, survey)
         options = replace(options, layout=layout)
         layouts = {each: _streams(plan, survey) for each, plan in plans.items()}
     found = guess(bags, survey, options)
@@ -125,26 +126,34 @@ def _every_plan(
     return found
 
 
-_PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan], bool], str]] = (
-    (lambda traits, plan: traits.frame_set and plan.labels is not None, 'the bag has 3D boxes'),
-    (lambda traits, plan: traits.dated and bool(plan.fix), 'the bag has GPS'),
+_PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan, Survey], bool], str]] = (
+    (lambda traits, plan, _: traits.frame_set and plan.labels is not None, 'the bag has 3D boxes'),
     (
-        lambda traits, plan: Stream.POSE in traits.streams and plan.pose is not None,
+        lambda traits, plan, survey: traits.point_labels and _are_labelled(plan, survey),
+        'the points have labels',
+    ),
+    (lambda traits, plan, _: traits.dated and bool(plan.fix), 'the bag has GPS'),
+    (
+        lambda traits, plan, _: Stream.POSE in traits.streams and plan.pose is not None,
         'the bag has poses',
     ),
-    (lambda traits, _: traits.frame_set, 'the bag has neither 3D boxes nor GPS nor poses'),
-    (lambda _traits, _plan: True, 'the first that is possible'),
+    (lambda traits, _plan, _: traits.frame_set, 'the bag has neither 3D boxes nor GPS nor poses'),
+    (lambda _traits, _plan, _: True, 'the first that is possible'),
 )
 """What a bag has, and which layout most programs expect for it: the first that is possible."""
 
 
-def _choose_layout(plans: Mapping[Layout, Plan]) -> tuple[Layout, str]:
+def _are_labelled(plan: Plan, survey: Survey) -> bool:
+    return plan.scan is not None and bool(labelled_fields(survey.topics[plan.scan.topic]))
+
+
+def _choose_layout(plans: Mapping[Layout, Plan], survey: Survey) -> tuple[Layout, str]:
     """Return the layout that most programs expect for the content of a bag, and the reason."""
     return next(
         (layout, reason)
         for fits, reason in _PREFERENCES
         for layout, plan in plans.items()
-        if fits(layout.traits, plan)
+        if fits(layout.traits, plan, survey)
     )
 
 

@@ -35,7 +35,9 @@ LIDAR_Q_CAMERA = (-0.5, 0.5, -0.5, 0.5)
 """The optical frame (x right, y down, z forward) in axes x forward, y left, z up; xyzw."""
 
 POINT = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('t', '<u4')]
-_KINDS = {'<f4': 7, '<u4': 6, '<f8': 8}
+_KINDS = {
+    '|i1': 1, '|u1': 2, '<i2': 3, '<u2': 4, '<i4': 5, '<u4': 6, '<f4': 7, '<f8': 8,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -221,6 +223,18 @@ def messages(robot: Robot) -> list[tuple[str, int, Any]]:
         time_ns = START_NS + place * 20_000_000
         add('/odom', time_ns, 1_000_000, odometry(time_ns, robot.odometry(time_ns)))
     return sorted(found, key=lambda each: each[1])
+
+
+def write_clouds(path: Path, points_of: Callable[[int], np.ndarray], frame: str = 'lidar') -> Path:
+    """Write the robot with other points: a structured array by the number of the scan."""
+    found = []
+    for topic, log_ns, message in messages(Robot()):
+        if topic == '/points':
+            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            number = sum(each[0] == '/points' for each in found)
+            message = cloud(points_of(number), stamp_ns, frame)  # noqa: PLW2901
+        found.append((topic, log_ns, message))
+    return write(path, found)
 
 
 def write(path: Path, found: list[tuple[str, int, Any]]) -> Path:

@@ -57,19 +57,37 @@ def test_returns_alone_become_points(organised, minimum_m, tmp_path):
 
 
 def test_a_point_is_counted_once_by_its_first_reason():
-    points, dropped = decode_returns(base.cloud(robots.points(3)[0], 1))
-    assert dropped == {
+    found = decode_returns(base.cloud(robots.points(3)[0], 1))
+    assert found.dropped == {
         NOT_FINITE: robots.NOT_FINITE,
         AT_ZERO: robots.ZEROS,
         RANGE_ZERO: robots.MOVED,
     }
-    assert len(points) == robots.ROWS * robots.COLUMNS - sum(dropped.values())
+    assert len(found.points) == robots.ROWS * robots.COLUMNS - sum(found.dropped.values())
+
+
+@pytest.mark.parametrize(('unfilled', 'moved'), [(200, 0), (60, 0), (1, 0), (60, 70)])
+def test_points_with_range_0_and_a_place_of_their_own_are_returns(unfilled, moved):
+    """A driver leaves the field at 0; zeros that were moved are at one place."""
+    rng = np.random.default_rng(unfilled)
+    made = np.zeros(200, robots.POINT)
+    for name in 'xyz':
+        made[name] = rng.uniform(1, 9, len(made))
+    made['x'][:2], made['y'][:2], made['z'][:2] = 3, 4, 5  # by chance at one place
+    made['range'][unfilled:] = 9000
+    at = slice(200 - moved, 200)
+    made['range'][at] = 0
+    for name, value in zip('xyz', (0.4, 0.0, 1.2), strict=True):
+        made[name][at] = value
+    found = decode_returns(base.cloud(made, 1))
+    assert len(found.points) == 200 - moved
+    assert found.dropped == ({RANGE_ZERO: moved} if moved else {})
 
 
 def test_an_empty_cloud_has_nothing_to_drop():
-    points, dropped = decode_returns(base.cloud(robots.points(3)[0][:0], 1))
-    assert points.shape == (0, 4)
-    assert not dropped
+    found = decode_returns(base.cloud(robots.points(3)[0][:0], 1))
+    assert found.points.shape == (0, 4)
+    assert not found.dropped
 
 
 @pytest.mark.parametrize(
