@@ -171,7 +171,8 @@ def _find_sensors(
     survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
-    scan, rig = guess_scan(survey, notes), find_cameras(survey)
+    rig = find_cameras(survey)
+    scan = guess_scan(survey, rig, notes)
     tree = survey.tree
     heading = find_heading(tree, None if scan is None else scan.frame, rig)
     if scan is not None and not survey.calibrations and not with_calibration:

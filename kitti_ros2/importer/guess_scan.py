@@ -5,25 +5,33 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..messages.camera_info import camera_model
 from ..messages.clouds import INTENSITIES, intensity_field
 from ..messages.depth_images import COMPRESSED_DEPTH, is_depth
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.source import POINTS
 from ..model import msgtypes as types
+from ..model.errors import KittiRos2Error
+from .camera_geometry import choose_cameras, find_heading, with_frames
 from .guess_names import is_fixed
 from .guess_pose import guess_pose, vehicle_frame
 from .named_frames import NamedFrames
+from .optical_frames import optical_link
 from .plan import ScanPlan
 from .report import pass_over
-from .scan_needs import missing_calibration
+from .scan_needs import missing_calibration, needs_of_plan
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..messages.scan_sources import ScanSource
+    from .camera_topics import RigCamera
     from .survey import Survey
     from .topic_survey import TopicSurvey
 
@@ -33,19 +41,26 @@ _LIDAR = re.compile(
 )
 _MAP = re.compile(r'(?:^|[/_])map(?:$|[/_])', re.IGNORECASE)
 _AHEAD = 0.7  # the cosine of 45 degrees
+_SHARED = 0.1  # of the most points that a lidar has in the image
 
 
-def guess_scan(survey: Survey, notes: list[str]) -> ScanPlan | None:
-    """Choose the lidar: KITTI's own points, in a sensor's frame, by name, with intensity, largest.
+def guess_scan(survey: Survey, rig: Sequence[RigCamera], notes: list[str]) -> ScanPlan | None:
+    """Choose the lidar: KITTI's own points, in a sensor's frame, by name, seen by the camera.
 
-    A cloud in a frame that the vehicle moves in may be all that a mapper has seen so far. Without
-    clouds it is the first source of SCAN_SOURCES with a topic.
+    A cloud in a frame that the vehicle moves in may be all that a mapper has seen so far. Of
+    several lidars those with points in the image of camera 2 go before others, then those with
+    intensity, then the largest. Without clouds it is the first source of SCAN_SOURCES with a topic.
+
+    Args:
+        survey: Of the bag.
+        rig: The cameras of the bag.
+        notes: Remarks on the choice are added.
     """
     for place, source in enumerate(SCAN_SOURCES):
         topics = _topics_of(source, survey)
         if not topics:
             continue
-        found = _scan_of(source, topics, survey, notes)
+        found = _scan_of(source, topics, survey, rig, notes)
         if place:
             notes += _other_sources(SCAN_SOURCES[place + 1 :], survey)
         return found
@@ -86,15 +101,21 @@ def _without_info(survey: Survey) -> list[str]:
 
 
 def _scan_of(
-    source: ScanSource, topics: list[TopicSurvey], survey: Survey, notes: list[str]
+    source: ScanSource,
+    topics: list[TopicSurvey],
+    survey: Survey,
+    rig: Sequence[RigCamera],
+    notes: list[str],
 ) -> ScanPlan:
     vehicle = _Vehicle(survey)
     if types.CLOUD in source.msgtypes:
-        best = max(topics, key=lambda each: _lidar_rank(vehicle, each))
+        first = max(_kind_rank(vehicle, each) for each in topics)
+        lidars = [each for each in topics if _kind_rank(vehicle, each) == first]
+        best = max(_in_view(source, lidars, survey, rig, notes), key=_size_rank)
     elif source.needs_info:
         best = max(topics, key=lambda each: _depth_rank(survey, each))
     else:
-        best = max(topics, key=lambda each: each.count)
+        best = max(_in_view(source, topics, survey, rig, notes), key=lambda each: each.count)
     notes += pass_over('scans', best, topics)
     frame = vehicle.frame_for(best.frame)
     if frame != best.frame:
@@ -172,15 +193,78 @@ def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's type
     return None
 
 
-def _lidar_rank(vehicle: _Vehicle, topic: TopicSurvey) -> tuple[object, ...]:
-    first = _with_points(topic)
+def _kind_rank(vehicle: _Vehicle, topic: TopicSurvey) -> tuple[bool, ...]:
+    """Rank clouds by their kind: scans of a lidar before what is made of them, or of images."""
     return (
         topic.name == POINTS,
         not _MAP.search(topic.name),
         topic.count > 1,
         not is_fixed(topic.frame) and vehicle.frame_for(topic.frame) == topic.frame,
         bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame)),
-        intensity_field(first) is not None,
-        first.width * first.height,
-        topic.count,
     )
+
+
+def _size_rank(topic: TopicSurvey) -> tuple[bool, int, int]:
+    first = _with_points(topic)
+    return intensity_field(first) is not None, first.width * first.height, topic.count
+
+
+def _in_view(
+    source: ScanSource,
+    lidars: list[TopicSurvey],
+    survey: Survey,
+    rig: Sequence[RigCamera],
+    notes: list[str],
+) -> list[TopicSurvey]:
+    """Return the lidars with points in the image of camera 2, and note a choice; all if none has.
+
+    Args:
+        source: Decodes their messages.
+        lidars: Topics of one kind.
+        survey: Of the bag.
+        rig: The cameras of the bag.
+        notes: Notes are added.
+    """
+    if len(lidars) < 2:
+        return lidars
+    seen = _points_seen(source, lidars, survey, rig)
+    most = max(seen.values(), default=0)
+    found = [each for each in lidars if seen.get(each.name, 0) > _SHARED * most] if most else lidars
+    others = [each for each in lidars if each not in found]
+    if others:
+        names = ', '.join(each.name for each in others)
+        notes.append(f'scans: the camera sees points of {found[0].name}, and hardly any of {names}')
+    elif not most and rig:
+        why = (
+            'the camera sees points of none' if seen else 'no transforms tell what the camera sees'
+        )
+        notes.append(
+            f'scans: the largest of {len(lidars)} lidars is taken, for {why}; scan.topic of the'
+            f' plan chooses another'
+        )
+    return found
+
+
+def _points_seen(
+    source: ScanSource, lidars: list[TopicSurvey], survey: Survey, rig: Sequence[RigCamera]
+) -> dict[str, int]:
+    """Return the points of each lidar in the image of camera 2, by topic; only of those joined."""
+    heading = find_heading(survey.tree, None, rig)
+    cameras = with_frames(rig, survey.tree, heading, [])
+    tree = survey.tree_with([optical_link(c.bag_frame, c.forward) for c in cameras if c.forward])
+    cameras = [each for each in cameras if each.focal]
+    if not cameras:
+        return {}
+    camera = choose_cameras(tree, heading, cameras).cameras[2]
+    seen = {}
+    for topic in lidars:
+        camera_t_lidar = tree.find(camera.frame, topic.frame)
+        # What cannot be decoded is reported later; forks define fields without, or otherwise.
+        with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
+            if camera_t_lidar is not None and camera.info is not None:
+                needs = needs_of_plan(ScanPlan(topic.name, topic.frame), source, survey)
+                look = next(each for each in topic.looks if source.suits(each))
+                points = source.decode(look, needs).points[:, :3].astype(np.float64)
+                inside = camera_model(camera.info.looks[0]).sees(camera_t_lidar.apply(points))
+                seen[topic.name] = int(np.count_nonzero(inside))
+    return seen

@@ -41,6 +41,8 @@ from .header import make_header
 from .ros_types import CameraInfo, RegionOfInterest
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
 
@@ -169,6 +171,15 @@ class CameraModel:
     def offset(self) -> Float64Array:
         """(3,) metres that P's fourth column adds to points of the rectified frame."""
         return np.asarray(np.linalg.solve(self.p[:, :3], self.p[:, 3]), np.float64)
+
+    def sees(self, points: Float64Array) -> npt.NDArray[np.bool_]:
+        """Return (N,) which of (N, 3) points of the optical frame are in the rectified image."""
+        with np.errstate(all='ignore'):
+            pixels = (points @ self.r.T) @ self.p[:, :3].T + self.p[:, 3]
+            u, v = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
+            ahead = pixels[:, 2] > 0
+            found = ahead & (u >= 0) & (v >= 0) & (u < self.size[0]) & (v < self.size[1])
+        return np.asarray(found)
 
 
 def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's types
