@@ -34,7 +34,7 @@ _IMPORTS = {
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
     'player': 'model files options kitti messages bags exporter importer own_bags',
-    'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures'
+    'report': 'model options drawing kitti messages bags exporter importer own_bags pictures'
     ' evaluation',
     'bridge': 'model options messages player',
     'node': 'model options messages player',

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..drawing.objects import objects_of
+from ..files.image_files import decode_image
+from ..files.png.encode import encode_png
 from ..model.errors import MissingDataError, UsageError
-from ..model.samples import FrameLabels, Image, OxtsPacket, Pose, Scan
+from ..model.samples import PNG, FrameLabels, Image, OxtsPacket, Pose, Scan
 from ..model.streams import CAMERA_COUNT, IMAGE_STREAMS, Stream
 from .calibration import CalibratedRig
 from .objects import FrameObject
@@ -143,7 +145,8 @@ class Frame:
             MissingDataError: The frame has no image of it.
         """
         _check_camera(camera)
-        return cast('Image', self._need(IMAGE_STREAMS[camera], f'image of camera {camera}')).png
+        image = cast('Image', self._need(IMAGE_STREAMS[camera], f'image of camera {camera}'))
+        return image.data if image.format == PNG else encode_png(decode_image(image))
 
     @cached_property
     def calibration(self) -> CalibratedRig | None:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..drawing.pixels import colour_pixels
-from ..files.png.decode import decode_png
+from ..files.image_files import decode_image, parse_image
 from ..files.png.encode import encode_png
-from ..files.png.header import parse_image
 from ..kitti import names
 from ..kitti.scan_file import format_scan, format_scan_text, parse_scan, parse_scan_text
 from ..kitti.semantic_file import format_point_labels, parse_point_labels
@@ -80,7 +79,7 @@ def write_point_labels(path: AnyPath, labels: npt.NDArray[np.uint32]) -> None:
 
 
 def read_image(path: AnyPath) -> npt.NDArray[np.uint8]:
-    """Read a PNG: (H, W, 3) uint8 RGB; of a grey one all three channels are equal.
+    """Read a PNG or JPEG: (H, W, 3) uint8 RGB; of a grey one all three channels are equal.
 
     Raises:
         KittiRos2Error: The file is missing or damaged.
@@ -88,9 +87,9 @@ def read_image(path: AnyPath) -> npt.NDArray[np.uint8]:
     with file_at(path) as file:
         image = parse_image(STORE.read(file), file)
         try:
-            return np.ascontiguousarray(colour_pixels(decode_png(image))[..., ::-1])
+            return np.ascontiguousarray(colour_pixels(decode_image(image))[..., ::-1])
         except ValueError as error:
-            raise BadFileError(file, str(error), 'a whole PNG') from None
+            raise BadFileError(file, str(error), 'a whole image') from None
 
 
 def write_image(path: AnyPath, pixels: npt.NDArray[np.uint8]) -> None:

@@ -164,4 +164,4 @@ def _summarize(
         f' took {elapsed:.1f} s ({rate})'
     )
     if images is Images.COMPRESSED and recording.cameras:
-        say('images are the PNG files themselves; --images raw decodes them')
+        say('images are the files themselves, PNG or JPEG; --images raw decodes them')

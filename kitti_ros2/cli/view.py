@@ -12,15 +12,18 @@ from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..files.replacing import keep_all
 from ..files.staging import refuse_inside, staged, staged_file
+from ..kitti.recording import KittiRecording
 from ..kitti.result_files import ResultFiles
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_view_settings
+from ..own_bags.recording import BagRecording
 from ..pictures.modes import MODES
 from ..pictures.movie import NO_H264, Movie, has_h264
 from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
 from ..pictures.predictions import Predictions
+from ..pictures.recording_frames import RecordingFrames
 from ..pictures.series import (
     PictureTally,
     concerned_losses,
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..drawing.pixels import Pixels
+    from ..kitti.names import FileNames
     from ..model.losses import Loss
     from ..options.settings import ViewSettings
     from ..pictures.frame import FrameData, FrameSource
@@ -69,13 +73,19 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     refuse_inside(src, out)
     _check(out, settings, single=single)
     path, overlaps = settings.predictions.path, settings.predictions.overlaps
-    results = None if path is None else ResultFiles(path)
-    refine = _keep if results is None else Predictions(results.read, overlaps).add_to
     with closing(open_frames(src, settings.read)) as source:
+        results = None if path is None else ResultFiles(path, frames=_names_of(source))
+        refine = _keep if results is None else Predictions(results.read, overlaps).add_to
         losses = _draw(source, settings, out, refine, quiet=quiet)
     losses += () if results is None else results.losses
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
+
+
+def _names_of(source: FrameSource) -> FileNames | None:
+    """Return how the frames are named, if KITTI's numbers of them are known."""
+    recording = source.recording if isinstance(source, RecordingFrames) else None
+    return recording.file_names if isinstance(recording, (KittiRecording, BagRecording)) else None
 
 
 def _draw(

@@ -51,8 +51,12 @@ class GivenList:
         self.path = path
         self.name = path.name.removesuffix(names.TXT)
         self._noun = found.noun
-        self._parsed = parse_image_set(STORE.read_text(path), path, frames=found.lists_frames)
-        units = found.testing if found.is_of_testing(self.name) else found.units
+        testing = found.is_of_testing(self.name)
+        known = found.testing_frames if testing else found.frames
+        self._parsed = parse_image_set(
+            STORE.read_text(path), path, frames=found.lists_frames, known=known
+        )
+        units = found.testing if testing else found.units
         self._unchecked = units is None
         every = self._parsed.entries
         self.entries = [*every] if units is None else [name for name in every if name in units]

@@ -60,6 +60,7 @@ class UnitSet:
             the set itself is of them.
         losses: Missing data.
         notes: Remarks.
+        frames, testing_frames: How the frames of an object set are named.
     """
 
     layout: Layout
@@ -69,6 +70,8 @@ class UnitSet:
     testing: dict[str, Unit] | None
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
+    frames: names.FileNames = names.SIX_DIGITS
+    testing_frames: names.FileNames = names.SIX_DIGITS
 
     @property
     def lists_frames(self) -> bool:
@@ -130,16 +133,21 @@ def _frames(
     units = _units_of(chosen, mapping)
     losses = list(chosen.losses)
     if by_drive and mapping is not None:
-        losses += _beyond(units, mapping)
+        losses += _beyond(units, mapping, chosen.file_names)
         units = {name: unit for name, unit in units.items() if unit.drive is not None}
     other = recordings.get(names.SPLITS[1])
     testing = units if is_testing else None if other is None else _units_of(other, None)
-    return UnitSet(layout, chosen.root, 'frame', units, testing, tuple(losses), notes)
+    frames = chosen.file_names
+    others = frames if other is None else other.file_names
+    found = tuple(losses)
+    return UnitSet(layout, chosen.root, 'frame', units, testing, found, notes, frames, others)
 
 
-def _beyond(units: Mapping[str, Unit], mapping: ObjectMapping) -> list[Loss]:
+def _beyond(
+    units: Mapping[str, Unit], mapping: ObjectMapping, frames: names.FileNames
+) -> list[Loss]:
     """Return the frames without a drive, which are in no list."""
-    numbers = tuple(int(unit.name) for unit in units.values() if unit.drive is None)
+    numbers = tuple(frames.number(each.name) or 0 for each in units.values() if not each.drive)
     reason = mapping.beyond.replace('{', '(').replace('}', ')')
     text = f'{reason}; in no list: frames {{}}'
     return [Loss('frames', len(numbers), text, numbers)] if numbers else []
@@ -165,7 +173,7 @@ def _numbers(recording: KittiRecording) -> Int64Array:
 def _units_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[str, Unit]:
     units = {}
     for number in _numbers(recording).tolist():
-        name = names.file_name(number, names.FRAME_DIGITS, '')
+        name = recording.file_names.stem(number)
         origin = None if mapping is None else mapping.get(number)
         units[name] = Unit(name) if origin is None else Unit(name, 1, origin.drive, origin.number)
     return units

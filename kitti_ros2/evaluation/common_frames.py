@@ -31,7 +31,7 @@ def common_frames(
         UsageError: There is none to score.
     """
     labelled, answered = ({*each.boxes, *_unread(each)} for each in (truth, found))
-    wanted, losses = (labelled | answered, []) if listed is None else _read_list(listed)
+    wanted, losses = (labelled | answered, []) if listed is None else _read_list(listed, truth)
     losses += [loss for each in (truth, found) for loss in each.losses if _concerns(loss, wanted)]
     labelled |= wanted if truth.complete else set()
     answered |= labelled if found.complete else set()
@@ -62,11 +62,13 @@ def _unread(frames: FrameBoxes) -> set[int]:
     return {number for loss in frames.losses for number in loss.numbers} - frames.boxes.keys()
 
 
-def _read_list(path: Path) -> tuple[set[int], list[Loss]]:
+def _read_list(path: Path, truth: FrameBoxes) -> tuple[set[int], list[Loss]]:
     """Read the numbers of a list of frames; its invalid lines are losses."""
-    found = parse_image_set(STORE.read_text(path), path, frames=True)
+    known = truth.frames
+    found = parse_image_set(STORE.read_text(path), path, frames=True, known=known)
     losses = [Loss('frames', 1, reason) for reason in found.invalid]
-    return {int(name) for name in found.entries}, losses
+    numbers = (known.number(name) for name in found.entries)
+    return {number for number in numbers if number is not None}, losses
 
 
 def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> UsageError:

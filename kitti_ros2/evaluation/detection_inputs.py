@@ -45,12 +45,14 @@ def read_frames(
     Raises:
         KittiRos2Error: A path cannot be read.
     """
-    if holds_bag(results):
+    in_bag = holds_bag(results)
+    if not in_bag:
+        _refuse_bag_options(results, recorded)
+    truth = read_ground_truth(ground_truth, read, progress)
+    if in_bag:
         found = _read_bag(results, ground_truth, read, recorded)
     else:
-        _refuse_bag_options(results, recorded)
-        found = read_boxes(results, 'results', progress)
-    truth = read_ground_truth(ground_truth, read, progress)
+        found = read_boxes(results, 'results', progress, truth.frames)
     labelled, detected = _scores(truth), _scores(found)
     if labelled and None not in labelled and {*detected} == {None}:
         raise UsageError(

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..kitti.names import SIX_DIGITS, FileNames
 from ..kitti.result_files import ResultFiles
 from ..model.errors import BadFileError, describe_error
 from ..model.losses import Loss
@@ -31,6 +32,7 @@ class FrameBoxes:
             otherwise nothing is known of them.
         losses: Lines and files that could not be read.
         notes: Other remarks, one line each.
+        frames: How the frames are named.
     """
 
     source: Path
@@ -38,22 +40,29 @@ class FrameBoxes:
     complete: bool = False
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
+    frames: FileNames = SIX_DIGITS
 
 
-def read_boxes(path: Path, stream: str, progress: Progress = lambda: None) -> FrameBoxes:
+def read_boxes(
+    path: Path,
+    stream: str,
+    progress: Progress = lambda: None,
+    frames: FileNames | None = None,
+) -> FrameBoxes:
     """Read all boxes of a folder of files named by frame, or of a tracker's file.
 
     Args:
         path: See ResultFiles.
         stream: For losses: invalid lines and files.
         progress: Called for each frame.
+        frames: How the frames of the labels are named.
 
     Raises:
         UsageError: The path contains no such files; the message says what to give.
         BadFileError: A tracker's file is no text, or has no frame numbers.
         OSError: A tracker's file cannot be read.
     """
-    files = ResultFiles(path, stream)
+    files = ResultFiles(path, stream, frames)
     boxes: dict[int, list[Box]] = {}
     losses = [*files.losses]
     for number in files.numbers:
@@ -64,4 +73,4 @@ def read_boxes(path: Path, stream: str, progress: Progress = lambda: None) -> Fr
             losses.append(Loss(stream, 1, describe_error(error), (number,)))
             continue
         losses += [Loss(stream, 1, str(error), (number,)) for error in errors]
-    return FrameBoxes(files.root, boxes, files.complete, tuple(losses))
+    return FrameBoxes(files.root, boxes, files.complete, tuple(losses), frames=files.frames)

@@ -11,22 +11,24 @@ from typing import TYPE_CHECKING
 from ..bags.locate import is_bag
 from ..importer.labels import ImageOf, TrackIds, make_boxes
 from ..kitti.layouts import open_recording
-from ..kitti.names import OBJECT_LABELS, SPLITS, TRACKING_LABELS, TXT
+from ..kitti.names import LABEL_FOLDERS, SPLITS, TRACKING_LABELS, TXT
 from ..kitti.result_files import find_frame_files
+from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error, MissingPathError, UsageError, describe_error
 from ..model.layouts import Layout
 from ..model.losses import Loss
 from ..model.streams import Stream
+from ..options.read import ReadOptions
 from .frame_boxes import FrameBoxes, read_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from ..kitti.names import FileNames
     from ..kitti.recording import KittiRecording
     from ..model.boxes import Box
     from ..model.samples import FrameLabels
-    from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from .frame_boxes import Progress
 
@@ -56,7 +58,7 @@ def read_ground_truth(
             return _read_recording(path, recording, progress)
     files = path if path.is_file() else _label_folder(path, options)
     if files is not None:
-        return read_boxes(files, _STREAM, progress)
+        return read_boxes(files, _STREAM, progress, _names_around(files))
     return _read_recording(path, open_recording(*recording_of(path, options)), progress)
 
 
@@ -101,16 +103,26 @@ def recording_of(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
         sequence = options.sequence or whole.stem
         return whole.parents[1], replace(options, layout=Layout.TRACKING, sequence=sequence)
     folder = _label_folder(whole, options)
-    if folder is not None and folder.name == OBJECT_LABELS:
+    if folder is not None and folder.name in LABEL_FOLDERS:
         return folder.parent, options
     return path, options
+
+
+def _names_around(files: Path) -> FileNames | None:
+    """Return the names of the frames of the set that labels belong to, if they are no numbers."""
+    if files.name not in LABEL_FOLDERS or not STORE.find_frames({files: (TXT,)}, 1).stems:
+        return None
+    return open_recording(files.parent, ReadOptions(layout=Layout.OBJECT)).file_names
 
 
 def _label_folder(path: Path, options: ReadOptions) -> Path | None:
     """Return the folder with the labels of the object layout; None for other recordings."""
     if options.layout is not None or options.sequence is not None:
         return None
-    folders = (path, path / OBJECT_LABELS, path / SPLITS[0] / OBJECT_LABELS)
+    folders = [
+        path,
+        *(folder / name for folder in (path, path / SPLITS[0]) for name in LABEL_FOLDERS),
+    ]
     return next(filter(None, map(find_frame_files, folders)), None)
 
 
@@ -149,7 +161,7 @@ def _read_recording(
         losses += [Loss(_STREAM, 1, reason, (number,)) for reason in labels.missing.values()]
         if labels.cuboids:
             notes = (f'{path}: tracklets count as visible: their occlusion is not read',)
-    return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes)
+    return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes, frames=recording.file_names)
 
 
 def _boxes_of(

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from ..files.png.decode import decode_png
+from ..files.image_files import decode_image
 from ..messages.cdr import Message
 from ..messages.map_frame import has_no_gravity
 from ..messages.moment import Moment, make_rig
@@ -127,7 +127,7 @@ class Encoder:
             lambda: self._recording.calibration(entry.number),
             lambda: self._recording.trails(entry.number),
             entry.stream.camera or 0,
-            _once(decode_png),
+            _once(decode_image),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
             lambda text: self.remarks.add_estimated(text, entry.number),

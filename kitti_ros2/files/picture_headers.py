@@ -9,10 +9,12 @@ Sources: PNG (W3C, 3rd edition), sections 5.2 and 5.3; ITU T.81 (JPEG), B.1.1.3 
 from __future__ import annotations
 
 import struct
+from typing import NamedTuple
 
 from .checksums import crc32
 
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
+JPEG_SIGNATURE = b'\xff\xd8\xff'
 _RIFF_HEAD = 8
 _WEBP_BODY = 10
 _CHUNK = struct.Struct('>I4s')
@@ -21,7 +23,7 @@ _CRC_BYTES = 4
 _PNG_SIZE = struct.Struct('>16xII')
 # Frame headers are C0 to CF without C4, C8 and CC.
 _JPEG_SEGMENT = struct.Struct('>BBH')
-_JPEG_SIZE = struct.Struct('>BHH')
+_JPEG_FRAME = struct.Struct('>BHHB')
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
@@ -30,19 +32,34 @@ def png_size(data: bytes) -> tuple[int, int]:
     return _PNG_SIZE.unpack_from(data) if len(data) >= _PNG_SIZE.size else (0, 0)
 
 
+class JpegFrame(NamedTuple):
+    """The frame header of a JPEG: its size, its number of components, and where it ends."""
+
+    width: int
+    height: int
+    components: int
+    end: int
+
+
 def jpeg_size(data: bytes) -> tuple[int, int]:
     """Return (width, height); zeros without a frame header."""
+    frame = jpeg_frame(data)
+    return (0, 0) if frame is None else frame[:2]
+
+
+def jpeg_frame(data: bytes) -> JpegFrame | None:
+    """Return the frame header; None without one."""
     offset = 2
-    while offset + _JPEG_SEGMENT.size + _JPEG_SIZE.size <= len(data):
+    while offset + _JPEG_SEGMENT.size + _JPEG_FRAME.size <= len(data):
         mark, kind, length = _JPEG_SEGMENT.unpack_from(data, offset)
         if mark != 0xFF:
             break
         if kind in _JPEG_FRAMES:
-            _, height, width = _JPEG_SIZE.unpack_from(data, offset + _JPEG_SEGMENT.size)
-            return width, height
+            _, height, width, count = _JPEG_FRAME.unpack_from(data, offset + _JPEG_SEGMENT.size)
+            return JpegFrame(width, height, count, offset + 2 + length)
         # Fill bytes before a marker, and markers without a segment, are one and two bytes.
         offset += 1 if kind == 0xFF else 2 + length
-    return 0, 0
+    return None
 
 
 def is_webp(data: bytes) -> bool:

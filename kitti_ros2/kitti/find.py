@@ -100,24 +100,42 @@ def _is_drive(path: Path) -> bool:
 
 
 def _has_frames(path: Path) -> bool:
-    """Whether the sub-folders contain images or scans named by six digits."""
-    return _has_numbered(path, names.BIN, names.SCANS) or _has_numbered(
-        path, names.PNG, *names.OBJECT_IMAGES
+    """Whether the sub-folders contain images or scans, whatever their names."""
+    return _has_files(path, (names.BIN,), names.SCANS) or _has_files(
+        path, names.IMAGE_SUFFIXES, *names.OBJECT_IMAGES
     )
 
 
 def _has_object_text(path: Path) -> bool:
-    return _has_numbered(path, names.TXT, names.CALIB, names.OBJECT_LABELS)
+    """Whether the sub-folders contain texts of frames.
+
+    Calibrations of four digits alone are those of tracking sequences, and a folder calib may be
+    anyone's.
+    """
+    texts = (names.TXT,)
+    if _has_files(path, texts, *names.LABEL_FOLDERS):
+        return True
+    return _has_files(
+        path, texts, names.CALIB, digits=None if _has_frames(path) else names.FRAME_DIGITS
+    )
 
 
-def _has_numbered(path: Path, suffix: str, *folders: str) -> bool:
-    """Whether one of the sub-folders has a file named by six digits."""
+def _has_files(
+    path: Path, suffixes: tuple[str, ...], *folders: str, digits: int | None = None
+) -> bool:
+    """Whether one of the sub-folders has a file of a suffix; of so many digits, if given."""
     present = STORE.names(path)
     return any(
-        len(STORE.list_numbered(path / folder, (suffix,), names.FRAME_DIGITS).numbers)
+        suffix.lower() in suffixes and (digits is None or _is_number(stem, digits))
         for folder in folders
         if folder in present
+        for stem, suffix in map(names.split_name, STORE.names(path / folder))
+        if not stem.startswith('.')
     )
+
+
+def _is_number(stem: str, digits: int) -> bool:
+    return len(stem) == digits and names.number_of(stem) is not None
 
 
 def _has_odometry_text(path: Path) -> bool:
@@ -151,7 +169,9 @@ def _tracking_sequences(split: Path) -> list[str]:
             for name in STORE.names(split / folder)
             if _is_sequence_name(name) and (split / folder / name).is_dir()
         }
-    for folder in (names.CALIB, names.OXTS, names.TRACKING_LABELS):
+    # Calibrations of frames may have four digits, too.
+    texts = () if _is_object_split(split) else (names.CALIB,)
+    for folder in (*texts, names.OXTS, names.TRACKING_LABELS):
         found |= {
             name.removesuffix(names.TXT)
             for name in STORE.names(split / folder)
@@ -161,4 +181,4 @@ def _tracking_sequences(split: Path) -> list[str]:
 
 
 def _is_sequence_name(name: str) -> bool:
-    return len(name) == names.SEQUENCE_DIGITS and name.isdecimal()
+    return _is_number(name, names.SEQUENCE_DIGITS)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _MARK = '\ufeff'
-_COUNTED = ('are blank', 'repeat another', 'have not six digits')
+_COUNTED = ('are ', 'repeat ', 'have not ')
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,16 @@ class ImageSet:
     repaired: tuple[str, ...] = ()
 
 
-def parse_image_set(text: str, path: Path | str, *, frames: bool) -> ImageSet:
+def parse_image_set(
+    text: str, path: Path | str, *, frames: bool, known: names.FileNames = names.SIX_DIGITS
+) -> ImageSet:
     """Parse a list.
 
     Args:
         text: Its content.
         path: For the reasons.
-        frames: Whether names are frame numbers, as in object sets.
+        frames: Whether names are those of frames, as in object sets.
+        known: How the frames are named.
     """
     entries: dict[str, int] = {}
     invalid: list[str] = []
@@ -55,31 +58,44 @@ def parse_image_set(text: str, path: Path | str, *, frames: bool) -> ImageSet:
         repaired['end in CRLF'] = [text[: text.index('\r')].count('\n') + 1]
     for place, line in enumerate(text.rstrip().splitlines(), 1):
         word = line.strip()
-        name = _frame_name(word) if frames else word
+        name = _frame_name(word, known) if frames else word
         if not word:
             repaired.setdefault('are blank', []).append(place)
         elif name is None or len(word.split()) > 1:
-            expected = 'a frame number of six digits' if frames else 'one name'
+            expected = _expected(known) if frames else 'one name'
             invalid.append(f'{path}:{place}: {word!r}; expected {expected}')
         elif name in entries:
             repaired.setdefault('repeat another', []).append(place)
         else:
             if name != word:
-                repaired.setdefault('have not six digits', []).append(place)
+                repaired.setdefault(_unlike(known), []).append(place)
             entries[name] = place
     return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
 
 
-def _frame_name(word: str) -> str | None:
-    """Return a frame number with six digits; None if the word is none."""
-    if not (word.isascii() and word.isdecimal()) or len(word) > names.FRAME_DIGITS:
-        return None
-    return word.zfill(names.FRAME_DIGITS)
+def _frame_name(word: str, known: names.FileNames) -> str | None:
+    """Return the name of a frame as its files have it; None if the word is none."""
+    number = known.number(word)
+    return None if number is None else known.stem(number)
+
+
+def _expected(known: names.FileNames) -> str:
+    if known.stems:
+        return f'the name of a frame, such as {known.stem(0)}'
+    return f'a frame number of {_digits(known)} digits'
+
+
+def _unlike(known: names.FileNames) -> str:
+    return f'have not {_digits(known)} digits'
+
+
+def _digits(known: names.FileNames) -> str:
+    return 'six' if known.digits == names.FRAME_DIGITS else str(known.digits)
 
 
 def _remarks(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:
     for fault, lines in repaired.items():
-        count = f'{len(lines)} of the lines' if fault in _COUNTED else 'lines'
+        count = f'{len(lines)} of the lines' if fault.startswith(_COUNTED) else 'lines'
         yield f'{path}:{lines[0]}: {count} {fault}'
 
 

@@ -6,15 +6,37 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..files.png.header import TRAILING_BYTES, parse_image
+from ..files.image_files import parse_image
+from ..files.picture_headers import JPEG_SIGNATURE, jpeg_frame
+from ..files.png.header import TRAILING_BYTES
 from ..model.errors import BadFileError, MissingDataError, describe_error
 from ..model.streams import Stream
+from .names import JPEGS
 from .store import STORE
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..model.samples import Image
     from .recording import KittiRecording
+
+
+_JPEG_BYTES = 1 << 16
+"""The frame header of a JPEG comes after its tables and a thumbnail."""
+
+
+def read_image_header(path: Path) -> Image:
+    """Read an image from the two ends of its file; its data are incomplete.
+
+    Raises:
+        BadFileError: It is no image, or cut.
+        OSError: It cannot be read.
+    """
+    length = _JPEG_BYTES if path.suffix.lower() in JPEGS else TRAILING_BYTES
+    ends, size = STORE.read_ends(path, length)
+    if ends.startswith(JPEG_SIGNATURE) and jpeg_frame(ends) is None:
+        return parse_image(STORE.read(path), path)
+    return parse_image(ends, path, size)
 
 
 def image_size(
@@ -59,8 +81,7 @@ def _read_size(path: Path, otherwise: str) -> tuple[int, int]:
         MissingDataError: There is no valid image.
     """
     try:
-        ends, size = STORE.read_ends(path, TRAILING_BYTES)
-        image = parse_image(ends, path, size)
+        image = read_image_header(path)
     except FileNotFoundError:
         raise MissingDataError(
             f'{path}: no such file; the size of the image is needed'

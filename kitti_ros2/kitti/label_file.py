@@ -16,16 +16,21 @@ Columns, separated by blanks (source: readme.txt of the object and tracking devk
 - score: detections only
 
 Object files have two decimals, tracking files six.
+
+label_all of Waymo in KITTI's format has the camera of the 2D box where results have the score, and
+maybe a name of the track behind it (source: save_label of mmdetection3d's converter, 1.1).
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from ..model.boxes import DONT_CARE, Box, is_absurd
 from ..model.errors import BadFileError
 from ..model.samples import FrameLabels
+from .names import WAYMO_LABELS
 from .text_file import Lines, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
@@ -38,6 +43,8 @@ EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a sco
 
 _OBJECT_COLUMNS = 15
 TRACK_COLUMNS = (17, 18)
+_CAMERA = 2
+_NO_BOX = (0.0, 0.0, 0.0, 0.0)
 _TRACKS = 2**31  # ids of markers are int32
 
 
@@ -46,7 +53,20 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
 
     Object and tracking lines differ in their number of columns.
     """
-    return parse_lines(text, path, EXPECTED, parse_box)
+    of_all = PurePath(path).parent.name == WAYMO_LABELS
+    return parse_lines(text, path, EXPECTED, _parse_of_all if of_all else parse_box)
+
+
+def _parse_of_all(line: str) -> Box:
+    """Parse the box of one line of label_all; only camera 2 has 2D boxes of labels.
+
+    Raises:
+        ValueError: As parse_box.
+    """
+    words = line.split()
+    box = parse_box(' '.join(words[:_OBJECT_COLUMNS]))
+    camera = words[_OBJECT_COLUMNS] if len(words) > _OBJECT_COLUMNS else ''
+    return box if camera in {'', str(_CAMERA)} else replace(box, box_2d=_NO_BOX)
 
 
 def parse_track(line: str, path: Path | str, number: int) -> Box | BadFileError:

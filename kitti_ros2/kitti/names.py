@@ -3,14 +3,31 @@
 """KITTI's folder and file names.
 
 Sources: the readme.txt of the raw, object, odometry and tracking devkits.
+
+Sets of others in KITTI's folders name their files with more or fewer digits, by names that are no
+numbers, or as JPEG. FileNames is the one place that knows how the files of a folder are named.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ..model.errors import UsageError
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+T = TypeVar('T')
+
+_NUMBER = re.compile(r'[0-9]+')
+
+_MOST_SHOWN = 80
+MOST_DIGITS = 12
+"""Of the numbers in the description of a bag."""
 RAW_DIGITS = 10
 FRAME_DIGITS = 6
 SEQUENCE_DIGITS = 4
@@ -42,6 +59,10 @@ SCANS = 'velodyne'
 CALIB = 'calib'
 OXTS = 'oxts'
 OBJECT_LABELS = 'label_2'
+WAYMO_LABELS = 'label_all'
+"""Labels of all cameras, as mmdetection3d's converter of Waymo wrote them up to 1.3: label_2 beside
+it has only those that camera 2 sees."""
+LABEL_FOLDERS = (WAYMO_LABELS, OBJECT_LABELS)
 OBJECT_DEPTH = 'depth_2'
 """Depth maps of camera 2, as OpenPCDet and CaDDN name the folder; KITTI's set has none."""
 TRACKING_LABELS = 'label_02'
@@ -69,6 +90,14 @@ ODOMETRY_DRIVES = {
 POINT_LABELS = 'labels'
 
 PNG = '.png'
+JPEGS = ('.jpg', '.jpeg')
+IMAGE_SUFFIXES = (PNG, *JPEGS)
+"""Of images, in any case; KITTI's own first."""
+OTHER_FORMATS = frozenset({
+    '.bmp', '.gif', '.jp2', '.pgm', '.ppm', '.tif', '.tiff', '.webp',
+    '.csv', '.las', '.laz', '.npy', '.npz', '.pcd', '.ply', '.json', '.xml',
+})  # fmt: skip
+"""Of images, scans and labels that are not read."""
 BIN = '.bin'
 TXT = '.txt'
 LABEL = '.label'
@@ -77,6 +106,214 @@ LABEL = '.label'
 def file_name(number: int, digits: int, suffix: str) -> str:
     """Return the name of a numbered file, such as 0000000012.png."""
     return f'{number:0{digits}d}{suffix}'
+
+
+def number_of(stem: str) -> int | None:
+    """Return the number that a stem is; None for others, and for more digits than KITTI has.
+
+    Longer ones are time stamps, which are names here: they are no places in a sequence.
+    """
+    is_number = stem.isdecimal() and stem.isascii() and len(stem) <= RAW_DIGITS
+    return int(stem) if is_number else None
+
+
+@dataclass(frozen=True, eq=False)
+class FileNames:
+    """How the files of a folder, or the frames of a recording, are named.
+
+    Attributes:
+        digits: The digits of numbers, filled with zeros.
+        suffix: The suffix of most files; empty for the frames of a recording.
+        stems: Where names are no numbers: the stem of each frame, whose number is its place here.
+        others: The whole names of files with other digits or another suffix, by number.
+    """
+
+    digits: int
+    suffix: str = ''
+    stems: Sequence[str] = ()
+    others: Mapping[int, str] = field(default_factory=dict)
+
+    def stem(self, number: int) -> str:
+        """Return the name of a frame, without a suffix."""
+        if 0 <= number < len(self.stems):
+            return self.stems[number]
+        return file_name(number, self.digits, '')
+
+    def name(self, number: int) -> str:
+        """Return the name of a file."""
+        return self.others.get(number) or f'{self.stem(number)}{self.suffix}'
+
+    def number(self, stem: str) -> int | None:
+        """Return the number of a frame by its name; None if no frame has such a name."""
+        return self._numbers.get(stem) if self.stems else number_of(stem)
+
+    @property
+    def example(self) -> str:
+        """A name like those of the files, for errors."""
+        return self.name(0)
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {stem: number for number, stem in enumerate(self.stems)}
+
+
+FRAME_NAMES = 'names'
+"""The stems of frames that are no numbers, in a description."""
+
+
+SIX_DIGITS = FileNames(FRAME_DIGITS)
+"""Of KITTI's frames but for raw drives."""
+
+
+def describe_names(names: FileNames) -> dict[str, object]:
+    """Describe the names in a folder; the stems of frames are those of the recording."""
+    found: dict[str, object] = {'digits': names.digits, 'suffix': names.suffix}
+    return {**found, 'others': [*names.others.items()]} if names.others else found
+
+
+def parse_names(values: Mapping[str, Any], stems: Sequence[str]) -> FileNames:
+    """Parse the names in a folder; the inverse of describe_names.
+
+    Raises:
+        ValueError: A name is no name of a file, or two files have one.
+        KeyError, TypeError: They are not described.
+    """
+    digits, suffix = int(values['digits']), str(values['suffix'])
+    others = {int(number): str(name) for number, name in values.get('others', ())}
+    known = (*IMAGE_SUFFIXES, BIN, TXT)
+    if not 0 < digits <= MOST_DIGITS or suffix.lower() not in known:
+        raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
+    if any(split_name(name)[1].lower() not in known for name in others.values()):
+        raise ValueError('files of another suffix')
+    for name in (*stems, *others.values()):
+        if not name or '/' in name or '\0' in name or name.startswith('.'):
+            raise ValueError(f'a file named {name[:_MOST_SHOWN]!r}')
+    found = FileNames(digits, suffix, stems, others)
+    if len({*others.values()}) < len(others) or len({*stems}) < len(stems):
+        raise ValueError('two files of one name')
+    if any(found.number(split_name(name)[0]) != number for number, name in others.items()):
+        raise ValueError('files named by other numbers')
+    return found
+
+
+class NumberedNames(NamedTuple):
+    """The names in a folder, by number.
+
+    Attributes:
+        numbers: The numbers of the files, ascending.
+        names: How they are named.
+        strays: Names that are of no frame.
+        doubles: By number the names of further files of a frame, which are not read.
+    """
+
+    numbers: list[int]
+    names: FileNames
+    strays: tuple[str, ...] = ()
+    doubles: Mapping[int, tuple[str, ...]] = {}
+
+
+def find_numbered(
+    entries: Sequence[str], suffixes: tuple[str, ...], digits: int, frames: FileNames | None = None
+) -> NumberedNames:
+    """Find the files of frames among the names in a folder.
+
+    Two files of one frame are never chosen from in silence: KITTI's name is read before others,
+    and the others are doubles.
+
+    Args:
+        entries: The names.
+        suffixes: Those of the files, in lower case, KITTI's own first.
+        digits: Those of KITTI's names.
+        frames: The names of the frames, where they are no numbers.
+    """
+    frames = frames or FileNames(digits)
+    usual, rest = [], []
+    for name in entries:
+        number = name[:digits]
+        if name[digits:] == suffixes[0] and number.isdecimal() and number.isascii():
+            usual.append(int(number))
+        elif not name.startswith('.'):
+            rest.append(name)
+    if rest or frames.stems:
+        return _find_unusual(entries, suffixes, frames)
+    return NumberedNames(usual, FileNames(digits, suffixes[0]))
+
+
+def _find_unusual(
+    entries: Sequence[str], suffixes: tuple[str, ...], frames: FileNames
+) -> NumberedNames:
+    """Find the files of frames among names that are not all like KITTI's."""
+    found: dict[int, list[tuple[int, bool, str]]] = {}
+    strays = []
+    for name in entries:
+        stem, suffix = split_name(name)
+        number = frames.number(stem) if suffix.lower() in suffixes else None
+        if number is not None:
+            place = suffixes.index(suffix.lower())
+            is_other = name != f'{frames.stem(number)}{suffixes[place]}'
+            found.setdefault(number, []).append((place, is_other, name))
+        elif not name.startswith('.'):
+            strays.append(name)
+    numbers = sorted(found)
+    several = {number: [name for *_, name in sorted(found[number])] for number in numbers}
+    chosen = {number: names[0] for number, names in several.items()}
+    return NumberedNames(
+        numbers,
+        _pattern(chosen, suffixes[0], frames),
+        tuple(strays),
+        {number: tuple(names[1:]) for number, names in several.items() if len(names) > 1},
+    )
+
+
+def _pattern(chosen: Mapping[int, str], suffix: str, frames: FileNames) -> FileNames:
+    """Return how files are named: by the digits and the suffix of most, with the others apart."""
+    parts = {number: split_name(name) for number, name in chosen.items()}
+    suffix = _most([each for _, each in parts.values()]) or suffix
+    digits = frames.digits
+    if parts and not frames.stems:
+        lengths = [len(stem) for stem, _ in parts.values()]
+        # Without zeros in front, every name has the least number of digits that it needs.
+        digits = min(lengths)
+        if any(stem != file_name(number, digits, '') for number, (stem, _) in parts.items()):
+            digits = _most(lengths) or digits
+    usual = FileNames(digits, suffix, frames.stems)
+    others = {number: name for number, name in chosen.items() if name != usual.name(number)}
+    return FileNames(digits, suffix, frames.stems, others)
+
+
+def _most(values: list[T]) -> T | None:
+    """Return the most frequent value, of several the first; None without any."""
+    return Counter(values).most_common(1)[0][0] if values else None
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Split the name of a file into stem and suffix, with its point."""
+    stem, point, suffix = name.rpartition('.')
+    return (stem, f'.{suffix}') if point and stem else (name, '')
+
+
+def find_frames(folders: Iterable[tuple[Sequence[str], tuple[str, ...]]], digits: int) -> FileNames:
+    """Return how the frames of a recording are named: by numbers, or else in the order of names.
+
+    Args:
+        folders: The names in each folder, and the suffixes of its files.
+        digits: Those of KITTI's names.
+    """
+    found: set[str] = set()
+    for entries, suffixes in folders:
+        for name in entries:
+            stem, suffix = split_name(name)
+            if suffix.lower() in suffixes and not name.startswith('.'):
+                if number_of(stem) is not None:
+                    return FileNames(digits)
+                found.add(stem)
+    return FileNames(digits, stems=tuple(sorted(found, key=_order_of(found))))
+
+
+def _order_of(stems: Iterable[str]) -> Callable[[str], tuple[list[int], str]]:
+    """Return the key of the order of names: by value where they differ in numbers only."""
+    alike = len({_NUMBER.sub('', stem) for stem in stems}) == 1
+    return lambda stem: ([*map(int, _NUMBER.findall(stem))] if alike else [], stem)
 
 
 def check_split(name: str) -> None:

@@ -10,7 +10,7 @@ home directory.
 from __future__ import annotations
 
 import os
-from collections import deque
+from collections import Counter, deque
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,6 +24,7 @@ from . import names
 from .archives import Archive, extract_command, is_archive
 from .find import absolute
 from .layout_files import LAYOUTS
+from .result_files import find_frame_files
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ _MOST_ARCHIVES = 20
 
 _FOLDERS = frozenset({
     *names.SPLITS, *names.RAW_IMAGES, *names.OBJECT_IMAGES, names.RAW_SCANS, names.SCANS,
-    names.OXTS, names.CALIB, names.OBJECT_LABELS, names.TRACKING_LABELS, names.SEQUENCES,
+    names.OXTS, names.CALIB, *names.LABEL_FOLDERS, names.TRACKING_LABELS, names.SEQUENCES,
     names.DATASET, names.POSES, names.POINT_LABELS, names.IMAGE_SETS,
 })  # fmt: skip
 _FILES = ('.png', '.bin', '.txt', '.xml', '.label', '.jpg', '.jpeg')
@@ -74,6 +75,7 @@ def explain(path: Path) -> NotKittiError:
     return (
         _explain_around(path)
         or _explain_archives(path, entries)
+        or _explain_files(path, entries)
         or _not_kitti(path, _listed(entries, complete=complete))
     )
 
@@ -160,7 +162,7 @@ def is_inside(name: str) -> bool:
 
 
 def _is_frame(stem: str) -> bool:
-    return stem.isdecimal() and len(stem) in {names.FRAME_DIGITS, names.RAW_DIGITS}
+    return names.number_of(stem) is not None and len(stem) > names.SEQUENCE_DIGITS
 
 
 # The data sets below a folder.
@@ -210,6 +212,39 @@ def _is_kitti_name(name: str) -> bool:
     if name in _FOLDERS or name in {names.ODOMETRY_CALIB, names.TIMES}:
         return True
     return bool(names.RAW_DRIVE.fullmatch(name) or names.RAW_DATE.fullmatch(name))
+
+
+# Files without the folders around them.
+
+
+def _explain_files(path: Path, entries: list[str]) -> NotKittiError | None:
+    """Return what to do with a folder of scans, images or results."""
+    by_suffix = Counter(names.split_name(name)[1].lower() for name in entries)
+    if by_suffix[names.TXT] and find_frame_files(path) is not None:
+        what = 'holds label or result files'
+        return NotKittiError(path, what, [], 'eval detection GROUND_TRUTH RESULTS scores them')
+    count = sum(by_suffix[each] for each in names.IMAGE_SUFFIXES)
+    kinds = (('scan', by_suffix[names.BIN], names.SCANS), ('image', count, names.OBJECT_IMAGES[2]))
+    for noun, found, folder in kinds:
+        if found:
+            advice = (
+                f'move them to a folder {folder} in a folder of their own, and give that with'
+                f' --layout object, or odometry if they follow each other'
+            )
+            return NotKittiError(path, f'holds {format_count(found, noun)}', [], advice)
+    return _explain_formats(path)
+
+
+def _explain_formats(path: Path) -> NotKittiError | None:
+    """Return which files in the folders of a data set have a format that is not read."""
+    inside = {names.SCANS: names.BIN} | dict.fromkeys(names.OBJECT_IMAGES, names.PNG)
+    for folder in (path, *(path / split for split in names.SPLITS)):
+        for name, suffix in inside.items():
+            found = [each for each in _entries(folder / name) if not each.startswith('.')]
+            if found:
+                other = f'{folder / name} holds {some_of(found)}'
+                return NotKittiError(path, other, [], f'expected files like 000000{suffix} there')
+    return None
 
 
 # Archives.

@@ -23,6 +23,7 @@ from ..model.streams import Clock, Stream
 from . import append_journal, names
 from .calib_archives import describe_source
 from .label_file import frame_labels, parse_labels
+from .listings import listings_kept
 from .object_mapping import find_mapping, find_raw_root
 from .real_time import ENDS, REAL_TIME, STARTS, DriveStamps, describe_times
 from .recording import KittiRecording, no_calibration
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from .real_time import RealTimes
     from .store import Listing
 
-_KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB, names.OBJECT_LABELS}
+_KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB}
 
 
 class ObjectRecording(KittiRecording):
@@ -45,21 +46,33 @@ class ObjectRecording(KittiRecording):
 
     layout = Layout.OBJECT
 
+    @listings_kept()
     def __init__(self, split: Path, options: ReadOptions) -> None:
         super().__init__(split.parent, split.name, options)
         self.split = split
         self._journal = self._find_journal()
+        present = STORE.names(split)
+        labels = names.WAYMO_LABELS if names.WAYMO_LABELS in present else names.OBJECT_LABELS
         folders = {
-            Stream.CALIBRATION: (names.CALIB, names.TXT),
-            Stream.SCAN: (names.SCANS, names.BIN),
-            Stream.LABELS: (names.OBJECT_LABELS, names.TXT),
-        } | {Stream(folder): (folder, names.PNG) for folder in names.OBJECT_IMAGES}
-        for stream, (folder, suffix) in folders.items():
-            listing = STORE.list_numbered(split / folder, (suffix,), names.FRAME_DIGITS)
-            listing = self._without_unfinished(stream, listing)
+            Stream.CALIBRATION: (split / names.CALIB, (names.TXT,)),
+            Stream.SCAN: (split / names.SCANS, (names.BIN,)),
+            Stream.LABELS: (split / labels, (names.TXT,)),
+        } | {
+            Stream(folder): (split / folder, names.IMAGE_SUFFIXES) for folder in names.OBJECT_IMAGES
+        }
+        self._name_frames(dict(folders.values()), names.FRAME_DIGITS)
+        for stream, (folder, suffixes) in folders.items():
+            listing = self._without_unfinished(stream, self._list(folder, suffixes))
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
-                self.notes.append(f'{split / folder}: absent or empty, {stream.value} is left out')
+            known = stream.camera in (None, *self.layout.traits.cameras)
+            if known and not len(listing.numbers) and not listing.strays:
+                self.notes.append(f'{folder}: absent or empty, {stream.value} is left out')
+        if labels == names.WAYMO_LABELS:
+            self.notes.append(
+                f'{split / labels}: 2D boxes of cameras other than 2 are left out;'
+                ' the boxes in space are read'
+            )
+        self._require_common_names()
         self._find_gaps(folders)
         self._times: RealTimes | None = None
         if options.real_time:
@@ -67,7 +80,7 @@ class ObjectRecording(KittiRecording):
             self._add_turns(*map(self._times.turn_stamps, (STARTS, ENDS)))
         else:
             self._add_turns()
-        others = [n for n in STORE.names(split) if n not in _KNOWN and (split / n).is_dir()]
+        others = [n for n in present if n not in {*_KNOWN, labels} and (split / n).is_dir()]
         if others:
             self.notes.append(f'{split}: {", ".join(others)} not converted')
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration_of)
@@ -157,8 +170,7 @@ class ObjectRecording(KittiRecording):
         if Stream.CALIBRATION not in self.streams:
             source = describe_source(self.layout, folder)
             return no_calibration(f'{folder}: no calibration; {source}')
-        name = names.file_name(number, names.FRAME_DIGITS, names.TXT)
-        return self._load_calibration(folder / name)
+        return self._load_calibration(self._listings[Stream.CALIBRATION].path(number))
 
     def text_paths(self) -> list[Path]:
         """List the lists of frames in ImageSets."""

@@ -19,6 +19,7 @@ from ..model.stamps import LAST_NS
 from ..model.streams import Clock, Stream
 from ..options.read import ScanStamp
 from . import names
+from .listings import listings_kept
 from .poses import pose_from_odometry
 from .poses_file import parse_poses
 from .recording import KittiRecording
@@ -41,6 +42,7 @@ class OdometryRecording(KittiRecording):
     layout = Layout.ODOMETRY
     level_poses = False
 
+    @listings_kept()
     def __init__(self, sequence: Path, options: ReadOptions) -> None:
         grouped = sequence.parent.name == names.SEQUENCES
         super().__init__(
@@ -49,17 +51,20 @@ class OdometryRecording(KittiRecording):
         self.sequence = sequence
         self._times_path = sequence / names.TIMES
         self.clock = Clock.NOMINAL if self._times is None else Clock.RELATIVE
-        folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
-            Stream(f'image_{index}'): (f'image_{index}', names.PNG) for index in range(4)
+        folders = {Stream.SCAN: (sequence / names.SCANS, (names.BIN,))} | {
+            Stream(f'image_{index}'): (sequence / f'image_{index}', names.IMAGE_SUFFIXES)
+            for index in range(4)
         }
-        for stream, (folder, suffix) in folders.items():
-            listing = STORE.list_numbered(sequence / folder, (suffix,), names.FRAME_DIGITS)
-            if not (sequence / folder).is_dir():
-                self.notes.append(f'{sequence / folder}: absent, {stream.value} is left out')
+        self._name_frames(dict(folders.values()), names.FRAME_DIGITS)
+        for stream, (folder, suffixes) in folders.items():
+            listing = self._list(folder, suffixes)
+            if not folder.is_dir():
+                self.notes.append(f'{folder}: absent, {stream.value} is left out')
             elif self._times is None:
                 self._add_nominal(stream, listing.numbers, listing)
             else:
                 self._add_stamped(stream, listing, self._times, self._times_path)
+        self._require_common_names()
         self._add_poses()
         labels = sequence / names.POINT_LABELS
         if labels.is_dir() and not options.semantic:
@@ -126,7 +131,7 @@ class OdometryRecording(KittiRecording):
         scan = super()._scan(number)
         if not self.options.semantic:
             return scan
-        name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+        name = f'{self._listings[Stream.SCAN].stem(number)}{names.LABEL}'
         path = self.sequence / names.POINT_LABELS / name
         try:
             return replace(

@@ -38,7 +38,7 @@ def add_predictions(recording: KittiRecording, path: Path | None) -> None:
     """
     if path is None:
         return
-    results = ResultFiles(path)
+    results = ResultFiles(path, frames=recording.frames)
     stamps = _frame_stamps(recording)
     own, known = {*results.numbers}, sorted(stamps)
     if not own & {*known}:

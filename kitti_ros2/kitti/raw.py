@@ -22,6 +22,7 @@ from ..model.streams import Clock, Stream
 from . import names
 from .calib_archives import describe_source
 from .calib_file import parse_raw_calibration
+from .listings import listings_kept
 from .oxts_file import parse_packet
 from .recording import KittiRecording
 from .scan_file import parse_scan, parse_scan_text
@@ -44,6 +45,7 @@ class RawRecording(KittiRecording):
 
     layout = Layout.RAW
 
+    @listings_kept()
     def __init__(self, drive: Path, options: ReadOptions) -> None:
         super().__init__(drive.parent, drive.name, options)
         self.drive = drive
@@ -54,9 +56,14 @@ class RawRecording(KittiRecording):
             Stream.OXTS: (names.RAW_OXTS, (names.TXT,)),
             Stream.SCAN: (names.RAW_SCANS, (names.BIN, names.TXT)),
         } | {
-            Stream(f'image_{index}'): (folder, (names.PNG,))
+            Stream(f'image_{index}'): (folder, names.IMAGE_SUFFIXES)
             for index, folder in enumerate(names.RAW_IMAGES)
         }
+        if self.common_numbers:
+            data = {drive / name / names.RAW_DATA: suffixes for name, suffixes in folders.values()}
+            self._name_frames(data, names.RAW_DIGITS)
+        else:  # each stream has numbers of its own
+            self.frames = names.FileNames(names.RAW_DIGITS)
         self._stampless = not any(
             (drive / folder / names.TIMESTAMPS).is_file() for folder, _ in folders.values()
         )
@@ -64,6 +71,7 @@ class RawRecording(KittiRecording):
         self._unread: set[Stream] = set()
         for stream, (folder, suffixes) in folders.items():
             self._add_folder(stream, drive / folder, suffixes)
+        self._require_common_names()
         if Stream.OXTS in self.streams:
             packets = self.streams[Stream.OXTS]
             self._add(Stream.POSE, packets.numbers, packets.stamps_ns, None)
@@ -86,7 +94,7 @@ class RawRecording(KittiRecording):
             self.notes.append(f'{folder}: absent, {stream.value} is left out')
             return
         try:
-            listing = STORE.list_numbered(folder / names.RAW_DATA, suffixes, names.RAW_DIGITS)
+            listing = self._list(folder / names.RAW_DATA, suffixes)
         except OSError as error:
             self._lose_lines(stream, describe_error(error))
             self._unread.add(stream)
@@ -145,10 +153,9 @@ class RawRecording(KittiRecording):
         return [path for path in (*paths, self.drive / names.RAW_TRACKLETS) if path.is_file()]
 
     def _scan(self, number: int) -> Scan:
-        listing = self._listings[Stream.SCAN]
-        path = listing.path(number)
+        path = self._listings[Stream.SCAN].path(number)
         start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
-        if listing.suffix == names.TXT:
+        if path.suffix.lower() == names.TXT:
             points = parse_scan_text(STORE.read(path), path)
         else:
             points = parse_scan(STORE.read_array(path), path)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
-from ..files.png.header import parse_image
+from ..files.image_files import parse_image
 from ..model.errors import BadFileError, describe_error
 from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
@@ -16,6 +16,7 @@ from ..model.streams import CAMERA_NAMES, Clock, Stream
 from ..options.read import ScanStamp
 from .calib_archives import describe_source
 from .calib_file import parse_calibration
+from .names import FRAME_NAMES, describe_names
 from .recording_poses import RecordingPoses
 from .scan_file import parse_scan
 from .store import STORE
@@ -75,8 +76,7 @@ class KittiRecording(RecordingPoses):
         folders = {
             stream.value: {
                 'folder': listing.folder.relative_to(self.root).as_posix(),
-                'digits': listing.digits,
-                'suffix': listing.suffix,
+                **describe_names(listing.names),
                 'numbers': runs_of(listing.numbers.tolist()),
             }
             for stream, listing in self._listings.items()
@@ -89,6 +89,8 @@ class KittiRecording(RecordingPoses):
             'scan_stamp': self._scan_stamp.value,
             'files': folders,
         }
+        if self.frames.stems:
+            values[FRAME_NAMES] = [*self.frames.stems]
         if self.deskew is not None:
             values['deskew'] = self.deskew.value
         if self.extract is not None:

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model.errors import BadFileError
 from ..model.losses import Loss
 from ..model.recording import StreamIndex
 from ..model.stamps import LAST_NS, NS_PER_S
 from ..model.streams import Stream
 from ..model.text import some_of
 from .common_files import CommonFiles
+from .names import FRAME_DIGITS, OTHER_FORMATS, SIX_DIGITS, FileNames, split_name
+from .store import STORE
 from .turns import find_turns, scan_stamps
 
 if TYPE_CHECKING:
@@ -33,6 +36,8 @@ if TYPE_CHECKING:
 class RecordingIndex:
     """The streams of a recording and its losses, filled by the constructors of the readers."""
 
+    name: str
+
     def __init__(self, root: Path, options: ReadOptions) -> None:
         self.root = root
         self.options = options
@@ -48,7 +53,14 @@ class RecordingIndex:
         self.extract: PacketFiles | None = None
         self._late_losses: dict[tuple[Stream, str], Loss] = {}
         self._listings: dict[Stream, Listing] = {}
+        self.frames = SIX_DIGITS
         self.common_files = CommonFiles()
+
+    @property
+    def file_names(self) -> FileNames:
+        """How most streams name the files of a frame; for lists of frames."""
+        digits = [each.names.digits for each in self._listings.values() if len(each.numbers)]
+        return FileNames(digits[0] if digits else FRAME_DIGITS, stems=self.frames.stems)
 
     @property
     def late_losses(self) -> list[Loss]:
@@ -75,13 +87,55 @@ class RecordingIndex:
         """Add a stream to the index, unless it is empty."""
         if listing is not None:
             self._listings[stream] = listing
-            if listing.strays:
-                self.notes.append(
-                    f'{listing.folder}: {some_of(listing.strays)} passed over, not named like'
-                    f' {"0" * listing.digits}{listing.suffix}'
-                )
+            self._report_names(stream, listing)
         if len(numbers):
             self.streams[stream] = StreamIndex(numbers, stamps_ns)
+
+    def _name_frames(self, folders: Mapping[Path, tuple[str, ...]], digits: int) -> None:
+        """Find how the frames in the folders of a recording are named; before any is listed."""
+        self.frames = STORE.find_frames(folders, digits)
+        if stems := self.frames.stems:
+            last = len(stems) - 1
+            self.notes.append(
+                f'{self.name}: file names are no numbers; frames are numbered in their order,'
+                f' 0 is {stems[0]}' + (f', {last} is {stems[last]}' if last else '')
+            )
+
+    def _list(self, folder: Path, suffixes: tuple[str, ...]) -> Listing:
+        """List a folder of the recording."""
+        return STORE.list_numbered(folder, suffixes, self.frames.digits, self.frames)
+
+    def _report_names(self, stream: Stream, listing: Listing) -> None:
+        """Report the files of a folder that are passed over for their names."""
+        example, shown = listing.names.example, some_of(listing.strays)
+        others = [name for name in listing.strays if split_name(name)[1].lower() in OTHER_FORMATS]
+        if others and not len(listing.numbers):
+            text = f'{listing.folder}: {shown} not read; expected files like {example}'
+            self._lose_lines(stream, text, len(others))
+        elif listing.strays:
+            so = '' if len(listing.numbers) else f'; {stream.value} is left out'
+            text = f'{listing.folder}: {shown} passed over, not named like {example}{so}'
+            self.notes.append(text)
+        if listing.doubles:
+            names = some_of([name for several in listing.doubles.values() for name in several])
+            kept = listing.path(min(listing.doubles)).name
+            told = f'{listing.folder}: {names} left out; {kept} is'.replace('{', '(')
+            reason = f'{told.replace("}", ")")} another file of the same frame: {{}}'
+            self._lose(stream, [*listing.doubles], reason)
+
+    def _require_common_names(self) -> None:
+        """Require that the files of a frame have one name, where names are no numbers.
+
+        Raises:
+            BadFileError: Two folders have no name in common.
+        """
+        listed = [each for each in self._listings.values() if len(each.numbers)]
+        for listing in listed if self.frames.stems else ():
+            others = [each for each in listed if each is not listing]
+            if others and not any(np.isin(listing.numbers, o.numbers).any() for o in others):
+                own, other = (each.path(int(each.numbers[0])) for each in (listing, others[0]))
+                found = f'{own.name} and others have no file of the same name in {other.parent}'
+                raise BadFileError(listing.folder, found, 'one name, or number, for a frame')
 
     def _add_stamped(
         self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path

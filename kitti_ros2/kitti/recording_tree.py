@@ -83,12 +83,11 @@ def _(recording: RawRecording) -> RecordingTree:
     place = PurePosixPath(*dates[:1])
     calibration = calibration_beside(drive)
     scan_root = drive / names.RAW_SCANS
-    suffixes = (names.BIN, names.TXT)
     return RecordingTree(
         place / drive.name,
         ((drive, place / drive.name), *((path, place / path.name) for path in calibration)),
         scan_root,
-        STORE.list_numbered(scan_root / names.RAW_DATA, suffixes, names.RAW_DIGITS),
+        _list_scans(recording, scan_root / names.RAW_DATA, names.TXT),
     )
 
 
@@ -101,7 +100,7 @@ def _(recording: ObjectRecording) -> RecordingTree:
         place,
         ((split, place), *(lists if place.name else ())),
         scans,
-        STORE.list_numbered(scans, (names.BIN,), names.FRAME_DIGITS),
+        _list_scans(recording, scans),
     )
 
 
@@ -116,7 +115,7 @@ def _(recording: OdometryRecording) -> RecordingTree:
         place,
         ((sequence, place), *((each, _below_root(each, recording.root)) for each in poses)),
         scans,
-        STORE.list_numbered(scans, (names.BIN,), names.FRAME_DIGITS),
+        _list_scans(recording, scans),
         tuple(
             folder
             for folder in folders
@@ -135,8 +134,15 @@ def _(recording: TrackingRecording) -> RecordingTree:
         if name.partition('.')[0] == recording.name
     )
     scan_root = split / names.SCANS
-    scans = STORE.list_numbered(scan_root / recording.name, (names.BIN,), names.FRAME_DIGITS)
-    return RecordingTree(place, parts, scan_root, scans)
+    return RecordingTree(
+        place, parts, scan_root, _list_scans(recording, scan_root / recording.name)
+    )
+
+
+def _list_scans(recording: KittiRecording, folder: Path, *suffixes: str) -> Listing:
+    """List scans; unlike those of the recording, with those that cannot be used."""
+    frames = recording.frames
+    return STORE.list_numbered(folder, (names.BIN, *suffixes), frames.digits, frames)
 
 
 def _split_place(split: Path) -> PurePosixPath:

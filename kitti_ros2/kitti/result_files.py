@@ -11,15 +11,20 @@ from ..model.losses import Loss
 from ..model.samples import TextFile
 from ..model.streams import Stream
 from ..model.text import some_of
-from .label_file import frame_labels, parse_labels
+from .label_file import frame_labels, parse_box, parse_labels
 from .names import (
     CALIB,
     FRAME_DIGITS,
     OBJECT_LABELS,
     SEQUENCE_DIGITS,
+    SIX_DIGITS,
     SPLITS,
     TRACKING_LABELS,
     TXT,
+    WAYMO_LABELS,
+    FileNames,
+    number_of,
+    split_name,
 )
 from .store import STORE
 from .track_file import TrackFile
@@ -35,7 +40,8 @@ _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
 _NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
 _MOST_FOLDERS = 200
-_OF_DATA_SETS = frozenset({CALIB, OBJECT_LABELS, TRACKING_LABELS})
+_MOST_LOOKS = 20
+_OF_DATA_SETS = frozenset({CALIB, OBJECT_LABELS, WAYMO_LABELS, TRACKING_LABELS})
 
 
 class ResultFiles:
@@ -45,12 +51,14 @@ class ResultFiles:
         path: A folder with a file for each frame (like label_2), directly or in its data/; or a
             tracker's file (lines of all frames, like label_02).
         stream: For losses.
+        frames: How the frames of the labels are named; None: by numbers, or in the order of names.
 
     Attributes:
         root: The folder of the files, or the tracker's file.
         complete: Whether frames that are not in numbers have no objects, as in a tracker's file.
         numbers: The frames, ascending; of a folder those with a file.
-        losses: Files whose name is no frame number; lines of a tracker's file without one.
+        losses: Files whose name is no frame's; lines of a tracker's file without one.
+        frames: How the frames are named.
 
     Raises:
         UsageError: The path contains no result file; the message says what to give.
@@ -58,32 +66,48 @@ class ResultFiles:
         OSError: It cannot be read.
     """
 
-    def __init__(self, path: Path, stream: str = Stream.PREDICTIONS.value) -> None:
+    def __init__(
+        self,
+        path: Path,
+        stream: str = Stream.PREDICTIONS.value,
+        frames: FileNames | None = None,
+    ) -> None:
         if not path.exists():
             raise MissingPathError(path)
         self.complete = path.is_file()
-        self.root = path if self.complete else _folder_of(path)
+        self.root = path if self.complete else _folder_of(path, frames)
         self._stream = stream
         self._absent = f'{self.root}: no result file for frames {{}}'
         self._tracks = _read_tracks(path) if self.complete else None
         if self._tracks is None:
-            listing = STORE.list_numbered(self.root, (TXT,), FRAME_DIGITS)
-            self.numbers: tuple[int, ...] = tuple(listing.numbers.tolist())
-            self.losses = self._misnamed(listing.strays)
+            self.frames = frames or STORE.find_frames({self.root: (TXT,)}, FRAME_DIGITS)
+            self._listing = STORE.list_numbered(self.root, (TXT,), FRAME_DIGITS, self.frames)
+            self.numbers: tuple[int, ...] = tuple(self._listing.numbers.tolist())
+            self.losses = self._misnamed()
         else:
+            self.frames = frames or SIX_DIGITS
             self.numbers = tuple(sorted(self._tracks.rows))
             self.losses = tuple(Loss(stream, 1, str(error)) for error in self._tracks.errors)
         self._known = frozenset(self.numbers)
 
-    def _misnamed(self, strays: Sequence[str]) -> tuple[Loss, ...]:
-        names = [name for name in strays if name.removesuffix(TXT).isdecimal()]
-        expected = f'expected names of {FRAME_DIGITS} digits, {_NAMED}'
-        text = f'{self.root}: {some_of(names)}; {expected}'
-        return (Loss(self._stream, len(names), text),) if names else ()
+    def _misnamed(self) -> tuple[Loss, ...]:
+        """Return the files of no frame, and those of a frame that has another."""
+        listing = self._listing
+        of_none = [name for name in listing.strays if self.frames.stems and name.endswith(TXT)]
+        doubles = [name for names in listing.doubles.values() for name in names]
+        texts = {
+            f'{self.root}: {some_of(of_none)}: no frame has this name': of_none,
+            f'{self.root}: {some_of(doubles)} not read; their frames have other files': doubles,
+        }
+        return tuple(
+            Loss(self._stream, len(names), text.replace('{', '(').replace('}', ')'))
+            for text, names in texts.items()
+            if names
+        )
 
     def path(self, number: int) -> Path:
         """Return the file of a frame."""
-        return self.root / f'{number:0{FRAME_DIGITS}d}{TXT}' if self._tracks is None else self.root
+        return self._listing.path(number) if self._tracks is None else self.root
 
     def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
         """Read the boxes of a frame, and an error for each invalid line; none if it has no file.
@@ -136,19 +160,54 @@ def find_frame_files(path: Path, digits: int = FRAME_DIGITS) -> Path | None:
 
 
 def _named_by(folder: Path, digits: int) -> bool:
-    return bool(len(STORE.list_numbered(folder, (TXT,), digits).numbers))
+    texts = [name for name in STORE.names(folder) if _is_text(name)]
+    if any(len(number_text(name)) == digits for name in texts):
+        return True
+    return digits == FRAME_DIGITS and _are_labels(folder, texts[:_MOST_LOOKS])
 
 
-def _folder_of(path: Path) -> Path:
+def _is_text(name: str) -> bool:
+    return split_name(name)[1].lower() == TXT and not name.startswith('.')
+
+
+def number_text(name: str) -> str:
+    """Return the digits of a numbered file; empty for another name."""
+    stem = split_name(name)[0]
+    return stem if number_of(stem) is not None else ''
+
+
+def _are_labels(folder: Path, texts: Sequence[str]) -> bool:
+    """Whether files of other names than KITTI's hold labels of a frame each."""
+    for name in texts:
+        try:
+            lines = STORE.read_text(folder / name).split('\n', 1)
+            if lines[0].strip():
+                return parse_box(lines[0]).frame is None
+        except (ValueError, BadFileError, OSError):
+            return False
+    return False
+
+
+def _folder_of(path: Path, frames: FileNames | None) -> Path:
     """Return the folder of the files of a path.
 
     Raises:
         UsageError: There are none.
     """
+    if frames is not None and frames.stems:
+        found = next((each for each in (path, path / _DATA) if _is_of(each, frames)), None)
+        if found is None:
+            wanted = f'expected a file like {frames.stem(0)}{TXT} for each frame'
+            raise UsageError(f'{path}: holds {some_of(STORE.names(path)) or "nothing"}; {wanted}')
+        return found
     found = find_frame_files(path)
     if found is None:
         raise UsageError(f'{path}: {_describe_folder(path)}')
     return found
+
+
+def _is_of(folder: Path, frames: FileNames) -> bool:
+    return bool(len(STORE.list_numbered(folder, (TXT,), FRAME_DIGITS, frames).numbers))
 
 
 def _describe_folder(path: Path) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import stat
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,10 @@ from ..files.remote import RemotePath
 from ..model.errors import BadFileError
 from ..model.text import format_bytes
 from .listings import kept
+from .names import FileNames, find_frames, find_numbered, split_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
@@ -40,20 +41,24 @@ class Listing:
     Attributes:
         folder: The folder that was listed.
         numbers: Their file numbers, ascending.
-        digits: How many digits the names have.
-        suffix: Their common suffix.
+        names: How they are named.
         strays: Other names in the folder.
+        doubles: By number the names of further files of a frame, which are not read.
     """
 
     folder: Path
     numbers: Int64Array
-    digits: int
-    suffix: str
-    strays: tuple[str, ...] = field(default=())
+    names: FileNames
+    strays: tuple[str, ...] = ()
+    doubles: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
 
     def path(self, number: int) -> Path:
         """Return the path of the file with a number."""
-        return self.folder / f'{number:0{self.digits}d}{self.suffix}'
+        return self.folder / self.names.name(number)
+
+    def stem(self, number: int) -> str:
+        """Return the name of a file without suffix: that of other files of the frame, too."""
+        return split_name(self.names.name(number))[0]
 
 
 @contextmanager
@@ -137,22 +142,27 @@ class FileStore:
         except (FileNotFoundError, NotADirectoryError):
             return []
 
-    def list_numbered(self, folder: Path, suffixes: tuple[str, ...], digits: int) -> Listing:
-        """List the files named by number in a folder, with the first of suffixes that occurs."""
-        by_suffix: dict[str, list[int]] = {suffix: [] for suffix in suffixes}
-        strays: list[str] = []
-        for name in self.names(folder):
-            number, suffix = name[:digits], name[digits:]
-            if suffix in by_suffix and number.isdecimal() and number.isascii():
-                by_suffix[suffix].append(int(number))
-            elif not name.startswith('.'):
-                strays.append(name)
-        suffix = next((suffix for suffix in suffixes if by_suffix[suffix]), suffixes[0])
-        for other in suffixes:
-            if other != suffix:
-                strays += [f'{number:0{digits}d}{other}' for number in by_suffix[other]]
-        numbers = np.array(by_suffix[suffix], dtype=np.int64)
-        return Listing(folder, numbers, digits, suffix, tuple(strays))
+    def list_numbered(
+        self,
+        folder: Path,
+        suffixes: tuple[str, ...],
+        digits: int,
+        frames: FileNames | None = None,
+    ) -> Listing:
+        """List the files of frames in a folder; see names.find_numbered."""
+        found = find_numbered(self.names(folder), suffixes, digits, frames)
+        numbers = np.array(found.numbers, dtype=np.int64)
+        return Listing(folder, numbers, found.names, found.strays, found.doubles)
+
+    def find_frames(self, folders: Mapping[Path, tuple[str, ...]], digits: int) -> FileNames:
+        """Return how the frames in folders are named; see names.find_frames."""
+
+        def listed() -> Iterator[tuple[list[str], tuple[str, ...]]]:
+            for folder, suffixes in folders.items():
+                with suppress(OSError):  # told where the folder is listed
+                    yield self.names(folder), suffixes
+
+        return find_frames(listed(), digits)
 
     def read(self, path: Path) -> bytes:
         """Read a whole file.

@@ -17,9 +17,9 @@ import numpy as np
 from ..model.layouts import Layout
 from ..model.streams import IMAGE_STREAMS, Stream
 from . import names
+from .listings import listings_kept
 from .oxts_file import packet_lines, parse_packet
 from .recording import KittiRecording
-from .store import STORE
 from .track_file import TrackFile
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ class TrackingRecording(KittiRecording):
 
     layout = Layout.TRACKING
 
+    @listings_kept()
     def __init__(self, split: Path, sequence: str, options: ReadOptions) -> None:
         super().__init__(split.parent, sequence, options)
         self.split = split
@@ -41,15 +42,18 @@ class TrackingRecording(KittiRecording):
         self._calib_path = split / names.CALIB / file
         self._oxts_path = split / names.OXTS / file
         self._labels_path = split / names.TRACKING_LABELS / file
-        folders = {Stream.SCAN: (names.SCANS, names.BIN)} | {
-            Stream(f'image_{index}'): (folder, names.PNG)
+        folders = {Stream.SCAN: (split / names.SCANS / sequence, (names.BIN,))} | {
+            Stream(f'image_{index}'): (split / folder / sequence, names.IMAGE_SUFFIXES)
             for index, folder in enumerate(names.TRACKING_IMAGES)
         }
-        for stream, (folder, suffix) in folders.items():
-            listing = STORE.list_numbered(split / folder / sequence, (suffix,), names.FRAME_DIGITS)
+        self._name_frames(dict(folders.values()), names.FRAME_DIGITS)
+        for stream, (folder, suffixes) in folders.items():
+            listing = self._list(folder, suffixes)
             self._add_nominal(stream, listing.numbers, listing)
-            if not len(listing.numbers) and stream.camera in (None, *self.layout.traits.cameras):
-                self.notes.append(f'{listing.folder}: absent or empty, {stream.value} is left out')
+            known = stream.camera in (None, *self.layout.traits.cameras)
+            if known and not len(listing.numbers) and not listing.strays:
+                self.notes.append(f'{folder}: absent or empty, {stream.value} is left out')
+        self._require_common_names()
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)
         self._add_nominal(Stream.OXTS, packets, None)
         self._find_gaps([Stream.OXTS, Stream.SCAN, *IMAGE_STREAMS])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Image <-> sensor_msgs/CompressedImage (the PNG's own bytes) and sensor_msgs/Image (pixels)."""
+"""Image <-> sensor_msgs/CompressedImage (the file's own bytes) and sensor_msgs/Image (pixels)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ..files.image_files import parse_image
 from ..files.png.encode import encode_png
-from ..files.png.header import parse_image
 from ..model.samples import Image
 from ..options.messages import ColorEncoding
 from .header import make_header
@@ -26,16 +26,16 @@ _FROM_BGR = {ColorEncoding.RGB8: 'COLOR_BGR2RGB', ColorEncoding.MONO8: 'COLOR_BG
 
 
 def encode_compressed(image: Image, stamp_ns: int, frame_id: str) -> CompressedImage:
-    """Wrap the PNG file's own bytes; format is 'png', which image_transport and viewers read."""
-    data = np.frombuffer(image.png, dtype=np.uint8)
-    return CompressedImage(make_header(stamp_ns, frame_id), 'png', data)
+    """Wrap the file's own bytes; format is png or jpeg, which image_transport and viewers read."""
+    data = np.frombuffer(image.data, dtype=np.uint8)
+    return CompressedImage(make_header(stamp_ns, frame_id), image.format, data)
 
 
 def decode_compressed(message: CompressedImage, path: PurePath) -> Image:
     """Decode an image made by encode_compressed; path is its place, for errors.
 
     Raises:
-        BadFileError: It is empty, not a PNG, truncated or damaged.
+        BadFileError: It is empty, no PNG or JPEG, truncated or damaged.
     """
     return parse_image(message.data.tobytes(), str(path))
 
@@ -46,7 +46,7 @@ def encode_pixels(
     frame_id: str,
     color: ColorEncoding = ColorEncoding.BGR8,
 ) -> ImageMsg:
-    """Wrap the pixels of decode_png: mono8 or mono16 of grey ones, the given encoding of colour.
+    """Wrap the pixels of decode_image: mono8 or mono16 of grey ones, the given encoding of colour.
 
     Colour becomes mono8 by OpenCV's weights, 0.299 R + 0.587 G + 0.114 B, as in cv_bridge.
     """

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..files.png.decode import decode_png
+from ..files.image_files import decode_image
 from ..model.geometry import Transform
 from ..model.streams import Stream
 from .map_frame import map_from_world
@@ -72,7 +72,7 @@ class Moment:
     calibration: Callable[[], Calibration]
     trails: Callable[[], Mapping[int, Float64Array]]
     camera: int = 0
-    pixels: Callable[[Image], Pixels] = decode_png
+    pixels: Callable[[Image], Pixels] = decode_image
     labels: Callable[[], FrameLabels | None] = lambda: None
     predictions: Callable[[], FrameLabels | None] = lambda: None
     remark: Callable[[str], None] = lambda _: None

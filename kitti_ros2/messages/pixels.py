@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
+from ..files.jpeg import decode_jpeg
 from ..files.picture_headers import (
+    JPEG_SIGNATURE,
     PNG_SIGNATURE,
     is_webp,
     is_whole_webp,
@@ -26,7 +28,6 @@ from ..files.picture_headers import (
 )
 from ..files.png.inflate import inflated
 from ..model.samples import MOST_PIXELS
-from .jpeg import decode_jpeg
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
     Pixels: TypeAlias = npt.NDArray[np.uint8 | np.uint16]
 
-_JPEG = b'\xff\xd8\xff'
 _JPEG_END = b'\xff\xd9'
 _SIZES = {'PNG': png_size, 'JPEG': jpeg_size, 'WebP': webp_size}
 _PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
@@ -281,7 +281,7 @@ def _kind_of(message: CompressedImage) -> str:
     head = message.data[: _DEPTH_HEAD_BYTES + len(PNG_SIGNATURE)].tobytes()
     if head.startswith(PNG_SIGNATURE):
         return 'PNG'
-    if head.startswith(_JPEG):
+    if head.startswith(JPEG_SIGNATURE):
         return 'JPEG'
     if is_webp(head):
         return 'WebP'

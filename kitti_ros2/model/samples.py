@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Float32Array: TypeAlias = npt.NDArray[np.float32]
 Int64Array: TypeAlias = npt.NDArray[np.int64]
 
+PNG, JPEG = 'png', 'jpeg'
+"""The formats of images, as CompressedImage names them."""
 MOST_PIXELS = 2**26
 """The limit of an image, above the size of any camera on a vehicle, within memory."""
 
@@ -92,15 +94,17 @@ class Image:
     """One encoded camera image.
 
     Attributes:
-        png: The file's own bytes.
+        data: The file's own bytes.
         width, height: Pixels.
         channels: 1 (grey) or 3 (colour).
+        format: png or jpeg, as CompressedImage names it.
     """
 
-    png: bytes = field(repr=False)
+    data: bytes = field(repr=False)
     width: int
     height: int
     channels: int
+    format: str = PNG
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 
     from ..kitti.real_time import RealTimes
 
-_MOST_DIGITS = 12
 _MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
 _EARLIER_PERIOD_NS = 100_000_000  # of bags whose description has no period
-_SUFFIXES = (names.PNG, names.BIN, names.TXT)
 _ERRORS = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
 
@@ -115,8 +113,11 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
         for key in ('numbers', 'carried'):
             if sum(_count(entry.get(key, ())) for entry in entries.values()) > _MOST_FILES:
                 raise ValueError(f'more than {_MOST_FILES} files')
-        folders = {Stream(name): _folder(entry, path) for name, entry in entries.items()}
-        places = {(folder.path, folder.suffix) for folder in folders.values()}
+        stems = tuple(map(str, values.get(names.FRAME_NAMES, ())))
+        if len(stems) > _MOST_FILES:
+            raise ValueError(f'more than {_MOST_FILES} names')
+        folders = {Stream(name): _folder(entry, stems, path) for name, entry in entries.items()}
+        places = {(folder.path, folder.names.suffix.lower()) for folder in folders.values()}
         if len(places) < len(folders):
             raise ValueError('two streams in one folder')
         return RecordingDescription(
@@ -145,17 +146,16 @@ def _period(values: Mapping[str, Any]) -> int:
     return period_ns
 
 
-def _folder(entry: Mapping[str, Any], path: Path) -> Folder:
-    digits, suffix = int(entry['digits']), str(entry['suffix'])
-    if not 0 < digits <= _MOST_DIGITS or suffix not in _SUFFIXES:
-        raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
-    numbers = tuple(_numbers(entry['numbers'], 10**digits))
+def _folder(entry: Mapping[str, Any], stems: tuple[str, ...], path: Path) -> Folder:
+    found = names.parse_names(entry, stems)
+    limit = len(stems) or 10**names.MOST_DIGITS
+    numbers = tuple(_numbers(entry['numbers'], limit))
     carried = numbers
     if 'carried' in entry:
-        carried = tuple(_numbers(entry['carried'], 10**digits))
+        carried = tuple(_numbers(entry['carried'], limit))
         if not set(numbers).issuperset(carried):
             raise ValueError('files that the recording does not have')
-    return Folder(inside(entry['folder'], path), digits, suffix, numbers, carried)
+    return Folder(inside(entry['folder'], path), found, numbers, carried)
 
 
 def _count(spans: Iterable[tuple[int, int]]) -> int:

@@ -19,16 +19,13 @@ if TYPE_CHECKING:
     from ..model.samples import Scan
 
 
-def format_sample(
-    decode: Callable[[], Scan | Image], number: int, path: Path
-) -> tuple[bytes | memoryview, str]:
+def format_sample(decode: Callable[[], Scan | Image], path: Path) -> tuple[bytes | memoryview, str]:
     """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
 
     The labels of a scan's points are written to a file of their own.
 
     Args:
         decode: Returns the sample.
-        number: Of the file.
         path: Of the file.
 
     Raises:
@@ -37,13 +34,12 @@ def format_sample(
     """
     sample = decode()
     if isinstance(sample, Image):
-        return sample.png, ''
+        return sample.data, ''
     if sample.labels is not None:
-        name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
-        labels = path.parents[1] / names.POINT_LABELS / name
+        labels = path.parents[1] / names.POINT_LABELS / f'{path.stem}{names.LABEL}'
         error = write_new(labels, format_point_labels(sample.labels))
         if error:
             raise ValueError(error)
-    is_text = path.suffix == names.TXT
+    is_text = path.suffix.lower() == names.TXT
     data = format_scan_text(sample.points) if is_text else format_scan(sample.points)
     return data, sample.difference

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..kitti import names
+from ..kitti.names import split_name
 from ..model.errors import BadBagError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from ..kitti.names import FileNames
     from ..model.streams import Stream
 
 _SHOWN = 80
@@ -27,21 +28,19 @@ class Folder:
 
     Attributes:
         path: Relative to the recording's root.
-        digits: Number of digits of the names.
-        suffix: Their suffix.
+        names: How they are named.
         numbers: File numbers of the recording, ascending.
         carried: Those of them that were written to the bag, ascending.
     """
 
     path: PurePosixPath
-    digits: int
-    suffix: str
+    names: FileNames
     numbers: tuple[int, ...]
     carried: tuple[int, ...]
 
     def file(self, number: int) -> PurePosixPath:
         """Return the path of the file with a number."""
-        return self.path / names.file_name(number, self.digits, self.suffix)
+        return self.path / self.names.name(number)
 
     def has(self, number: int) -> bool:
         """Whether the recording has a file of this number."""
@@ -52,10 +51,11 @@ class Folder:
 def owner_of(path: PurePosixPath, folders: Mapping[Stream, Folder]) -> tuple[Stream, int] | None:
     """Return the stream and number of a numbered file; None if it is not in the recording."""
     for stream, folder in folders.items():
-        if path.parent == folder.path and path.stem.isdecimal() and path.stem.isascii():
-            number = int(path.stem)
-            if folder.has(number) and path == folder.file(number):
-                return stream, number
+        if path.parent != folder.path:
+            continue
+        number = folder.names.number(split_name(path.name)[0])
+        if number is not None and folder.has(number) and path == folder.file(number):
+            return stream, number
     return None
 
 

@@ -23,6 +23,7 @@ from ..messages.topics import decoders, own_topics
 from ..model.msgtypes import ANNOTATIONS, MARKERS, STRING, TF_TYPES
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import ScanStamp
+from .folders import owner_of
 from .recorded_layout import find_blueprint
 from .stamp_numbers import StampNumbers, row_frames
 
@@ -235,5 +236,5 @@ def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
             if stream is Stream.LABELS
             else UNKNOWN
         )
-    stem = PurePosixPath(text.name).stem
-    return int(stem) if stem.isdecimal() else UNKNOWN
+    owner = owner_of(PurePosixPath(text.name), blueprint.folders)
+    return UNKNOWN if owner is None else owner[1]

@@ -85,6 +85,8 @@ class BagRecording:
         self.losses: tuple[Loss, ...] = damage(survey.losses, self.root.name)
         self.notes: tuple[str, ...] = tuple(survey.notes)
         self._survey = survey
+        folders = [*self._blueprint.folders.values()]
+        self.file_names = folders[0].names if folders else names.SIX_DIGITS
         self._topics = self._choose()
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
         self._face_forward()
@@ -241,18 +243,20 @@ class BagRecording:
             folder = self._blueprint.folders.get(Stream.CALIBRATION)
             # A file equal to the one before it is not repeated in the bag.
             known = folder is not None and number in folder.numbers
-            found = [each for each in found if known and _number(each[0]) <= number]
+            found = [each for each in found if known and self._number(each[0]) <= number]
         if not found:
             return _no_calibration(f'{self.root}: no calibration of frame {number}')
-        path, text = max(found, key=lambda each: _number(each[0]))
+        path, text = max(found, key=lambda each: self._number(each[0]))
         try:
             return parse_calibration(text, Path(path), str(path))
         except BadFileError as error:
             return _no_calibration(str(error))
 
-
-def _number(path: PurePosixPath) -> int:
-    return int(path.stem) if path.stem.isdecimal() else UNKNOWN
+    def _number(self, path: PurePosixPath) -> int:
+        """Return the frame of a calibration file, if frames have their own."""
+        folder = self._blueprint.folders.get(Stream.CALIBRATION)
+        number = None if folder is None else folder.names.number(names.split_name(path.name)[0])
+        return UNKNOWN if number is None else number
 
 
 def _no_calibration(reason: str) -> Calibration:

@@ -23,6 +23,7 @@ from ..exporter.schedule import frames_of
 from ..files.staging import staged
 from ..files.workers import ordered_map, worker_count
 from ..importer.report import ImportReport, LossTally, damage, merged
+from ..kitti.names import JPEGS, PNG
 from ..kitti.replacing import keep_all_but_data_sets
 from ..messages.header import stamp_ns_of
 from ..messages.moment import Origin
@@ -150,6 +151,7 @@ class _Writer:
             for stream, folder in blueprint.folders.items()
         }
         self._grey: dict[Stream, set[int]] = {}
+        self._as_png: dict[Stream, set[int]] = {}
         self._unplaced: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
         self._losses = LossTally()
@@ -217,7 +219,11 @@ class _Writer:
         number = found.pop(0)
         path = self._blueprint.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, Origin(path))
-        content = partial(format_sample, sample, number, self._root / path)
+        if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
+            # Pixels cannot become the bytes of a JPEG again.
+            path = path.with_suffix(PNG)
+            self._as_png.setdefault(stream, set()).add(number)
+        content = partial(format_sample, sample, self._root / path)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
@@ -277,6 +283,11 @@ class _Writer:
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
+        for stream, made in self._as_png.items():
+            text = (
+                f'{stream.value} of frames {{}} is written as PNG, for the bag has pixels, no JPEG'
+            )
+            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
         for stream, made in self._grey.items():
             text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
             missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))

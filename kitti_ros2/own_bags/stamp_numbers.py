@@ -71,7 +71,7 @@ def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
 def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
     """Return a folder without files of its own, in the folder of a file of stamps."""
     found = tuple(numbers)
-    return Folder(stamps, names.FRAME_DIGITS, '', found, found)
+    return Folder(stamps, names.SIX_DIGITS, found, found)
 
 
 def _tracklet_stamps(blueprint: Blueprint) -> PurePosixPath:

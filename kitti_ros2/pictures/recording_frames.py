@@ -12,7 +12,7 @@ import numpy as np
 
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..files.png.decode import decode_png
+from ..files.image_files import decode_image
 from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..kitti.motion import scan_at
 from ..messages.map_frame import map_from_world, place_pose
@@ -224,7 +224,7 @@ class RecordingFrames:
             BadFileError: It cannot be decoded.
         """
         try:
-            return colour_pixels(decode_png(image))
+            return colour_pixels(decode_image(image))
         except ValueError as error:
             stream = IMAGE_STREAMS[camera]
             path = self.recording.path(stream, self._samples[stream][number])

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files.png.header import TRAILING_BYTES, parse_image
+from ..kitti.image_size import read_image_header
 from ..kitti.scan_file import POINT_BYTES
-from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import format_numbers
 from ..model.streams import Clock, Stream
@@ -190,8 +189,7 @@ def _image_facts(
     bad = []
     for path in paths:
         try:
-            data, length = STORE.read_ends(path, TRAILING_BYTES)
-            image = parse_image(data, path, length)
+            image = read_image_header(path)
         except (KittiRos2Error, OSError) as error:
             bad.append(describe_error(error))
             continue

@@ -93,7 +93,7 @@ def _write(
             _write_frame(writer, drive, frame)
             stamps = drive.stamps(frame).images
             for camera, image in zip(cameras, images, strict=True):
-                writer.write_image(camera, frame, stamps[camera], image.result().png)
+                writer.write_image(camera, frame, stamps[camera], image.result().data)
             if progress is not None:
                 progress(frame + 1)
     if drive.options.extract:

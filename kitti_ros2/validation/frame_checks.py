@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files.png.header import parse_image
+from ..files.image_files import parse_image
 from ..kitti.calib_file import parse_calibration
 from ..kitti.recording import no_calibration
 from ..kitti.store import STORE

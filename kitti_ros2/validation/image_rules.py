@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from ..files.png.decode import decode_png
+from ..files.image_files import decode_image
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class ImageFile:
     def pixels(self) -> npt.NDArray[np.uint8 | np.uint16] | str:
         """The decoded pixels; the reason if they cannot be decoded."""
         try:
-            return decode_png(self.image)
+            return decode_image(self.image)
         except ValueError as error:
             return str(error)
 

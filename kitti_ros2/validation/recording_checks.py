@@ -44,7 +44,7 @@ def check_recording(
     options: ValidateOptions,
     tally: FindingTally,
     progress: Callable[[int, int], None],
-) -> tuple[CheckedSource, list[int]]:
+) -> tuple[CheckedSource, list[int], names.FileNames]:
     """Check a recording.
 
     Args:
@@ -56,7 +56,7 @@ def check_recording(
         progress: Called with the frames done, and the number of all.
 
     Returns:
-        What was checked, and the numbers of its frames.
+        What was checked, the numbers of its frames, and how these are named.
     """
     place = candidate.folder or root
     # Labels of points are checked where there are any.
@@ -65,8 +65,9 @@ def check_recording(
         recording = candidate.open(ReadOptions(layout=layout, semantic=semantic))
     except (KittiRos2Error, OSError) as error:
         tally.add(find_breaches(SOURCE_RULES, Unopened(place, error)))
-        return CheckedSource(place, layout.value, candidate.name, 0, 0, 0), []
-    return _Check(recording, place, options, tally).run(progress)
+        unopened = CheckedSource(place, layout.value, candidate.name, 0, 0, 0)
+        return unopened, [], names.SIX_DIGITS
+    return *_Check(recording, place, options, tally).run(progress), recording.file_names
 
 
 class _Check:

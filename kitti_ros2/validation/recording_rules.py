@@ -84,7 +84,7 @@ def _find_losses(facts: RecordingFacts) -> Iterator[Breach]:
 
 def _find_missing_streams(facts: RecordingFacts) -> Iterator[Breach]:
     for note in facts.recording.notes:
-        if 'left out' in note and 'absent' in note:
+        if 'left out' in note and ('absent' in note or 'passed over' in note):
             yield breach_in(note, facts.recording.root)
 
 
@@ -97,8 +97,7 @@ def _find_no_stamps(facts: RecordingFacts) -> Iterator[Breach]:
 def _find_unnumbered(facts: RecordingFacts) -> Iterator[Breach]:
     for listing in facts.recording.listings.values():
         if listing.strays:
-            usual = '0' * listing.digits + listing.suffix
-            text = f'{some_of(listing.strays)}; names are like {usual}'
+            text = f'{some_of(listing.strays)}; names are like {listing.names.example}'
             yield Breach(text, listing.folder)
 
 
@@ -192,7 +191,7 @@ RECORDING_RULES: tuple[Rule[RecordingFacts], ...] = (
         'names-unusual',
         _WARNING,
         RuleScope.STREAM,
-        'Files are named by number, with as many digits as KITTI has',
+        'Files are named like the others in their folder',
         'rename or move them; they are not read',
         _find_unnumbered,
     ),

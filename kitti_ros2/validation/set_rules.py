@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from ..model.losses import format_numbers
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
 _DISJOINT = frozenset({'train', 'val', 'test'})
@@ -39,8 +40,20 @@ class SplitLists:
     frames: Mapping[str, frozenset[int]]
 
     @classmethod
-    def read(cls, root: Path, frames: Mapping[str, frozenset[int]]) -> SplitLists:
-        """Read the lists of a set."""
+    def read(
+        cls,
+        root: Path,
+        frames: Mapping[str, frozenset[int]],
+        known: Mapping[str, names.FileNames] | None = None,
+    ) -> SplitLists:
+        """Read the lists of a set.
+
+        Args:
+            root: The set.
+            frames: The numbers of the frames by split.
+            known: How they are named, by split.
+        """
+        ways = [*(known or {}).values()] or [names.SIX_DIGITS]
         folder = root / names.IMAGE_SETS
         found: dict[str, Lines[int] | BadFileError | OSError] = {}
         for name in STORE.names(folder):
@@ -48,7 +61,7 @@ class SplitLists:
                 path = folder / name
                 try:
                     text = STORE.read_text(path)
-                    found[path.stem] = parse_lines(text, path, 'a frame number', _parse_number)
+                    found[path.stem] = _parse(text, path, ways)
                 except (BadFileError, OSError) as error:
                     found[path.stem] = error
         return cls(folder, found, frames)
@@ -74,11 +87,17 @@ class SplitLists:
         return training if name in {*_DISJOINT, _WHOLE} else (training or testing)
 
 
-def _parse_number(line: str) -> int:
-    word = line.strip()
-    if not (word.isascii() and word.isdecimal()):
-        raise ValueError(f'{word[:40]!r}')
-    return int(word)
+def _parse(text: str, path: Path, ways: Sequence[names.FileNames]) -> Lines[int]:
+    """Parse a list; its frames are of one split, training first."""
+    found = [parse_lines(text, path, 'a frame number', partial(_parse_number, way)) for way in ways]
+    return min(found, key=lambda lines: len(lines.errors))
+
+
+def _parse_number(known: names.FileNames, line: str) -> int:
+    number = known.number(line.strip())
+    if number is None:
+        raise ValueError(f'{line.strip()[:40]!r}')
+    return number
 
 
 def _find_invalid(splits: SplitLists) -> Iterator[Breach]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
+    from ..kitti.names import FileNames
     from ..kitti.nearby import DataSet
     from ..options.validating import ValidateOptions
     from .results import CheckedSource, ValidationReport
@@ -101,8 +102,9 @@ def _check_data_set(
 ) -> Iterator[CheckedSource]:
     """Check all recordings of a data set, and its lists of frames."""
     frames: dict[str, frozenset[int]] = {}
+    known: dict[str, FileNames] = {}
     for candidate in data_set.recordings:
-        source, numbers = check_recording(
+        source, numbers, known[candidate.name] = check_recording(
             candidate, data_set.layout, data_set.folder, options, tally, progress
         )
         if data_set.layout.traits.frame_set:
@@ -110,5 +112,5 @@ def _check_data_set(
         yield source
     if frames:
         folders = [each.folder for each in data_set.recordings if each.folder is not None]
-        splits = SplitLists.read(folders[0].parent, frames)
+        splits = SplitLists.read(folders[0].parent, frames, known)
         tally.add(find_breaches(SET_RULES, splits))

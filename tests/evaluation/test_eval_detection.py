@@ -140,7 +140,7 @@ def test_invalid_lines_and_files_are_named_and_the_rest_is_scored(folders, capsy
     (results / '000003.txt').write_text(FOUND + 'Car 1 2\n' + FOUND.replace('0.9', 'nan'))
     (labels / '000004.txt').write_text(CAR + CAR.replace('0.5', 'x'))
     (results / '000120.txt').write_bytes(b'\xff\xfe')
-    (results / '12.txt').write_text(FOUND)
+    (results / '3.txt').write_text(FOUND)
     (results / 'notes.txt').write_text('')
     code, out, err = run(capsys, labels, results, '--json')
     assert (code, json.loads(out)['frames']) == (1, 3)
@@ -149,7 +149,7 @@ def test_invalid_lines_and_files_are_named_and_the_rest_is_scored(folders, capsy
         f"{results}/000003.txt:3: 'nan' is no finite number",
         f"{labels}/000004.txt:2: 'x' is no number",
         f'{results}/000120.txt: byte 0 is no text',
-        f'{results}: 12.txt; expected names of 6 digits',
+        f'{results}: 3.txt not read; their frames have other files',
     ):
         assert named in err
     assert '5 skipped in all' in err

@@ -185,7 +185,7 @@ def test_a_chunk_beyond_the_end_is_refused_before_it_is_allocated(place, length)
     start = starts[place]
     data[start : start + 4] = length.to_bytes(4, 'big')
     with pytest.raises(ValueError, match=f'a chunk of {length} bytes at byte {start}, beyond'):
-        decode_png(replace(parse_image(sound, 'x'), png=bytes(data)))
+        decode_png(replace(parse_image(sound, 'x'), data=bytes(data)))
 
 
 @pytest.mark.parametrize(

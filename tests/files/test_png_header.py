@@ -27,7 +27,7 @@ def test_size_and_channels_without_decoding(shape, channels):
     data = png(*shape)
     image = parse_image(data, 'x.png')
     assert (image.width, image.height, image.channels) == (7, 5, channels)
-    assert image.png is data
+    assert image.data is data
 
 
 def test_grey_may_have_16_bits():

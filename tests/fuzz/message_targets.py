@@ -93,7 +93,7 @@ _MODULES = (
     'messages/depth_images.py',
     'messages/detections.py',
     'messages/image.py',
-    'messages/jpeg.py',
+    'files/jpeg.py',
     'messages/laser_scan.py',
     'messages/livox_points.py',
     'messages/marker_boxes.py',

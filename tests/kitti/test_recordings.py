@@ -50,7 +50,7 @@ def test_samples_are_what_was_made(recording):
     made = SyntheticDrive(SMALL)
     np.testing.assert_array_equal(recording.read(Stream.SCAN, 3).points, made.scan(3).points)
     stream = Stream.IMAGE_2
-    assert recording.read(stream, 3).png == made.image(3, 2).png
+    assert recording.read(stream, 3).data == made.image(3, 2).data
 
 
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY, Layout.TRACKING])

@@ -50,11 +50,14 @@ def test_files_of_the_folder_itself_come_first(results):
     assert ResultFiles(results).numbers == (5, 9)
 
 
-def test_misnamed_files_are_a_loss(results):
-    (results / '12.txt').touch()
-    (results / 'notes.txt').touch()
-    [loss] = ResultFiles(results).losses
-    assert loss.text() == f'{results}: 12.txt; expected names of 6 digits, 000000.txt'
+def test_a_second_file_of_a_frame_is_a_loss(results):
+    for name in ('12.txt', '2.txt', 'notes.txt'):
+        (results / name).touch()
+    found = ResultFiles(results)
+    assert found.numbers == (2, 5, 9, 12)
+    assert (found.path(2).name, found.path(12).name) == ('000002.txt', '12.txt')
+    [loss] = found.losses
+    assert loss.text() == f'{results}: 2.txt not read; their frames have other files'
 
 
 def test_a_file_of_a_tracker_has_all_frames(tmp_path):

@@ -120,7 +120,7 @@ def test_the_format_of_images(dtype, shape, encoding):
     assert raw.data.tobytes() == pixels.tobytes()
     image = parse_image(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
     compressed = through_cdr(encode_compressed(image, STAMP, 'cam'))
-    assert (compressed.format, compressed.data.tobytes()) == ('png', image.png)
+    assert (compressed.format, compressed.data.tobytes()) == ('png', image.data)
 
 
 def test_imu_takes_the_body_axes_not_the_levelled_ones():

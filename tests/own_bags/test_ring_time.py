@@ -212,8 +212,8 @@ def test_a_plan_and_pictures_pair_each_scan_with_its_own_image(recordings, tmp_p
     for index, number in enumerate(scans.numbers.tolist()):
         again = made.read(Stream.SCAN, index).points
         assert again.tobytes() == plain.read(Stream.SCAN, number).points.tobytes()
-        png = made.read(Stream.IMAGE_2, index).png
-        assert png == plain.read(Stream.IMAGE_2, number).png
+        png = made.read(Stream.IMAGE_2, index).data
+        assert png == plain.read(Stream.IMAGE_2, number).data
 
 
 @pytest.mark.parametrize('kind', ['folder', 'extract', 'bag'])

@@ -72,8 +72,8 @@ def test_a_grey_camera_is_drawn_on_in_colour(recordings):
 
 def test_an_image_is_decoded_once(recordings, monkeypatch):
     decoded = []
-    decode = encode.decode_png
-    monkeypatch.setattr(encode, 'decode_png', lambda image: decoded.append(1) or decode(image))
+    decode = encode.decode_image
+    monkeypatch.setattr(encode, 'decode_image', lambda image: decoded.append(1) or decode(image))
     played = program(recordings[Layout.RAW])
     images(played, {f'{CAMERA}/annotated', f'{CAMERA}/image_rect'})
     assert len(decoded) == 5
@@ -81,7 +81,7 @@ def test_an_image_is_decoded_once(recordings, monkeypatch):
 
 def test_nothing_is_drawn_for_nobody(recordings, monkeypatch):
     played = program(recordings[Layout.RAW])
-    monkeypatch.setattr(encode, 'decode_png', pytest.fail)
+    monkeypatch.setattr(encode, 'decode_image', pytest.fail)
     assert played.channels[names(played)[f'{CAMERA}/annotated']].on_demand
     assert not images(played, set())
 

@@ -61,9 +61,9 @@ def test_other_seed_other_street(tmp_path: Path, written: dict[Layout, Path]) ->
 
 def test_samples_do_not_depend_on_the_order_of_asking() -> None:
     forward, backward = SyntheticDrive(TINY), SyntheticDrive(TINY)
-    there = [forward.image(frame, camera).png for frame in range(3) for camera in range(4)]
+    there = [forward.image(frame, camera).data for frame in range(3) for camera in range(4)]
     back = [
-        backward.image(frame, camera).png
+        backward.image(frame, camera).data
         for frame in reversed(range(3))
         for camera in reversed(range(4))
     ]

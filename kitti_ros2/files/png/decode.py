@@ -31,7 +31,7 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
 
     grey = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
     flag = grey if image.channels == 1 else cv2.IMREAD_COLOR
-    file = np.frombuffer(inflated(image.png), dtype=np.uint8)
+    file = np.frombuffer(inflated(image.data), dtype=np.uint8)
     try:
         pixels = cv2.imdecode(file, flag)
     except cv2.error:  # more pixels than OpenCV allows

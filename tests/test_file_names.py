@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sets of others in KITTI's folders: other digits, names that are no numbers, JPEG."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+import kitti_ros2
+from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.cli import main
+from kitti_ros2.datasets import validate
+from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Stream
+from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.restore import restore
+
+from builders import convert_recording, files_of, png_bytes  # isort: skip
+from renamed_files import BY_NAME, KINDS, renamed, token  # isort: skip
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BAGS = {'mcap': 'bag.mcap', 'sqlite3': 'bag', 'ros1': 'bag.bag'}
+
+
+def data_set_of(source: Path, layout: Layout) -> Path:
+    """The folder that corresponds to the output of to-kitti."""
+    return source.parent.parent if layout is Layout.RAW else source
+
+
+def back(bag: Path, out: Path):
+    """The bag as files again."""
+    blueprint = find_blueprint(bag)
+    assert blueprint is not None
+    (report,) = restore([(bag, blueprint)], out)
+    return report
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('layout', list(Layout))
+def test_every_file_is_read_and_comes_back_to_the_byte(recordings, layout, kind, tmp_path):
+    plain = open_recording(recordings[layout])
+    source = renamed(recordings[layout], layout, tmp_path / 'in', kind)
+    found = open_recording(source)
+    assert found.losses == []
+    assert {s: i.numbers.tolist() for s, i in found.streams.items()} == {
+        stream: index.numbers.tolist() for stream, index in plain.streams.items()
+    }
+    assert any('file names are no numbers' in note for note in found.notes) is (kind in BY_NAME)
+    report = convert_recording(source, tmp_path / 'bag.mcap')
+    assert report.losses == ()
+    made = back(tmp_path / 'bag.mcap', tmp_path / 'out')
+    assert (made.losses, made.notes) == ((), ())
+    assert files_of(tmp_path / 'out') == files_of(data_set_of(source, layout))
+
+
+@pytest.mark.parametrize('kind', ['tokens', 'some .jpg'])
+@pytest.mark.parametrize('storage', BAGS)
+def test_every_container_keeps_the_names(recordings, storage, kind, tmp_path):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path / 'in', kind)
+    convert_recording(source, tmp_path / BAGS[storage], storage=storage)
+    assert back(tmp_path / BAGS[storage], tmp_path / 'out').losses == ()
+    assert files_of(tmp_path / 'out') == files_of(source)
+
+
+def test_frames_are_numbered_in_the_order_of_names(recordings, tmp_path):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path, 'tokens')
+    found = open_recording(source)
+    names = sorted(map(token, range(5)))
+    assert [found.path(Stream.SCAN, number).stem for number in range(5)] == names
+    source = renamed(recordings[Layout.ODOMETRY], Layout.ODOMETRY, tmp_path, 'prefix')
+    found = open_recording(source)
+    assert [found.path(Stream.SCAN, n).stem for n in range(5)] == [f'frame_{n}' for n in range(5)]
+
+
+def test_a_jpeg_passes_through(recordings, tmp_path):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path, '.jpg')
+    file = (source / 'training/image_2/000003.jpg').read_bytes()
+    true = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)
+    options = MessageOptions(images=Images.BOTH)
+    convert_recording(source, tmp_path / 'bag.mcap', options)
+    stamp_ns = open_recording(source).streams[Stream.IMAGE_2].stamps_ns[3]
+    topics = {f'/kitti/camera_color_left/image_rect{end}' for end in ('', '/compressed')}
+    with open_messages(tmp_path / 'bag.mcap', topics) as messages:
+        found = {
+            message.topic: TYPESTORE.deserialize_cdr(message.data, message.msgtype)
+            for message in messages
+            if message.stamp_ns == stamp_ns
+        }
+    assert found.keys() == topics
+    compressed = found[f'{min(topics, key=len)}/compressed']
+    assert (compressed.format, compressed.data.tobytes()) == ('jpeg', file)
+    pixels = found[min(topics, key=len)]
+    assert pixels.encoding == 'bgr8'
+    np.testing.assert_array_equal(pixels.data.reshape(true.shape), true)
+    for place in (source, tmp_path / 'bag.mcap'):
+        with kitti_ros2.open(place) as recording:
+            np.testing.assert_array_equal(recording[3].image(2), true[..., ::-1])
+            png = np.frombuffer(recording[3].png(2), np.uint8)
+            np.testing.assert_array_equal(cv2.imdecode(png, cv2.IMREAD_COLOR), true)
+
+
+def test_pixels_of_a_jpeg_come_back_as_png_and_are_a_loss(recordings, tmp_path):
+    source = renamed(recordings[Layout.TRACKING], Layout.TRACKING, tmp_path / 'in', '.jpg')
+    convert_recording(source, tmp_path / 'bag.mcap', MessageOptions(images=Images.RAW))
+    report = back(tmp_path / 'bag.mcap', tmp_path / 'out')
+    assert {(loss.stream, loss.count) for loss in report.losses} == {
+        ('image_2', 5),
+        ('image_3', 5),
+    }
+    assert 'image_2 of frames 0-4 is written as PNG' in report.losses[0].text()
+    images = [*(tmp_path / 'out').rglob('image_0*/*/*')]
+    assert len(images) == 10
+    assert all(path.read_bytes().startswith(b'\x89PNG') for path in images)
+    assert {path.suffix for path in images} == {'.png'}
+
+
+DOUBLES = {
+    '000001.jpg': b'jpeg',
+    '00001.png': png_bytes(4, 4),
+    '1.png': png_bytes(4, 4),
+    '000001.PNG': png_bytes(4, 4),
+}
+
+
+@pytest.mark.parametrize('name', DOUBLES)
+def test_of_two_files_of_a_frame_one_is_a_loss(recordings, tmp_path, name):
+    source = tmp_path / 'object'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    folder = source / 'training' / 'image_2'
+    (folder / name).write_bytes(DOUBLES[name])
+    found = open_recording(source)
+    (loss,) = found.losses
+    text = f'{folder}: {name} left out; 000001.png is another file of the same frame: 1'
+    assert (loss.stream, loss.count, loss.text()) == ('image_2', 1, text)
+    assert found.path(Stream.IMAGE_2, 1).name == '000001.png'
+
+
+def test_names_without_anything_in_common_are_refused(recordings, tmp_path, capsys):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path, 'tokens')
+    for path in (source / 'training' / 'velodyne').iterdir():
+        path.rename(path.with_stem(f'scan_{path.stem}'))
+    assert main(['info', str(source)]) == 2
+    error = capsys.readouterr().err
+    assert 'training/' in error
+    assert 'have no file of the same name in' in error
+
+
+@pytest.mark.parametrize(
+    ('folder', 'name'), [('image_2', '000001.webp'), ('velodyne', '000001.pcd')]
+)
+def test_other_formats_are_a_loss(recordings, tmp_path, folder, name):
+    source = tmp_path / 'object'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    place = source / 'training' / folder
+    for path in place.iterdir():
+        path.unlink()
+    (place / name).touch()
+    found = open_recording(source)
+    texts = [loss.text() for loss in found.losses]
+    usual = '000000.bin' if folder == 'velodyne' else '000000.png'
+    assert f'{place}: {name} not read; expected files like {usual}' in texts
+    assert not any('absent' in note and folder in note for note in found.notes)
+
+
+def test_a_jpeg_that_is_cut_is_a_loss(recordings, tmp_path):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path, '.jpg')
+    path = source / 'training' / 'image_2' / '000001.jpg'
+    path.write_bytes(path.read_bytes()[:-500])
+    report = convert_recording(source, tmp_path / 'bag.mcap')
+    assert report.losses
+    assert all(f'{path}: the JPEG is cut after' in loss.text() for loss in report.losses)
+
+
+@pytest.mark.parametrize('kind', ['five digits', 'tokens', '.jpg'])
+@pytest.mark.parametrize('layout', list(Layout))
+def test_every_command_reads_them(recordings, layout, kind, tmp_path, capsys):
+    source = renamed(recordings[layout], layout, tmp_path / 'in', kind)
+    bag, out = tmp_path / 'bag.mcap', tmp_path / 'out'
+    for words in (
+        ('info', source),
+        ('to-bag', source, bag, '--images', 'both', '-q'),
+        ('info', bag),
+        ('view', source, '-o', out / 'a.png', '--mode', 'lidar', '--frame', 2),
+        ('view', bag, '-o', out / 'b.png', '--mode', 'lidar', '--frame', 2),
+        ('report', source, '-o', out / 'a.html'),
+        ('stats', source, '--points'),
+        ('crop', source, out / 'crop', '--range', ':40'),
+        ('info', out / 'crop'),
+    ):
+        out.mkdir(exist_ok=True)
+        assert main([str(word) for word in words]) == 0, (words, capsys.readouterr())
+    assert (out / 'a.png').read_bytes() == (out / 'b.png').read_bytes()
+    report = validate(source, decode=True)
+    assert [str(each) for each in report.findings if each.rule == 'names-unusual'] == []
+    assert report.ok
+
+
+@pytest.mark.parametrize('kind', ['five digits', 'no zeros in front', 'tokens', 'time stamps'])
+def test_results_and_lists_are_found_by_name(recordings, tmp_path, kind, capsys):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path, kind)
+    results, lists = tmp_path / 'results', tmp_path / 'lists'
+    results.mkdir()
+    labels = source / 'training' / 'label_2'
+    for path in labels.iterdir():
+        lines = path.read_text().splitlines()
+        (results / path.name).write_text(''.join(f'{line} 0.9\n' for line in lines))
+    words = ['split', source, '--out', lists, '--ratio', '0.6', '0.4']
+    assert main([str(word) for word in words]) == 0, capsys.readouterr()
+    listed = (lists / 'val.txt').read_text().split()
+    assert {*listed} <= {path.stem for path in labels.iterdir()}
+    for truth in (labels, source):
+        for more in ([], ['--frames', str(lists / 'val.txt')]):
+            assert main(['eval', 'detection', str(truth), str(results), *more]) == 0
+    # Of fewer results, each is compared with the labels of its own name.
+    (results / min(results.iterdir()).name).unlink()
+    assert main(['eval', 'detection', str(labels), str(results)]) == 1
+    assert 'no file for frames' in capsys.readouterr().err
