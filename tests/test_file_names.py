@@ -225,3 +225,96 @@ def test_results_and_lists_are_found_by_name(recordings, tmp_path, kind, capsys)
     (results / min(results.iterdir()).name).unlink()
     assert main(['eval', 'detection', str(labels), str(results)]) == 1
     assert 'no file for frames' in capsys.readouterr().err
+
+
+WAYMO_CALIB = ''.join(
+    [f'P{camera}: 40 0 32 0 0 40 16 0 0 0 1 0\n' for camera in range(5)]
+    + ['R0_rect: 1 0 0 0 1 0 0 0 1\n']
+    + [f'Tr_velo_to_cam_{camera}: 0 -1 0 0 0 0 -1 0 1 0 0 0\n' for camera in range(5)]
+)
+CAR = 'Car 0 0 -10 {} 10 50 30 1.5 1.7 4.1 {} 1.65 15 0.3'
+
+
+def waymo(folder: Path, suffix: str = '.jpg') -> Path:
+    """A set as mmdetection3d's converter of Waymo writes it (save_label and others, 1.1)."""
+    split = folder / 'kitti_format' / 'training'
+    done, jpeg = cv2.imencode(suffix, np.zeros((32, 64, 3), np.uint8))
+    assert done
+    for name in ('0000000', '1003197'):
+        files = {f'image_{camera}/{name}{suffix}': jpeg.tobytes() for camera in range(5)}
+        files[f'velodyne/{name}.bin'] = np.ones((64, 4), np.float32).tobytes()
+        files[f'calib/{name}.txt'] = WAYMO_CALIB.encode()
+        lines = [CAR.format(10 + camera, camera) for camera in range(5)]
+        files[f'label_all/{name}.txt'] = ''.join(
+            f'{line} {camera}\n' for camera, line in enumerate(lines)
+        ).encode()
+        files |= {f'label_{c}/{name}.txt': f'{lines[c]}\n'.encode() for c in range(5)}
+        for place, data in files.items():
+            (split / place).parent.mkdir(parents=True, exist_ok=True)
+            (split / place).write_bytes(data)
+    return split.parent
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.png'])
+def test_waymo_as_mmdetection3d_writes_it(tmp_path, suffix, capsys):
+    source = waymo(tmp_path / 'in', suffix)
+    found = open_recording(source)
+    assert found.losses == []
+    assert found.layout is Layout.OBJECT
+    assert [found.streams[Stream(f'image_{camera}')].numbers.tolist() for camera in range(5)] == [
+        [0, 1003197]
+    ] * 5
+    boxes = found.read(Stream.LABELS, 1003197).boxes
+    assert [box.location[0] for box in boxes] == [0, 1, 2, 3, 4]
+    # The last column is the camera of the 2D box, no score.
+    assert {box.score for box in boxes} == {None}
+    assert [box.box_2d[0] for box in boxes] == [0, 0, 12, 0, 0]
+    report = convert_recording(source, tmp_path / 'bag.mcap')
+    assert report.losses == ()
+    assert back(tmp_path / 'bag.mcap', tmp_path / 'out').losses == ()
+    made, true = files_of(tmp_path / 'out'), files_of(source)
+    assert made == {name: data for name, data in true.items() if '/label_' not in name} | {
+        name: data for name, data in true.items() if '/label_all/' in name
+    }
+    for place in (
+        source,
+        source / 'training',
+        source / 'training/label_all',
+        tmp_path / 'bag.mcap',
+    ):
+        words = ['eval', 'detection', str(place), str(source / 'training/label_0')]
+        assert main(words) == 0, capsys.readouterr()
+
+
+def test_object_sets_of_four_digits_are_no_sequences(recordings, tmp_path):
+    source = tmp_path / 'object'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    for path in source.glob('training/*/*.*'):
+        path.rename(path.with_stem(path.stem[2:]))
+    found = open_recording(source)
+    assert (found.layout, found.losses) == (Layout.OBJECT, [])
+
+
+@pytest.mark.parametrize(
+    ('names', 'told'),
+    [
+        (('a.bin', 'b.bin'), 'holds 2 scans; move them to a folder velodyne'),
+        (('000000.jpg',), 'holds 1 image; move them to a folder image_2'),
+        (('a.txt',), 'holds label or result files; eval detection GROUND_TRUTH RESULTS scores'),
+        (
+            ('000000.txt',),
+            'holds label or result files; eval detection GROUND_TRUTH RESULTS scores',
+        ),
+        (('velodyne/000000.pcd',), 'velodyne holds 000000.pcd; expected files like 000000.bin'),
+        (('training/image_2/a.bmp',), 'image_2 holds a.bmp; expected files like 000000.png there'),
+    ],
+)
+@pytest.mark.parametrize('forced', [[], ['--layout', 'object']])
+def test_a_folder_without_those_around_it_is_told_the_next_step(
+    tmp_path, capsys, names, told, forced
+):
+    for name in names:
+        (tmp_path / 'set' / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / 'set' / name).write_text(f'{CAR.format(1, 2)}\n')
+    assert main(['info', str(tmp_path / 'set'), *forced]) == 2
+    assert told in capsys.readouterr().err
