@@ -286,6 +286,25 @@ def test_waymo_as_mmdetection3d_writes_it(tmp_path, suffix, capsys):
         assert main(words) == 0, capsys.readouterr()
 
 
+@pytest.mark.parametrize('kind', ['tokens', '.jpg'])
+def test_collections_and_overwriting(recordings, tmp_path, kind, capsys):
+    source = renamed(recordings[Layout.OBJECT], Layout.OBJECT, tmp_path / 'in', kind)
+    bags, out = tmp_path / 'bags', tmp_path / 'out'
+    words = ['to-bag', tmp_path / 'in', bags, '--all', '--slice-frames', '2', '-q', '--jobs', '1']
+    assert main([str(word) for word in words]) == 0, capsys.readouterr()
+    assert len([*bags.rglob('*.mcap')]) == 3
+    convert_recording(source, tmp_path / 'bag.mcap')
+    for more in ([], ['--overwrite']):
+        assert main(['to-kitti', str(tmp_path / 'bag.mcap'), str(out), '-q', *more]) == 0
+        assert files_of(out) == files_of(source)
+    part = ['to-kitti', str(tmp_path / 'bag.mcap'), str(tmp_path / 'part'), '--start', '1', '-q']
+    assert main([*part, '--end', '2']) == 0, capsys.readouterr()
+    scans = sorted((source / 'training/velodyne').iterdir())
+    assert sorted(path.name for path in (tmp_path / 'part').rglob('*.bin')) == [
+        path.name for path in scans[1:3]
+    ]
+
+
 def test_object_sets_of_four_digits_are_no_sequences(recordings, tmp_path):
     source = tmp_path / 'object'
     shutil.copytree(recordings[Layout.OBJECT], source)

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..files.remote import is_remote, relative_place
 from ..kitti.listings import listings_kept
+from ..kitti.names import number_of
 from ..kitti.source_parts import parts_of
 from ..model.errors import KittiRos2Error
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from .units import WorkUnit
 
 _SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
-_NUMBER = re.compile(r'\d{6}')
 
 
 class InputFile(NamedTuple):
@@ -50,8 +49,7 @@ class InputFile(NamedTuple):
     @property
     def number(self) -> int | None:
         """The number in its name, if that is a frame's."""
-        stem = Path(self.name).stem
-        return int(stem) if _NUMBER.fullmatch(stem) else None
+        return number_of(Path(self.name).stem)
 
 
 def fingerprint(unit: WorkUnit) -> str:

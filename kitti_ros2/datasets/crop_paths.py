@@ -67,7 +67,7 @@ class CropPaths:
         """Return the files with labels for the points of a scan; they need not exist."""
         if not self.in_place:
             return []
-        name = names.file_name(number, names.FRAME_DIGITS, names.LABEL)
+        name = f'{self._tree.scans.stem(number)}{names.LABEL}'
         return [self._placed(folder / name) for folder in self._tree.point_labels]
 
     def frame_labels(self, number: int) -> Placed | None:

@@ -146,7 +146,10 @@ def next_number(out: Path, split: str) -> int:
         if name[: names.FRAME_DIGITS].isdecimal() and len(name) == names.FRAME_DIGITS + 4
     ]
     if not found:
-        raise UsageError(f'{out}: holds no object set to append to; expected {split}/ with frames')
+        raise UsageError(
+            f'{out}: holds no object set to append to; expected {split}/ with frames of'
+            f' {names.FRAME_DIGITS} digits'
+        )
     return max(found) + 1
 
 

@@ -17,7 +17,7 @@ from .layout_files import LAYOUTS
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-_ENDINGS = (names.PNG, names.BIN, names.TXT, names.LABEL, '.xml')
+_ENDINGS = (*names.IMAGE_SUFFIXES, names.BIN, names.TXT, names.LABEL, '.xml')
 
 
 def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
@@ -64,9 +64,9 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 def _is_plain(folder: Path) -> bool:
     """Whether a folder holds files of KITTI's endings only, and no symbolic links."""
     if is_remote(folder):
-        return all(name.endswith(_ENDINGS) for name in objects_at(folder))
+        return all(name.lower().endswith(_ENDINGS) for name in objects_at(folder))
     for root, folders, files in os.walk(folder):
-        if not all(name.endswith(_ENDINGS) for name in files):
+        if not all(name.lower().endswith(_ENDINGS) for name in files):
             return False
         if any(Path(root, name).is_symlink() for name in (*folders, *files)):
             return False
