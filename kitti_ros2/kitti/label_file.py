@@ -53,7 +53,8 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
 
     Object and tracking lines differ in their number of columns.
     """
-    of_all = PurePath(path).parent.name == WAYMO_LABELS
+    place = PurePath(path) if isinstance(path, str) else path
+    of_all = place.parent.name == WAYMO_LABELS
     return parse_lines(text, path, EXPECTED, _parse_of_all if of_all else parse_box)
 
 
