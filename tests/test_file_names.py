@@ -17,9 +17,11 @@ from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
 from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.errors import AmbiguousLayoutError
 from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
 from kitti_ros2.own_bags.restore import restore
 
@@ -155,8 +157,25 @@ def test_names_without_anything_in_common_are_refused(recordings, tmp_path, caps
     assert 'have no file of the same name in' in error
 
 
+def test_calibrations_of_sequences_beside_those_of_frames(recordings, tmp_path):
+    """The archives of object and tracking unpack to one folder."""
+    source = tmp_path / 'both'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    shutil.copytree(
+        recordings[Layout.TRACKING] / 'training', source / 'training', dirs_exist_ok=True
+    )
+    found = open_recording(source, ReadOptions(layout=Layout.OBJECT))
+    assert found.losses == []
+    assert found.path(Stream.CALIBRATION, 0).name == '000000.txt'
+    found = open_recording(source, ReadOptions(layout=Layout.TRACKING))
+    assert (found.losses, len(found.streams[Stream.SCAN])) == ([], 5)
+    with pytest.raises(AmbiguousLayoutError):
+        open_recording(source)
+
+
 @pytest.mark.parametrize(
-    ('folder', 'name'), [('image_2', '000001.webp'), ('velodyne', '000001.pcd')]
+    ('folder', 'name'),
+    [('image_2', '000001.webp'), ('velodyne', '000001.pcd'), ('image_2', 'left.jpg')],
 )
 def test_other_formats_are_a_loss(recordings, tmp_path, folder, name):
     source = tmp_path / 'object'

@@ -235,20 +235,29 @@ def find_numbered(
         elif not name.startswith('.'):
             rest.append(name)
     if rest or frames.stems:
-        return _find_unusual(entries, suffixes, frames)
+        beside = bool(usual) and suffixes == (TXT,)
+        return _find_unusual(entries, suffixes, frames, beside_sequences=beside)
     return NumberedNames(usual, FileNames(digits, suffixes[0]))
 
 
 def _find_unusual(
-    entries: Sequence[str], suffixes: tuple[str, ...], frames: FileNames
+    entries: Sequence[str],
+    suffixes: tuple[str, ...],
+    frames: FileNames,
+    *,
+    beside_sequences: bool,
 ) -> NumberedNames:
-    """Find the files of frames among names that are not all like KITTI's."""
+    """Find the files of frames among names that are not all like KITTI's.
+
+    The archives of object and tracking both unpack to training/calib: texts of four digits beside
+    those of frames are of sequences.
+    """
     found: dict[int, list[tuple[int, bool, str]]] = {}
     strays = []
     for name in entries:
         stem, suffix = split_name(name)
         number = frames.number(stem) if suffix.lower() in suffixes else None
-        if number is not None:
+        if number is not None and not (beside_sequences and len(stem) == SEQUENCE_DIGITS):
             place = suffixes.index(suffix.lower())
             is_other = name != f'{frames.stem(number)}{suffixes[place]}'
             found.setdefault(number, []).append((place, is_other, name))

@@ -15,7 +15,7 @@ from ..model.stamps import LAST_NS, NS_PER_S
 from ..model.streams import Stream
 from ..model.text import some_of
 from .common_files import CommonFiles
-from .names import FRAME_DIGITS, OTHER_FORMATS, SIX_DIGITS, FileNames, split_name
+from .names import FRAME_DIGITS, IMAGE_SUFFIXES, OTHER_FORMATS, SIX_DIGITS, FileNames, split_name
 from .store import STORE
 from .turns import find_turns, scan_stamps
 
@@ -108,7 +108,9 @@ class RecordingIndex:
     def _report_names(self, stream: Stream, listing: Listing) -> None:
         """Report the files of a folder that are passed over for their names."""
         example, shown = listing.names.example, some_of(listing.strays)
-        others = [name for name in listing.strays if split_name(name)[1].lower() in OTHER_FORMATS]
+        suffix = listing.names.suffix
+        data = {*OTHER_FORMATS, *(IMAGE_SUFFIXES if suffix in IMAGE_SUFFIXES else (suffix,))}
+        others = [name for name in listing.strays if split_name(name)[1].lower() in data]
         if others and not len(listing.numbers):
             text = f'{listing.folder}: {shown} not read; expected files like {example}'
             self._lose_lines(stream, text, len(others))

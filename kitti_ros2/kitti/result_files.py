@@ -93,15 +93,16 @@ class ResultFiles:
     def _misnamed(self) -> tuple[Loss, ...]:
         """Return the files of no frame, and those of a frame that has another."""
         listing = self._listing
-        of_none = [name for name in listing.strays if self.frames.stems and name.endswith(TXT)]
+        texts = [name for name in listing.strays if _is_text(name)]
+        of_none = [name for name in texts if self.frames.stems or number_text(name)]
         doubles = [name for names in listing.doubles.values() for name in names]
-        texts = {
+        reasons = {
             f'{self.root}: {some_of(of_none)}: no frame has this name': of_none,
             f'{self.root}: {some_of(doubles)} not read; their frames have other files': doubles,
         }
         return tuple(
             Loss(self._stream, len(names), text.replace('{', '(').replace('}', ')'))
-            for text, names in texts.items()
+            for text, names in reasons.items()
             if names
         )
 
