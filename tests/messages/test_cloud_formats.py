@@ -191,6 +191,47 @@ def test_angles_and_distances_are_those_that_autowares_driver_recorded():
     np.testing.assert_allclose(cloud['distance'], distance, rtol=1e-6)
 
 
+SIDES = {'front': (3.0, 0.1), 'left': (-0.1, 3.0), 'rear': (-3.0, -0.1), 'right': (0.1, -3.0)}
+"""Directions in the order of KITTI's file; the scanner turns the other way."""
+TURNED = {'rear': 0.995, 'left': 0.245, 'front': 0.495, 'right': 0.745}
+"""The part of the turn at which each is passed: 0.1 of 3 m is 0.0053 of a turn."""
+
+
+def test_each_field_has_the_meaning_that_its_driver_gives_it():
+    """By hand: three lasers, at 4, 0 and -4 m, so 5, 3 and 5 m away; a turn of 0.1 s."""
+    heights = (4.0, 0.0, -4.0)  # of the highest laser first
+    file = np.array([(x, y, z, 0.2) for z in heights for x, y in SIDES.values()], np.float32)
+    scan = Scan(file, turn=Turn(STAMP, 100_000_000))
+    velodyne, autoware, ouster = (
+        cells_of(encode(scan, points), points)
+        for points in (Points.XYZIRT, Points.XYZIRCAEDT, Points.OUSTER)
+    )
+    for side, (x, y) in SIDES.items():
+        for laser, z in zip((2, 1, 0), heights, strict=True):
+            one, other, third = (
+                cells[
+                    (cells['x'] == np.float32(x))
+                    & (cells['y'] == np.float32(y))
+                    & (cells['z'] == z)
+                ]
+                for cells in (velodyne, autoware, ouster)
+            )
+            seconds = TURNED[side] / 10
+            assert one['time'] == pytest.approx([seconds], abs=1e-4)
+            assert other['time_stamp'] == pytest.approx([seconds * 1e9], abs=1e5)
+            assert third['t'] == pytest.approx([seconds * 1e9], abs=1e5)
+            assert (one['ring'], other['channel'], third['ring']) == (laser, laser, 63 - laser)
+            assert one['intensity'] == third['intensity'] == np.float32(0.2)
+            assert other['intensity'] == third['reflectivity'] == 51
+            metres = math.hypot(3.0016662, z)
+            assert other['distance'] == pytest.approx([metres])
+            assert third['range'] == pytest.approx([metres * 1000], abs=0.51)
+            up = math.degrees(math.atan(z / 3.0016662))
+            assert np.degrees(other['elevation']) == pytest.approx([up])
+            clockwise = {'front': 358.09, 'left': 268.09, 'rear': 178.09, 'right': 88.09}[side]
+            assert np.degrees(other['azimuth']) == pytest.approx([clockwise], abs=0.01)
+
+
 def ring_filter_keeps(cloud):
     """The points that Autoware's filter of outliers keeps, (N,).
 
