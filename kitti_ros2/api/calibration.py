@@ -182,7 +182,7 @@ class CalibratedRig:
         *,
         score: float | None = None,
         track: int | None = None,
-        occluded: int = 3,
+        occluded: int = 0,
         camera: int = LABELLED_CAMERA,
     ) -> Box:
         """Make a line of a KITTI label or result file of a box in velo_link.
@@ -196,7 +196,7 @@ class CalibratedRig:
             size: (width, height) of the image, pixels.
             score: Of a detection.
             track: Identity across frames.
-            occluded: 0 visible, 1 partly, 2 largely, 3 unknown.
+            occluded: 0 visible, 1 partly, 2 largely, 3 unknown, which evaluations leave out.
             camera: KITTI's number of the camera of the 2D box.
 
         Raises:

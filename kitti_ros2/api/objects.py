@@ -48,6 +48,8 @@ class FrameObject:
         self.alpha = None if label is None or label.alpha < -np.pi - 1 else label.alpha
         self.truncated = found.truncated
         self.occluded = found.occluded
+        if found.cuboid is not None and found.occluded is None:
+            self.occluded = found.cuboid.occluded
         self.track = found.track_id
         self.score = found.score
         self.label = label

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 _STREAM = 'ground truth'
 _CAMERA = 2
-_VISIBLE = 0
 
 
 def read_ground_truth(
@@ -144,7 +143,7 @@ def _read_recording(
     tracks = TrackIds()
     boxes: dict[int, Sequence[Box]] = {}
     losses: list[Loss] = []
-    notes: tuple[str, ...] = ()
+    unset = 0
     for number in sorted(numbers):
         progress()
         boxes[number] = ()
@@ -159,8 +158,8 @@ def _read_recording(
             losses.append(Loss(_STREAM, 1, reason, (number,)))
             continue
         losses += [Loss(_STREAM, 1, reason, (number,)) for reason in labels.missing.values()]
-        if labels.cuboids:
-            notes = (f'{path}: tracklets count as visible: their occlusion is not read',)
+        unset += sum(each.occluded is None for each in labels.cuboids)
+    notes = (f'{path}: {unset} boxes without occlusion count as visible',) if unset else ()
     return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes, frames=recording.file_names)
 
 
@@ -182,4 +181,6 @@ def _boxes_of(
     if camera is None or camera.size is None:
         raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
     image = ImageOf(_CAMERA, camera.size)
-    return make_boxes(labels.cuboids, calibration, image, tracks, occluded=_VISIBLE)[0]
+    # The benchmark limits the truncated part, of which tracklets have a level.
+    cuboids = [replace(each, truncation=None) for each in labels.cuboids]
+    return make_boxes(cuboids, calibration, image, tracks)[0]

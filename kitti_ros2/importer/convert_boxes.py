@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..kitti.tracklet_file import FULLY_OCCLUDED
 from ..messages.detections import ABSURD, UNPLACED, boxes_of_detections_2d, has_scores
 from ..messages.solid_boxes import box_count, cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
@@ -23,14 +24,23 @@ from ..rig.heading import find_body
 from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
-from .labels import OUT_OF_VIEW, ImageOf, Standing, TrackIds, boxes_of_lines, leans, make_boxes
+from .labels import (
+    OUT_OF_VIEW,
+    ImageOf,
+    Standing,
+    TrackIds,
+    boxes_of_lines,
+    leans,
+    make_boxes,
+    own_number,
+)
 from .pixel_frames import PixelFrames
-from .plan import UNKNOWN_OCCLUSION
+from .plan import UNKNOWN_OCCLUSION, VISIBLE
 from .planned_topics import topic_of
 from .repeated_boxes import join_cuboids, join_image_boxes
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Sequence
+    from collections.abc import Container, Mapping, Sequence
 
     from ..model.boxes import Box, Cuboid
     from ..rig.tf_tree import FrameTree
@@ -45,6 +55,7 @@ _LOST = {ABSURD: ' (NaN, a size of 0 or less, or beyond 100 km)', UNPLACED: '', 
 """Reasons for which boxes are lost, with what is added to each; the others are by the plan."""
 
 _FLAT = 'without a 3D box, which tracklets have no place for,'
+_SAME_PLACE_M = 0.001
 _REPORTED_LEAN_RAD, _MOST_LEAN_RAD = np.radians((3, 45))
 
 
@@ -96,9 +107,11 @@ class BoxConversion:
         self._pixel_frames: Container[str] = ()
         if labels is not None and labels.camera in plan.cameras:
             self._pixel_frames = PixelFrames(survey, tree, plan.cameras[labels.camera])
-        self._classes = (
-            None if labels is None else LabelClasses(labels, own=is_own(survey, labels.topic))
-        )
+        own = labels is not None and is_own(survey, labels.topic)
+        self._classes = None if labels is None else LabelClasses(labels, own=own)
+        self._tracklets = survey.tracklets if own else {}
+        self._occlusions: Counter[int] = Counter()
+        self._unset = 0
 
     def _check(self, survey: Survey, *, placed: bool) -> bool:
         """Check the options of labels; return whether they have scores."""
@@ -107,10 +120,11 @@ class BoxConversion:
             return False
         if not placed and plan.topic != LABEL_LINES:
             raise UsageError('labels need a scan or a camera_info: their boxes are given in frames')
-        if plan.topic == LABEL_LINES and plan.occluded != UNKNOWN_OCCLUSION:
+        # 3 was the default of earlier plans.
+        if plan.topic == LABEL_LINES and plan.occluded not in {VISIBLE, UNKNOWN_OCCLUSION}:
             raise UsageError(
                 f'labels.occluded is for boxes; the label lines of {plan.topic} have their own:'
-                f' leave it at {UNKNOWN_OCCLUSION}'
+                f' leave it at {VISIBLE}'
             )
         calibration = self._calibrations.first
         if calibration is None:
@@ -186,6 +200,7 @@ class BoxConversion:
         if self._classes is not None:
             find = self._classes.find
             cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
+        cuboids = self._with_levels(cuboids, messages)
         lean = leans(cuboids, calibration, self.standing)
         cuboids = [cuboids[place] for place in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
         self.left_out[LEANING] += len(lean) - len(cuboids)
@@ -201,7 +216,29 @@ class BoxConversion:
         )
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
-        return self._joined(boxes, flat, size) if flat else boxes
+        boxes = self._joined(boxes, flat, size) if flat else boxes
+        self._occlusions.update(each.occluded for each in boxes)
+        return boxes
+
+    def _with_levels(self, cuboids: list[Cuboid], messages: Sequence[Any]) -> list[Cuboid]:
+        """Give boxes that to-bag made of tracklets their occlusion and level of truncation.
+
+        Labels of the object layout have the part outside of the image in place of a level.
+        """
+        if not self._tracklets:
+            return cuboids
+        levels = not self._plan.layout.traits.frame_set
+        known = self._tracklets.get(stamp_of_boxes(messages[0], None), {})
+        found = []
+        for each in cuboids:
+            own = _tracklet_of(each, known)
+            if own is None:
+                found.append(each)
+                continue
+            self._unset += own.occluded is None
+            truncation = own.truncation if levels else None
+            found.append(replace(each, occluded=own.occluded, truncation=truncation))
+        return found
 
     def all_cuboids(
         self, messages: Sequence[Any], stamp_ns: int | None = None, cloud_ns: int | None = None
@@ -307,7 +344,32 @@ class BoxConversion:
                 f'boxes lean by up to {np.degrees(self._max_lean):.0f} degrees from {axis} axis,'
                 f' about which alone labels turn: their heading was kept'
             )
+        found += self._occlusion_notes()
         return found if self._classes is None else [*found, *self._classes.notes()]
+
+    def _occlusion_notes(self) -> list[str]:
+        """Return remarks on labels that evaluations leave out, and on levels of tracklets."""
+        plan = self._plan.labels
+        if plan is None or self._plan.layout.traits.tracklets:
+            return []
+        found = []
+        if self._tracklets and self._occlusions[FULLY_OCCLUDED]:
+            found.append(
+                f'{plan.topic}: {self._occlusions[FULLY_OCCLUDED]} boxes are fully occluded in the'
+                f' tracklets; labels have no such level, and contain 2, largely'
+            )
+        if self._unset:
+            found.append(
+                f'{plan.topic}: {self._unset} boxes have no occlusion in the tracklets; labels'
+                f' contain {plan.occluded}, as labels.occluded of the plan says'
+            )
+        unknown = self._occlusions[UNKNOWN_OCCLUSION]
+        if unknown:
+            found.append(
+                f'{plan.topic}: {unknown} labels contain occlusion 3, unknown, as labels.occluded'
+                f' of the plan says: evaluations leave them out; 0 has them counted'
+            )
+        return found
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the boxes so far that a label cannot represent."""
@@ -321,3 +383,19 @@ class BoxConversion:
             for (topic, reason), count in counts.items()
             if count
         )
+
+
+def _tracklet_of(cuboid: Cuboid, known: Mapping[int, Cuboid]) -> Cuboid | None:
+    """Return the tracklet of a box among those of its frame; DetectedObjects have no track."""
+    track_id = own_number(cuboid.identity)
+    if track_id is not None:
+        return known.get(track_id)
+    place = cuboid.velo_T_box.translation
+    return next(
+        (
+            each
+            for each in known.values()
+            if np.linalg.norm(each.velo_T_box.translation - place) < _SAME_PLACE_M
+        ),
+        None,
+    )

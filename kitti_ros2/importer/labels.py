@@ -5,14 +5,14 @@
 A label's box is upright in the rectified camera 0 and turns about its y axis alone: the heading is
 kept, a lean is lost. That of a tracklet is upright in velo_link. Its 2D box is the projection of
 its corners clipped to the image, truncated is the part outside of the image; occluded is set by the
-plan, since boxes have none.
+plan, since boxes have none. Tracklets have an occlusion and a level of truncation, which are kept.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -30,13 +30,15 @@ from ..model.boxes import (
 )
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
-from .plan import UNKNOWN_OCCLUSION
+from .plan import VISIBLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
+
+T = TypeVar('T')
 
 OUT_OF_VIEW = 'out of view'
 
@@ -199,7 +201,7 @@ def make_boxes(
     tracks: TrackIds,
     *,
     out_of_view: bool = False,
-    occluded: int = UNKNOWN_OCCLUSION,
+    occluded: int = VISIBLE,
     standing: Standing = _IN_THE_CAMERA,
 ) -> tuple[list[Box], int]:
     """Make labels of boxes; also return how many were skipped because they are out of view.
@@ -210,7 +212,8 @@ def make_boxes(
         image: Whose pixels the 2D boxes are.
         tracks: Gives track ids.
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
-        occluded: The occlusion of all labels, 0 to 3 (readme.txt of the object devkit).
+        occluded: The occlusion of boxes of which it is not known, 0 to 3 (readme.txt of the object
+            devkit).
         standing: What they are upright in.
 
     Raises:
@@ -236,8 +239,8 @@ def make_boxes(
     made = [
         Box(
             class_name=class_name(cuboids[place].class_name),
-            truncated=float(truncated[place]),
-            occluded=occluded,
+            truncated=float(_known(cuboids[place].truncation, truncated[place])),
+            occluded=_known(cuboids[place].occluded, occluded),
             alpha=float(alphas[place]),
             box_2d=_four(bounds[place]) if seen[place] else _UNSEEN,
             size_hwl=boxes[place][1],
@@ -250,6 +253,10 @@ def make_boxes(
     ]
     made = [_region(box) if box.class_name == DONT_CARE else box for box in made]
     return made, len(cuboids) - len(made)
+
+
+def _known(value: int | None, default: T) -> int | T:
+    return default if value is None else value
 
 
 def _region(box: Box) -> Box:

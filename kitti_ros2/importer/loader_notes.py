@@ -19,6 +19,7 @@ from ..model.errors import KittiRos2Error
 from ..rig.heading import describe_direction
 from .calibration_source import camera_models
 from .camera_sets import plans_of
+from .label_classes import is_own
 from .optical_frames import made_optical_frames
 from .plan import TF
 from .rig_cameras import other_cameras
@@ -44,10 +45,11 @@ def loader_notes(plan: Plan, survey: Survey) -> Iterator[str]:
         return
     if is_set:
         yield from _turned_scans(plan, survey)
-    if not plan.layout.traits.tracklets and plan.labels.topic != LABEL_LINES:
+    tracked = survey.tracklets and is_own(survey, plan.labels.topic)
+    if not (plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES or tracked):
         yield (
-            f'{plan.labels.topic}: has no occlusion, so labels contain 3, unknown, which'
-            f' evaluations leave out; set labels.occluded of the plan to 0 to have them counted'
+            f'{plan.labels.topic}: has no occlusion, so labels contain 0, visible, and evaluations'
+            f' count them; labels.occluded of the plan: 3 is unknown, which they leave out'
         )
 
 

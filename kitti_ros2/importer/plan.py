@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
-UNKNOWN_OCCLUSION = 3
+VISIBLE, UNKNOWN_OCCLUSION = 0, 3
 QUIET = 'quiet'
 """Metadata of the fields that a printed plan leaves out at their default."""
 
@@ -139,7 +139,7 @@ class LabelPlan:
         out_of_view: Whether boxes outside of the camera's view are kept.
         occluded: The occlusion written for boxes, whose messages have none: 0 visible, 1 partly, 2
             largely, 3 unknown. Evaluations leave 3 out (cpp/evaluate_object.cpp of the devkit).
-            Label lines have their own.
+            Label lines and tracklets in a bag written by to-bag have their own.
         boxes_2d: A Detection2DArray whose boxes are the 2D boxes of the labels, in pixels of the
             camera's images as they are in the bag; empty: the projections of the 3D boxes.
         classes: KITTI's class of each class of the topic, by name (in any case) or number. Those
@@ -152,7 +152,7 @@ class LabelPlan:
     topic: str
     camera: int = 2
     out_of_view: bool = False
-    occluded: int = UNKNOWN_OCCLUSION
+    occluded: int = VISIBLE
     boxes_2d: str = _quiet('')
     classes: Mapping[str, str] = field(default_factory=dict, metadata={QUIET: True})
     keep_classes: bool = _quiet(value=False)

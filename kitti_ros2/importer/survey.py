@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
+    from ..model.boxes import Cuboid
     from ..model.losses import Loss
     from ..model.samples import TextFile
     from ..rig.tf_tree import Link
@@ -62,6 +63,8 @@ class Survey:
         losses: Damage, and the number of messages lost by each; None: unknown.
         left_out: Topics that cannot be read.
         clashes: Links that are of several robots, each with the topics of two.
+        tracklets: Of a raw drive in a bag written by to-bag: its boxes by stamp and track, whose
+            occlusion and truncation no message has.
     """
 
     topics: Mapping[str, TopicSurvey]
@@ -73,6 +76,7 @@ class Survey:
     losses: Mapping[str, int | None] = field(default_factory=dict)
     left_out: Sequence[tuple[StoredChannel, Loss]] = ()
     clashes: Mapping[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+    tracklets: Mapping[int, Mapping[int, Cuboid]] = field(default_factory=dict)
 
     @cached_property
     def tree(self) -> FrameTree:

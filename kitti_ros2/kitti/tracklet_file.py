@@ -46,8 +46,10 @@ _WHOLE = {
 }
 
 LABELLED = 2
+FULLY_OCCLUDED = 2
 TRUNCATION_IN_IMAGE = 0
 TRUNCATION_CUT = 1
+_OUT_OF_IMAGE = (2, 99)
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n'
@@ -224,7 +226,10 @@ class _TrackParser:
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
-    """Map file numbers to boxes in velo_link; a track's place in the file is its id."""
+    """Map file numbers to boxes in velo_link; a track's place in the file is its id.
+
+    An occlusion of 2, fully, has no level of its own in labels: it is their 2, largely.
+    """
     frames: dict[int, list[Cuboid]] = {}
     for track, tracklet in enumerate(tracklets):
         height, width, length = tracklet.size_hwl
@@ -233,10 +238,22 @@ def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
             middle = np.array([x, y, z + height / 2])
             velo_t_box = Transform(rotation_from_rpy(0.0, 0.0, pose.yaw), middle)
             cuboid = Cuboid(
-                tracklet.class_name, str(track), velo_t_box, (length, width, height), track_id=track
+                tracklet.class_name,
+                str(track),
+                velo_t_box,
+                (length, width, height),
+                track_id=track,
+                occluded=pose.occlusion if 0 <= pose.occlusion <= FULLY_OCCLUDED else None,
+                truncation=_truncation_level(pose.truncation),
             )
             frames.setdefault(tracklet.first_frame + offset, []).append(cuboid)
     return frames
+
+
+def _truncation_level(truncation: int) -> int | None:
+    if truncation in _OUT_OF_IMAGE:
+        return 2
+    return truncation if truncation in {TRUNCATION_IN_IMAGE, TRUNCATION_CUT} else None
 
 
 def labels_of_tracklets(cuboids: Sequence[Cuboid], path: Path | str) -> FrameLabels:

@@ -74,6 +74,8 @@ class Cuboid:
         size_lwh: Length, width, height along x, y, z, metres.
         score: Detection score, None for ground truth.
         track_id: Identity across frames, None where there is none.
+        occluded: As in Box; None if it is not known.
+        truncation: Level of the tracking benchmark, 0 to 2; None if it is not known.
     """
 
     class_name: str
@@ -82,6 +84,8 @@ class Cuboid:
     size_lwh: tuple[float, float, float]
     score: float | None = None
     track_id: int | None = None
+    occluded: int | None = None
+    truncation: int | None = None
 
 
 _SIGNS = np.array(

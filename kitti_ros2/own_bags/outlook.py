@@ -16,7 +16,7 @@ from ..kitti.store import STORE
 from ..model.errors import MissingDataError, UsageError
 from ..model.layouts import Layout, LayoutTraits
 from ..model.streams import Stream
-from .to_kitti import is_restored, own_bags, selected
+from .to_kitti import is_restored, own_bags, selected, with_tracklets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -74,14 +74,14 @@ def make_outlook(
     own, damaged = own_bags(bags, options, planned=plan_file is not None)
     if plan_file is not None:
         plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
-        survey = look(bags)
+        survey = with_tracklets(look(bags), own)
         options = replace(options, selection=selected(own, plan, options))
         return Outlook(survey, plan, options, (*survey.notes, *survey.losses))
     restored = is_restored(own, options)
     notes: tuple[str, ...] = ()
     if own:
         options, notes = _as_recorded(own[0][1], options)
-    survey = look(bags)
+    survey = with_tracklets(look(bags), own)
     reason, layouts = '', None
     if options.layout is None and any_layout:
         plans = _every_plan(bags, survey, options)

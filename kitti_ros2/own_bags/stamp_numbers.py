@@ -94,6 +94,20 @@ def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
     return {}
 
 
+def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, Cuboid]]:
+    """Return the boxes of raw drives by the stamp of their frame's message, and by track."""
+    found: dict[int, dict[int, Cuboid]] = {}
+    for blueprint in blueprints:
+        boxes = tracklets_of(blueprint)
+        if boxes:
+            stamps, numbers = StampNumbers(blueprint).pairs(Stream.LABELS)
+            for stamp_ns, number in zip(stamps.tolist(), numbers.tolist(), strict=True):
+                found[stamp_ns] = {
+                    each.track_id: each for each in boxes[number] if each.track_id is not None
+                }
+    return found
+
+
 def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
     """Return the frames with lines in the common file of a stream, ascending."""
     folder = LAYOUTS[blueprint.layout].line_folders.get(stream)

@@ -15,6 +15,7 @@ from .numbering import number_bag
 from .part import select_part, select_times
 from .recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
 from .restore import restore
+from .stamp_numbers import tracklets_by_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -96,7 +97,7 @@ class Conversion:
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
-        survey = self.survey or look(self.bags)
+        survey = with_tracklets(self.survey or look(self.bags), recordings)
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
@@ -160,6 +161,12 @@ def selected(
     topics = frame_topics(plan)
     reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
     return select_times(*recordings[0], reference, options.selection)
+
+
+def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, Blueprint]]) -> Survey:
+    """Add the tracklets of raw drives to the survey of their bags."""
+    found = tracklets_by_stamp(blueprint for _, blueprint in recordings)
+    return replace(survey, tracklets=found) if found else survey
 
 
 def own_bags(

@@ -167,7 +167,7 @@ def test_boxes_are_those_of_the_detector(made):
             continue
         (box,) = labels.boxes
         location, size_hwl, rotation_y = box_of(frame.cuboid, rect_t_velo)
-        assert (box.class_name, box.occluded, box.score) == ('Car', 3, None)
+        assert (box.class_name, box.occluded, box.score) == ('Car', 0, None)
         assert np.abs(np.array(box.location) - location).max() < 1e-3
         assert np.abs(np.array(box.size_hwl) - size_hwl).max() < 1e-3
         assert abs(box.rotation_y - rotation_y) < 1e-3

@@ -101,7 +101,7 @@ def p_rect(camera):
 
 
 def assert_same(made: Box, box: Box, camera=2):
-    assert (made.class_name, made.track_id, made.occluded) == (box.class_name, box.track_id, 3)
+    assert (made.class_name, made.track_id, made.occluded) == (box.class_name, box.track_id, 0)
     np.testing.assert_allclose(made.location, box.location, atol=1e-6)
     np.testing.assert_allclose(made.size_hwl, box.size_hwl, rtol=1e-9)
     assert abs(np.angle(np.exp(1j * (made.rotation_y - box.rotation_y)))) < 1e-6

@@ -67,18 +67,25 @@ def test_a_plan_can_be_printed_edited_and_gone_by(go_by, tmp_path):
     assert (tmp_path / 'out/ImageSets/test.txt').read_text().count('\n') == foreign.FRAMES
 
 
-def test_evaluations_count_what_the_plan_calls_visible(go_by, tmp_path):
-    printed, _ = go_by('occluded: 3', 'occluded: 0')
-    assert 'set labels.occluded of the plan to 0' in printed
-    lines = (tmp_path / 'out/training/label_2/000000.txt').read_text().splitlines()
+@pytest.mark.parametrize('occluded', [0, 1, 3])
+def test_labels_have_the_occlusion_of_the_plan(occluded, go_by, tmp_path):
+    printed, said = go_by('occluded: 0', f'occluded: {occluded}')
+    assert 'has no occlusion, so labels contain 0, visible, and evaluations count' in printed
+    lines = [
+        line
+        for path in (tmp_path / 'out/training/label_2').iterdir()
+        for line in path.read_text().splitlines()
+    ]
     assert lines
-    assert {line.split()[2] for line in lines} == {'0'}
+    assert {line.split()[2] for line in lines} == {f'{occluded}'}
+    left_out = f'{len(lines)} labels contain occlusion 3, unknown, as labels.occluded of the plan'
+    assert (left_out in said) == (occluded == 3)
 
 
 def test_label_lines_tell_their_own_occlusion(own, tmp_path, capsys):
     assert main(['to-kitti', own, '--layout', 'object', '--plan']) == 0
     plan = tmp_path / 'plan.yaml'
-    plan.write_text(capsys.readouterr().out.replace('occluded: 3', 'occluded: 0'))
+    plan.write_text(capsys.readouterr().out.replace('occluded: 0', 'occluded: 1'))
     assert main(['to-kitti', own, str(tmp_path / 'out'), '--plan-file', str(plan)]) == 2
     assert 'labels.occluded is for boxes' in one_line(capsys.readouterr().err)
 
