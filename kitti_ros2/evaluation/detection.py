@@ -164,7 +164,7 @@ def score_frames(
         limits,
         len(numbers),
         tuple(losses),
-        (*truth.notes, *found.notes, *notes_on(scores, found, detections)),
+        (*truth.notes, *found.notes, *notes_on(scores, found, labels, detections)),
         None if options.worst is None else _rank(truth, found, numbers, options),
     )
 

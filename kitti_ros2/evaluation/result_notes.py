@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.difficulty import LIMITS, Difficulty
 from ..model.text import format_count, some_of
 from .object_benchmark import SAMPLES
@@ -24,8 +25,20 @@ _MOST_CELLS = 4
 _NO_SIZE = -1.0
 
 
-def notes_on(scores: Scores, found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+def left_out_note(count: int) -> tuple[str, ...]:
+    """Return the note on labels of the scored classes whose occlusion is unknown."""
+    if not count:
+        return ()
+    what = f'{format_count(count, "label")} left out: occlusion {UNKNOWN_OCCLUSION}, unknown'
+    return (f'{what}; 0 counts as visible',)
+
+
+def notes_on(
+    scores: Scores, found: FrameBoxes, labels: ObjectTable, detections: ObjectTable
+) -> Iterator[str]:
     """Yield remarks on the scores of some results."""
+    unknown = labels.of_classes({*scores}) & (labels.occluded == UNKNOWN_OCCLUSION)
+    yield from left_out_note(int(np.count_nonzero(unknown)))
     unscored = sum(box.score is None for boxes in found.boxes.values() for box in boxes)
     if unscored:
         yield (

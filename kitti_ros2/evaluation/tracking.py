@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..files.remote import as_path
+from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.losses import format_numbers
 from ..options.evaluation_tables import TRACKING, make_tracking_options
 from .class_map import ClassMap
+from .result_notes import left_out_note
 from .track_boxes import SCORED, TRACKER_CLASSES, read_tracks, read_truth, tracks_of_frames
 from .track_metrics import TrackedSequence, check_trackeval, score_sequences
 from .track_sources import find_results, find_sequences
@@ -126,18 +128,23 @@ def score_tracking(
     all_known = read.sequence is None and not ground_truth.is_file()
     source = find_results(results, known, options, all_known=all_known)
     classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
-    losses, notes, others = [*source.losses], [*source.notes], 0
+    losses, notes, others, unknown = [*source.losses], [*source.notes], 0, 0
     sequences = []
     for each in source.sequences:
         truth = read_truth(each.labels, each.length).among(played)
         tracks = _read(source, each, classes).among(played)
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
+        unknown += sum(
+            each.class_name in SCORED and each.box.occluded == UNKNOWN_OCCLUSION
+            for each in truth.boxes
+        )
         notes += [*_empty_frames(each, truth, tracks), *_short_tracks(each, tracks)]
         sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)
         notes.append(f'boxes of other classes than {names}, {others:,}, have no part in the scores')
+    notes += left_out_note(unknown)
     figures = score_sequences(sequences, progress)
     return TrackingScores(
         figures.combined,

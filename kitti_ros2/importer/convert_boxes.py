@@ -16,6 +16,7 @@ from ..messages.detections import ABSURD, UNPLACED, boxes_of_detections_2d, has_
 from ..messages.solid_boxes import box_count, cuboids_in
 from ..messages.source import LABEL_LINES, decode_text
 from ..model import msgtypes as types
+from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
 from ..model.errors import UsageError
 from ..model.geometry import Transform
 from ..model.losses import Loss
@@ -35,7 +36,6 @@ from .labels import (
     own_number,
 )
 from .pixel_frames import PixelFrames
-from .plan import UNKNOWN_OCCLUSION, VISIBLE
 from .planned_topics import topic_of
 from .repeated_boxes import join_cuboids, join_image_boxes
 

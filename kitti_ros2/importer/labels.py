@@ -19,6 +19,7 @@ import numpy as np
 from ..kitti.label_file import parse_box
 from ..model.boxes import (
     DONT_CARE,
+    VISIBLE,
     Box,
     Cuboid,
     alpha_of,
@@ -30,7 +31,6 @@ from ..model.boxes import (
 )
 from ..model.geometry import Transform
 from ..model.labels import rect_from_velo
-from .plan import VISIBLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

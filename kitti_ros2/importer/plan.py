@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from ..model.boxes import VISIBLE
 from ..model.layouts import Layout  # noqa: TC001 - read by get_type_hints
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 TF = 'tf'
 NONE = 'none'
 SOURCE = 'source'
-VISIBLE, UNKNOWN_OCCLUSION = 0, 3
 QUIET = 'quiet'
 """Metadata of the fields that a printed plan leaves out at their default."""
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..messages.scan_sources import SCAN_SOURCES
 from ..messages.velodyne_models import MODELS
+from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.errors import UsageError
 from ..model.geographic import GeoOrigin
 from ..model.layouts import Layout
@@ -19,7 +20,6 @@ from ..model.text import one_line, shown
 from .optical_frames import X_FORWARD
 from .plan import (
     QUIET,
-    UNKNOWN_OCCLUSION,
     CameraPlan,
     Incomplete,
     LabelPlan,

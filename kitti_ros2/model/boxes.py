@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
 """Indexed by the number in a label file (readme.txt of the object devkit)."""
 
+VISIBLE, UNKNOWN_OCCLUSION = 0, 3
+"""Evaluations count labels with the first, and leave out those with the other."""
+
 DONT_CARE = 'DontCare'
 """The class of image regions without labels, which have a 2D box only."""
 

@@ -14,6 +14,7 @@ from ..files.image_files import parse_image
 from ..kitti.calib_file import parse_calibration
 from ..kitti.recording import no_calibration
 from ..kitti.store import STORE
+from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError
 from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
 from ..model.streams import Stream
@@ -63,6 +64,7 @@ class FrameResult:
         points: Number of points of the scan.
         images: Shapes of the images, by stream.
         packet: Its packet.
+        occlusions: Those of its labels but DontCare.
     """
 
     number: int
@@ -72,6 +74,7 @@ class FrameResult:
     points: int | None = None
     images: dict[Stream, ImageShape] = field(default_factory=dict)
     packet: OxtsPacket | None = None
+    occlusions: Sequence[int] = ()
 
     def look(self, stream: Stream, path: Path) -> DataFile | None:
         """Count a file and check its size; None if it is not worth reading."""
@@ -158,6 +161,9 @@ class FrameChecks:
         self._check_packet(number, result)
         calibration, calibration_path = self._check_calibration(number, result)
         lines, cuboids, label_path = self._check_labels(number, result)
+        result.occlusions = [
+            line.box.occluded for line in lines if line.box.class_name != DONT_CARE
+        ]
         if calibration is None or not self._recording.common_numbers:
             return result, None
         sizes = {self._cameras[stream]: shape[:2] for stream, shape in result.images.items()}

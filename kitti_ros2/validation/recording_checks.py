@@ -122,6 +122,7 @@ class _Check:
         self._size_bytes += result.size_bytes
         if result.points is not None:
             self._facts.enter_scan(result.number, result.points)
+        self._facts.occlusions.update(result.occlusions)
         for stream, shape in result.images.items():
             self._facts.enter_image(stream, result.number, shape)
 

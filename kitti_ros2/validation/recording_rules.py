@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.losses import format_numbers
 from ..model.streams import Stream
 from ..model.text import some_of
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _FEW_POINTS = 0.5  # of the median; KITTI's scans have 113,000 to 127,000 points
 _LEAST_SCANS = 3
+_MOST_UNKNOWN = 0.5
 
 T = TypeVar('T')
 ImageShape = tuple[int, int, int]
@@ -39,6 +41,7 @@ class RecordingFacts:
         scans, points: The numbers of the scans, and how many points each has.
         images: The numbers of the images of each shape, by stream.
         reported: Beginnings of the reader's losses that other rules report.
+        occlusions: Number of labels of each occlusion, without DontCare.
     """
 
     recording: KittiRecording
@@ -46,6 +49,7 @@ class RecordingFacts:
     points: array[int] = field(default_factory=lambda: array('q'))
     images: dict[Stream, dict[ImageShape, array[int]]] = field(default_factory=dict)
     reported: set[str] = field(default_factory=set)
+    occlusions: Counter[int] = field(default_factory=Counter)
 
     def enter_scan(self, number: int, points: int) -> None:
         """Enter the number of a scan's points."""
@@ -159,6 +163,15 @@ def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
         yield Breach(f'labels of frames {format_numbers(without)}, which have no data', path)
 
 
+def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
+    """Find labels that evaluations leave out; single ones are usual in KITTI."""
+    unknown, every = facts.occlusions[UNKNOWN_OCCLUSION], facts.occlusions.total()
+    if unknown > _MOST_UNKNOWN * every:
+        labels = facts.recording.streams[Stream.LABELS]
+        path = facts.recording.path(Stream.LABELS, int(labels.numbers[0]))
+        yield Breach(f'{unknown} of {every} labels have occlusion {UNKNOWN_OCCLUSION}', path)
+
+
 _RECORDING = RuleScope.RECORDING
 _ERROR, _WARNING, _NOTE = RuleSeverity.ERROR, RuleSeverity.WARNING, RuleSeverity.NOTE
 
@@ -218,6 +231,14 @@ RECORDING_RULES: tuple[Rule[RecordingFacts], ...] = (
         'Labelled frames have an image or a scan',
         'check the frame numbers of the labels; copy the missing files',
         _find_unlabelled_frames,
+    ),
+    Rule(
+        'label-occlusion',
+        _WARNING,
+        _RECORDING,
+        'The occlusion of most labels is known, or 0',
+        'evaluations leave out labels with 3, unknown: write 0 for visible objects',
+        _find_unknown_occlusion,
     ),
     Rule(
         'stream-missing',

@@ -62,6 +62,13 @@ def test_json_has_exactly_the_documented_shape(folders, capsys):
     assert found['detection']['pedestrian']['3d']['easy'] == {'R40': None, 'R11': None}
 
 
+def test_labels_of_unknown_occlusion_are_counted(folders, capsys):
+    labels = {3: line('Car', occluded=3) * 2 + CAR, 4: line('Tram', occluded=3)}
+    write_frames(folders[0], labels)
+    assert 'note: 2 labels left out: occlusion 3, unknown;' in run(capsys, *folders)[1]
+    assert 'left out' not in run(capsys, *folders, '--classes', 'cyclist')[1]
+
+
 def test_tables_fit_into_80_columns(folders, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     long = line('x' * 90)

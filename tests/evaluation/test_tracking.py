@@ -305,6 +305,15 @@ def test_a_class_without_objects_and_tracks_has_no_percentage(
 
 
 @needs_trackeval
+def test_labels_of_unknown_occlusion_are_counted(truth, tracks):
+    labels = [box(frame, 1, occluded=3) for frame in range(3)]
+    found = tracks([replace(each, occluded=0) for each in labels])
+    scores = evaluate_tracking(truth([*labels, box(0, 2, 'Truck', occluded=3)]), found)
+    assert scores.classes['car']['MOTA'] is None
+    assert '3 labels left out: occlusion 3, unknown; 0 counts as visible' in scores.notes
+
+
+@needs_trackeval
 def test_figures_of_a_real_sequence_are_those_of_trackeval(real_kitti, tmp_path):
     source = real_kitti / 'tracking' / 'training'
     truth = tmp_path / 'gt'

@@ -129,6 +129,14 @@ def beyond(root: Path, n: int) -> Path:  # noqa: ARG001 - one form for all
     return labels(root, 999)
 
 
+def unknown_occlusion(root: Path, n: int) -> Path:  # noqa: ARG001
+    paths = sorted((root / 'training/label_2').iterdir())
+    for path in paths:
+        rows = [line.split() for line in path.read_text().splitlines()]
+        path.write_text(''.join(f'{" ".join([*row[:2], "3", *row[3:]])}\n' for row in rows))
+    return paths[0]
+
+
 def overlap(root: Path, n: int) -> Path:  # noqa: ARG001
     add_line(splits(root, 'val'), splits(root, 'train').read_text().split()[0])
     return splits(root, 'train')
@@ -181,6 +189,7 @@ FAULTS = tuple(
         ('label file not in UTF-8', 'text-file', of(labels, jpeg)),
         ('occluded 7', 'label-level', word(2, '7')),
         ('truncated 3.5', 'label-level', word(1, '3.5')),
+        ('labels of unknown occlusion', 'label-occlusion', unknown_occlusion, (), True),
         ('degrees', 'label-angle', word(14, '90')),
         ('2D box reversed', 'label-box', word(6, '5')),
         ('negative width', 'label-size', word(9, '-1.6')),

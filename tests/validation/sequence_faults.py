@@ -182,6 +182,13 @@ def track_word(index: int, value: str, place: int = 0):
     return plant
 
 
+def unknown_occlusion(root: Path, n: int) -> Path:
+    rows = [line.split() for line in LABEL(root, n).read_text().splitlines()]
+    text = ''.join(f'{" ".join([*row[:4], "3", *row[5:]])}\n' for row in rows)
+    LABEL(root, n).write_text(text)
+    return LABEL(root, n)
+
+
 def track_twice(root: Path, n: int) -> Path:
     line = LABEL(root, n).read_text().splitlines()[track_lines(root, n)[0] - 1]
     words = line.split()
@@ -252,6 +259,7 @@ _TRACKING = (
     ('line of an object file', 'label-columns', lambda root, n: edit_line(
         LABEL(root, n), track_lines(root, n)[0], lambda line: line.split(maxsplit=2)[2])),
     ('truncated of object files', 'label-level', track_word(3, '0.5')),
+    ('labels of unknown occlusion', 'label-occlusion', unknown_occlusion, (), True),
     ('labels of no frame', 'label-frame', lambda root, n: add_line(
         LABEL(root, n), LABEL(root, n).read_text().splitlines()[0].replace('0', '900', 1))),
     ('packet of 29 numbers', 'oxts-packet', lambda root, n: edit_line(
