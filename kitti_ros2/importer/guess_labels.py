@@ -4,13 +4,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..messages.detections import boxes_of_detections_2d
+from ..messages.solid_boxes import boxes_in
 from ..messages.source import LABEL_LINES
 from ..messages.topics import own_topics, prediction_topics
 from ..model import msgtypes as types
+from ..model.class_names import kitti_class
 from .guess_cameras import main_camera
 from .guess_names import is_truth
 from .label_classes import default_classes, is_own, others_note, others_of
@@ -19,6 +24,8 @@ from .plan import LabelPlan
 from .report import pass_over
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ..model.layouts import Layout
     from ..rig.tf_tree import FrameTree
     from .plan import CameraPlan
@@ -35,8 +42,9 @@ def guess_labels(
 ) -> LabelPlan | None:
     """Choose labels: detections, objects of Autoware, markers, then 2D boxes.
 
-    Those with tracks go before others in a layout that has tracks. In a bag written by to-bag,
-    markers have the classes of KITTI, and objects have not. Tracklets have no 2D boxes.
+    Boxes of sane sizes and known classes go before others, and those with tracks in a layout that
+    has tracks. In a bag written by to-bag, markers have the classes of KITTI, and objects have not.
+    Tracklets have no 2D boxes.
     """
     own = survey.topics.get(LABEL_LINES)
     if own is not None and own.count and survey.calibrations:
@@ -47,22 +55,23 @@ def guess_labels(
     )
     markers = [each for each in _of_labels(survey, types.MARKERS) if has_cubes(each)]
     kinds = [detections, *([markers, objects] if survey.calibrations else [objects, markers])]
-    if layout.traits.common_labels:
-        kinds.sort(key=lambda kind: not any(each.has_tracks for each in kind))
-    topics = next(filter(None, kinds), [])
     flat = _of_camera(survey, tree, cameras)
-    topics = topics or ([] if layout.traits.tracklets else flat)
+    solid = [each for kind in kinds for each in kind]
+    topics = solid or ([] if layout.traits.tracklets else flat)
     if not topics or not cameras:
         notes.append(
             'missing: labels (no Detection3DArray, TrackedObjects or DetectedObjects, no cubes'
             ' in a MarkerArray)'
         )
         return None
-    best = max(topics, key=partial(_rank, tracks=layout.traits.common_labels))
+    # Of equal topics the first kind is taken.
+    order = {each.name: -place for place, kind in enumerate(kinds) for each in kind}
+    best = max(topics, key=lambda each: _rank(each, order, tracks=layout.traits.common_labels))
+    topics = [each for each in topics if each.msgtype == best.msgtype]
     notes += pass_over('labels', best, topics)
     boxes_2d = ''
     if flat and best not in flat:
-        nearest = max(flat, key=lambda each: (is_truth(each.name), each.count))
+        nearest = max(flat, key=lambda each: _rank(each, {}, tracks=False))
         notes += pass_over('2D boxes of labels', nearest, flat)
         boxes_2d = nearest.name
     plan = LabelPlan(best.name, main_camera(cameras), boxes_2d=boxes_2d)
@@ -72,14 +81,41 @@ def guess_labels(
     return replace(plan, classes=default_classes(best.classes))
 
 
-def _rank(topic: TopicSurvey, *, tracks: bool) -> tuple[bool, bool, bool, int]:
-    """Rank: called ground truth, with tracks where they are wanted, with classes, of most."""
+_LEAST_M, _MOST_M = 0.05, (45.0, 8.0, 8.0)
+"""Of length, width and height of what drives or walks; a tram of KITTI is 35 m long."""
+
+
+def _rank(
+    topic: TopicSurvey, order: Mapping[str, int], *, tracks: bool
+) -> tuple[bool, bool, bool, bool, bool, int, int]:
+    """Rank: of sane sizes, ground truth, of known classes, with tracks and classes, of most."""
+    sane, known = _plausible(topic)
     return (
+        sane,
         is_truth(topic.name),
+        known,
         tracks and topic.has_tracks,
         any(topic.classes),
+        order.get(topic.name, 0),
         topic.count,
     )
+
+
+def _plausible(topic: TopicSurvey) -> tuple[bool, bool]:
+    """Whether most boxes of a topic have a size of things on a road, and a class of KITTI."""
+    sizes, names = [], []
+    for look in topic.looks:
+        if topic.msgtype == types.DETECTIONS_2D:
+            names += [each.class_name for each in boxes_of_detections_2d(look)[0]]
+            continue
+        with suppress(ValueError):
+            boxes = boxes_in(look)
+            sizes += [each.size_lwh for each in boxes]
+            names += [each.class_name for each in boxes]
+    names = [*topic.classes.elements()] or names
+    sane = sum(min(size) > _LEAST_M and bool((np.array(size) <= _MOST_M).all()) for size in sizes)
+    known = sum(kitti_class(name) is not None for name in names)
+    return bool(names) and 2 * sane >= len(sizes), 2 * known > len(names)
 
 
 def _of_camera(

@@ -298,8 +298,82 @@ def test_labels_are_chosen_by_what_they_tell(layout, taken):
     assert found.plan.labels.topic == taken
     objects = topic('/objects', types.TRACKED_OBJECTS)
     objects.has_tracks = True
+    objects.classes['CAR'] = 10
     found = guess(clusters, detector, objects, *camera, layout=layout)
     assert found.plan.labels.topic == ('/objects' if layout is Layout.TRACKING else taken)
+
+
+def namespace(**values):
+    return SimpleNamespace(**values)
+
+
+def pose_of_box():
+    return namespace(
+        position=namespace(x=8.0, y=1.0, z=0.0), orientation=namespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
+
+
+def boxes_on(name, msgtype, kind, size, count=5):
+    """A topic with a box of a class and a size in each message."""
+    x, y, z = size
+    header = namespace(frame_id='velo', stamp=namespace(sec=1, nanosec=0))
+    if msgtype == types.MARKERS:
+        cube = namespace(
+            header=header,
+            ns=kind,
+            id=1,
+            type=1,
+            action=0,
+            pose=pose_of_box(),
+            scale=namespace(x=x, y=y, z=z),
+            color=namespace(r=1.0, g=0.0, b=0.0, a=1.0),
+            text='',
+            frame_locked=False,
+        )
+        look = namespace(markers=[cube])
+    else:
+        result = namespace(hypothesis=namespace(class_id=kind, score=1.0))
+        bbox = namespace(center=pose_of_box(), size=namespace(x=x, y=y, z=z))
+        detection = namespace(header=header, id='1', results=[result], bbox=bbox)
+        look = namespace(header=header, detections=[detection])
+    found = topic(name, msgtype, look, frame='velo', count=count)
+    found.classes[kind] = count
+    found.has_tracks = True
+    return found
+
+
+_CAR = (4.0, 1.7, 1.5)
+
+
+@pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING, Layout.RAW])
+@pytest.mark.parametrize(
+    'other',
+    [
+        ('/debug/roi', types.MARKERS, 'roi', (60.0, 40.0, 4.0)),
+        ('/debug/roi', types.MARKERS, 'car', (60.0, 40.0, 4.0), 500),
+        ('/a/grid', types.MARKERS, 'cell', (0.01, 0.01, 0.01), 500),
+        ('/a/zones', types.MARKERS, 'zone', (5.0, 5.0, 2.0), 500),
+        ('/a/boxes', types.DETECTIONS_3D, 'zone', (5.0, 5.0, 2.0), 500),
+        ('/a/boxes', types.DETECTIONS_3D, 'car', (500.0, 5.0, 2.0), 500),
+    ],
+)
+@pytest.mark.parametrize('msgtype', [types.MARKERS, types.DETECTIONS_3D])
+def test_labels_are_of_known_classes_and_sane_sizes(msgtype, other, layout):
+    camera = image('/c/image_raw'), info('/c/camera_info')
+    labels = boxes_on('/perception', msgtype, 'pedestrian', (0.6, 0.7, 1.8))
+    plan = guess(boxes_on(*other), labels, *camera, layout=layout).plan
+    assert plan.labels.topic == '/perception'
+
+
+def test_boxes_of_other_classes_are_labels_where_there_are_no_better_ones():
+    camera = image('/c/image_raw'), info('/c/camera_info')
+    roi = boxes_on('/debug/roi', types.MARKERS, 'roi', (60.0, 40.0, 4.0))
+    forklifts = boxes_on('/forklifts', types.MARKERS, 'forklift', _CAR)
+    assert guess(roi, forklifts, *camera).plan.labels.topic == '/forklifts'
+    assert guess(roi, *camera).plan.labels.topic == '/debug/roi'
+    truth = boxes_on('/ground_truth/boxes', types.MARKERS, 'forklift', _CAR)
+    cars = boxes_on('/boxes', types.MARKERS, 'car', _CAR)
+    assert guess(cars, truth, *camera).plan.labels.topic == '/ground_truth/boxes'
 
 
 def test_boxes_that_are_no_labels_are_named_with_the_reason():
