@@ -21,6 +21,11 @@ def topic(name, msgtype, *looks, frame='', count=5):
     return found
 
 
+def at(x):
+    """A PoseWithCovariance at some x, metres."""
+    return SimpleNamespace(pose=SimpleNamespace(position=SimpleNamespace(x=x, y=0.0, z=0.0)))
+
+
 def image(name, encoding='bgr8', frame=''):
     return topic(name, types.IMAGE, SimpleNamespace(encoding=encoding), frame=frame)
 

@@ -74,9 +74,20 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     return None
 
 
-def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, int]:
-    """Rank: of a body in the tree, called ground truth, of most messages."""
-    return child_of(topic) in frames, is_truth(topic.name), topic.count
+def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool, int]:
+    """Rank: of a body in the tree, called ground truth, that moves, of most messages."""
+    return child_of(topic) in frames, is_truth(topic.name), _moves(topic), topic.count
+
+
+def _moves(topic: TopicSurvey) -> bool:
+    """Whether the poses of a topic that were looked at have several positions."""
+    found = set()
+    for look in topic.looks:
+        poses = [each.pose for each in look.poses[-1:]] if hasattr(look, 'poses') else [look.pose]
+        for each in poses:
+            place = getattr(each, 'pose', each).position  # of a PoseWithCovariance, or of a Pose
+            found.add((round(place.x, 2), round(place.y, 2), round(place.z, 2)))
+    return len(found) > 1
 
 
 def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePlan | None:

@@ -132,14 +132,19 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
     return found
 
 
-def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, int]:
-    """Rank an Imu: in a joined frame, with an orientation, not raw, of most messages."""
+def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, bool, int]:
+    """Rank an Imu: in a joined frame, with an orientation, not raw, with values, of most."""
     oriented = any(map(has_orientation, topic.looks))
-    return topic.frame in joined, oriented, 'raw' not in topic.name, topic.count
+    rates = (each.angular_velocity for each in topic.looks)
+    forces = (each.linear_acceleration for each in topic.looks)
+    measured = any(vector_of(each).any() for each in (*rates, *forces))
+    return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
 
-def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
-    return topic.has_fix, 'raw' not in topic.name, topic.count
+def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, bool, int]:
+    """Rank a NavSatFix: with a fix, not raw, not at 0, 0, of most messages."""
+    placed = any(each.latitude or each.longitude for each in topic.looks)
+    return topic.has_fix, 'raw' not in topic.name, placed, topic.count
 
 
 def _velocity_rank(topic: TopicSurvey) -> tuple[bool, int]:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from surveyed import cloud, compressed, image, info, topic
+from surveyed import at, cloud, compressed, image, info, topic
 
 from kitti_ros2.importer import apply_plan
 from kitti_ros2.importer.guess import guess_plan
@@ -180,9 +180,43 @@ def test_points_of_an_optical_frame_are_pointed_out():
     assert any('z forward' in note for note in found.notes)
 
 
+def odometry(name, *along):
+    """A topic of poses at some x, metres."""
+    looks = [SimpleNamespace(child_frame_id='/base_link', pose=at(x)) for x in along or (0.0,)]
+    return topic(name, types.ODOMETRY, *looks)
+
+
+def test_poses_that_move_go_before_others_of_the_same_body():
+    topics = odometry('/debug/odom', 0.0, 0.0), odometry('/odom', 0.0, 1.0)
+    assert guess(*topics, layout=Layout.ODOMETRY).plan.pose.topic == '/odom'
+
+
+def fix_at(latitude):
+    status = SimpleNamespace(status=0)
+    return SimpleNamespace(latitude=latitude, longitude=latitude, altitude=1.0, status=status)
+
+
+def imu_with(acceleration):
+    vector = SimpleNamespace(x=0.0, y=0.0, z=acceleration)
+    return SimpleNamespace(
+        orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=[0.0] * 9,
+        angular_velocity=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+        linear_acceleration=vector,
+    )
+
+
+def test_a_unit_that_measures_goes_before_one_that_does_not():
+    topics = [cloud('/points', frame='lidar')]
+    for name, value in (('/a', 0.0), ('/z', 9.8)):
+        topics.append(topic(f'{name}/imu', types.IMU, imu_with(value), frame='lidar'))
+        topics.append(topic(f'{name}/fix', types.FIX, fix_at(value), frame='lidar'))
+    plan = guess(*topics, layout=Layout.RAW).plan
+    assert (plan.imu, plan.fix) == ('/z/imu', '/z/fix')
+
+
 def test_ground_truth_goes_before_other_odometry():
-    look = SimpleNamespace(child_frame_id='/base_link')
-    topics = [topic(name, types.ODOMETRY, look) for name in ('/odom', '/ground_truth/odom')]
+    topics = [odometry(name) for name in ('/odom', '/ground_truth/odom')]
     plan = guess(*topics, layout=Layout.ODOMETRY).plan
     assert (plan.pose.topic, plan.pose.body) == ('/ground_truth/odom', 'base_link')
     assert plan.reference == 'pose'
@@ -396,7 +430,9 @@ def test_boxes_that_are_no_labels_are_named_with_the_reason():
 
 
 VELOCITY = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0, z=0.0))
-ODOMETRY = SimpleNamespace(child_frame_id='a/base_link', twist=SimpleNamespace(twist=VELOCITY))
+ODOMETRY = SimpleNamespace(
+    child_frame_id='a/base_link', twist=SimpleNamespace(twist=VELOCITY), pose=at(0.0)
+)
 
 
 @pytest.mark.parametrize(('joined', 'prefix'), [(True, 'b'), (False, 'b'), (False, '')])

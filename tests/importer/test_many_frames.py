@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from counted_calls import calls_of
-from surveyed import cloud, image, info, topic
+from surveyed import at, cloud, image, info, topic
 
 from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.passed_over import passed_over
@@ -41,7 +41,7 @@ RIG = [('base', 'velo', UP), ('base', 'cam', UP)]
 def odometry(number: int) -> TopicSurvey:
     vector = SimpleNamespace(x=0.0, y=0.0, z=0.0)
     twist = SimpleNamespace(twist=SimpleNamespace(linear=vector, angular=vector))
-    look = SimpleNamespace(child_frame_id=f'f{number}', twist=twist)
+    look = SimpleNamespace(child_frame_id=f'f{number}', twist=twist, pose=at(0.0))
     return topic(f'/odom{number}', types.ODOMETRY, look, frame=f'o{number}')
 
 
