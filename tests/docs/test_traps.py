@@ -217,3 +217,48 @@ def test_odometry_moves_forward_along_z(real_kitti):
         step = after[:, 3] - before[:, 3]
         assert np.linalg.norm(step) == pytest.approx(0.86, abs=0.001)
         assert step[2] > 0.85
+
+
+def turn_vector(matrix: np.ndarray) -> np.ndarray:
+    """(3,) axis times angle of a small turn."""
+    skew = matrix - matrix.T
+    sine = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) / 2
+    return sine * np.arcsin(np.linalg.norm(sine)) / max(np.linalg.norm(sine), 1e-12)
+
+
+@pytest.mark.parametrize(
+    ('number', 'lags', 'as_is', 'shifted', 'at_packets', 'ends'),
+    [
+        ('0001', (55, 54, 56), 0.44, 0.24, 0.35, 0.25),
+        ('0005', (52, 49, 64), 1.04, 0.53, 0.75, 0.50),
+    ],
+)
+def test_rates_of_turn_are_late(real_kitti, number, lags, as_is, shifted, at_packets, ends):
+    d = packets(real_kitti, number)
+    times = stamps(drive_of(real_kitti, number) / 'oxts' / 'timestamps.txt')[: len(d['yaw'])]
+    seconds = (times - times[0]) / 1e9
+    attitudes = [rotation(*each) for each in zip(d['roll'], d['pitch'], d['yaw'], strict=True)]
+    turned = np.array([turn_vector(a.T @ b) for a, b in pairwise(attitudes)])
+    rates = np.column_stack([d['wx'], d['wy'], d['wz']])
+    fine = np.linspace(0, seconds[-1], 10 * len(seconds) * 10)
+
+    def off(lag: float, known: np.ndarray = rates) -> np.ndarray:
+        """(3,) milliradians a step by which rates of a later moment differ from attitudes."""
+        found = []
+        for axis in range(3):
+            rate = np.interp(fine + lag, seconds, known[:, axis])
+            steps = (rate[1:] + rate[:-1]) / 2 * np.diff(fine)
+            way = np.interp(seconds, fine, np.concatenate([[0], np.cumsum(steps)]))
+            found.append(np.diff(way) - turned[:, axis])
+        return 1e3 * np.sqrt((np.array(found)[:, 3:-3] ** 2).mean(axis=1))
+
+    tried = np.arange(0, 0.1, 0.002)
+    best = tried[np.argmin([off(lag) for lag in tried], axis=0)]
+    np.testing.assert_allclose(1e3 * best, lags, atol=4)
+    later = np.column_stack([np.interp(seconds + 0.055, seconds, each) for each in rates.T])
+    for found, told in ((off(0), as_is), (off(0.055), shifted), (off(0, later), at_packets)):
+        assert np.sqrt((found**2).mean()) == pytest.approx(told, abs=0.01)
+    turn_s = 0.1032 / 2
+    assert 1e3 * np.median(np.linalg.norm(later - rates, axis=1)) * turn_s == pytest.approx(
+        ends, abs=0.01
+    )
