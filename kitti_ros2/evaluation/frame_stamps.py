@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array, Turn
 
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
-_ROUNDED_NS = 1_000_000
+ROUNDED_NS = 1_000_000
 """Stamps pass through float64 seconds, or microseconds."""
 
 
@@ -133,6 +133,10 @@ class StampedFrames:
         """Return the first stamp of a frame."""
         return self._first_of[number]
 
+    def moment_of(self, number: int) -> int:
+        """Return the stamp of a frame: that of its scan, or of the first of its other samples."""
+        return int(self._moments_ns[np.searchsorted(self._known, number)])
+
     def match(self, stamps_ns: Int64Array, tolerance_ns: int | None = None) -> StampMatch:
         """Match the stamps of a result to frames.
 
@@ -145,7 +149,7 @@ class StampedFrames:
         distances, nearest = np.abs(off), self._numbers[place]
         offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
         numbers = np.where(distances <= tolerance, nearest, NONE)
-        rounded = min(_ROUNDED_NS, tolerance)
+        rounded = min(ROUNDED_NS, tolerance)
         frames, best = max(
             ((each.frames_at(stamps_ns, rounded), each) for each in self._moments),
             key=lambda pair: pair[0],

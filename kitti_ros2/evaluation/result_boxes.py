@@ -137,7 +137,8 @@ class ResultBoxes:
     def _cuboids(self, result: ResultMessage, calibration: Calibration) -> list[Cuboid]:
         """Decode the boxes of a message to velo_link."""
         names = frames_in(result.message)
-        to_velo = {name: self._frames.velo_t(name, calibration, result.stamp_ns) for name in names}
+        stamps_ns = result.stamp_ns, result.scan_ns
+        to_velo = {name: self._frames.velo_t(name, calibration, *stamps_ns) for name in names}
         cuboids, left_out = cuboids_in(result.message, to_velo, scores=True)
         self._unusable.update(left_out)
         return cuboids

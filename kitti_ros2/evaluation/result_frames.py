@@ -16,6 +16,7 @@ import numpy as np
 
 from ..bags.decoding import Decoder
 from ..bags.reader import open_messages
+from ..importer.guess_names import is_fixed
 from ..importer.motion import LinkTracks
 from ..messages.naming import FrameNames, base_t_imu, every_naming
 from ..messages.transforms import static_links
@@ -27,7 +28,7 @@ from ..rig.link_tally import LinkTally
 from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from ..bags.reader import BagMessages, BagSource
     from ..importer.report import LossTally
@@ -82,13 +83,16 @@ class ResultFrames:
             None,
         )
 
-    def velo_t(self, frame: str, calibration: Calibration, stamp_ns: int) -> Transform:
+    def velo_t(
+        self, frame: str, calibration: Calibration, stamp_ns: int, scan_ns: int
+    ) -> Transform:
         """Return velo_T_frame.
 
         Args:
             frame: Name without a leading slash.
             calibration: That of the recording at the frame.
-            stamp_ns: The stamp of the result.
+            stamp_ns: The stamp of the result, at which a frame that moves is placed.
+            scan_ns: That of the scan, at which one that stands in the world is.
 
         Raises:
             MissingDataError: Nothing joins the frame to the scanner.
@@ -99,7 +103,8 @@ class ResultFrames:
         if frame in sensors:
             return sensors[frame]
         static, tracks = self._transforms
-        poses = {link: _pose_at(track, stamp_ns, self._limit_ns) for link, track in tracks.items()}
+        at_ns = scan_ns if is_fixed(frame) or _stands(frame, static, tracks) else stamp_ns
+        poses = {link: _pose_at(track, at_ns, self._limit_ns) for link, track in tracks.items()}
         moved = [(*link, pose) for link, pose in poses.items() if pose is not None]
         lost = [link for link, pose in poses.items() if pose is None]
         of_bag = FrameTree([*static, *moved], lost)
@@ -163,6 +168,16 @@ class ResultFrames:
         static, moving, _ = tally.sorted()
         tracks = links.tracks()
         return static, {link: tracks[link] for link in moving if link in tracks}
+
+
+def _stands(frame: str, static: Sequence[Link], moving: Collection[tuple[str, str]]) -> bool:
+    """Whether no link above a frame moves."""
+    above = {child: parent for parent, child, _ in static}
+    moved = {child for _, child in moving}
+    line = [frame]
+    while line[-1] in above and above[line[-1]] not in line:
+        line.append(above[line[-1]])
+    return not moved.intersection(line)
 
 
 def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:

@@ -30,7 +30,7 @@ from ..model.msgtypes import (
 from ..model.spelling import did_you_mean
 from ..model.stamps import format_stamp, from_sec_nanosec
 from ..model.text import format_count
-from .frame_stamps import PlayedTime
+from .frame_stamps import ROUNDED_NS, PlayedTime
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,6 +51,8 @@ class ResultMessage(NamedTuple):
         number: Of the frame.
         distance_ns: From the stamp of the frame, nanoseconds.
         stamp_ns: That in its header, else that of the frame.
+        scan_ns: At which boxes in frames that do not move are placed: the stamp of the frame, or
+            its own if that is one of the sensors' or an end of the turn.
         log_ns: Log time.
         message: Decoded.
     """
@@ -58,6 +60,7 @@ class ResultMessage(NamedTuple):
     number: int
     distance_ns: int
     stamp_ns: int
+    scan_ns: int
     log_ns: int
     message: Any
 
@@ -190,7 +193,7 @@ def _place(
     """
     stamped = [each for each in received if each.header_ns is not None]
     placed = [
-        ResultMessage(*found, each.header_ns, each.log_ns, each.message)
+        _placed(*found, each.header_ns, each, frames)
         for each in stamped
         if each.header_ns is not None and (found := frames.nearest(each.header_ns))
     ]
@@ -198,7 +201,7 @@ def _place(
     if others:
         time = _played_time(bag, types)
         arrived = [
-            ResultMessage(*found, frames.stamp_of(found[0]), each.log_ns, each.message)
+            _placed(*found, frames.stamp_of(found[0]), each, frames)
             for each in others
             if (found := frames.latest(time.at(each.log_ns)))
         ]
@@ -212,6 +215,18 @@ def _place(
     if not placed:
         raise BadBagError(path_of(bag), f'has no readable message on {topic}', 'results')
     return placed, ()
+
+
+def _placed(
+    number: int, distance_ns: int, stamp_ns: int, received: _Received, frames: StampedFrames
+) -> ResultMessage:
+    """Return a message of a frame.
+
+    A detector that gives the stamp of its scan has brought its boxes into the world by the pose at
+    that stamp, whatever it is of the turn.
+    """
+    scan_ns = stamp_ns if distance_ns <= ROUNDED_NS else frames.moment_of(number)
+    return ResultMessage(number, distance_ns, stamp_ns, scan_ns, received.log_ns, received.message)
 
 
 def _no_frame(

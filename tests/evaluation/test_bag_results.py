@@ -157,6 +157,34 @@ def map_t_velo(stamp_ns: int) -> Transform:
     return Transform(rotation_from_rpy(0, 0, 0.1 * seconds), np.array([10 * seconds, 0, 0]))
 
 
+@pytest.mark.parametrize('late_ms', [0, 30, 45, -20])
+@pytest.mark.parametrize('frame', ['map', 'world/map'])
+def test_boxes_in_map_stand_whatever_their_stamp(frame, late_ms, tracking, tmp_path):
+    """The boxes stand in the map, and are told some time after the scan that they were seen in."""
+    stamps = stamps_of(tracking)
+    first = min(stamps.values())
+    moving = []
+    for millisecond in range(-80, 560, 1):
+        stamp = first + millisecond * MS
+        links = [(frame, 'base', map_t_velo(stamp) @ SENSOR_T_VELO.inverse())]
+        moving.append(Published('/tf', stamp, encode_static(links, stamp), TF))
+    static = encode_static([('base', 'velo_link', SENSOR_T_VELO)], 1)
+    found = []
+    for number, stamp in stamps.items():
+        late_ns = stamp + late_ms * MS
+        made = detected(tracking, number, frame, map_t_velo(stamp), late_ns)
+        found.append(Published(TOPIC, late_ns, made))
+    path = write_bag(
+        tmp_path / 'bag.mcap', [*found, *moving, Published('/tf_static', 1, static, TF)]
+    )
+    results = read(path, tracking)
+    assert results.boxes.keys() == stamps.keys()
+    for number in stamps:
+        for box in results.boxes[number]:
+            places = [label.location for label in labels_of(tracking, number)]
+            assert np.abs(np.array(places) - box.location).max(axis=1).min() < 1e-3
+
+
 def test_boxes_in_map_are_where_the_car_was_at_their_stamp(tracking, tmp_path):
     stamps = stamps_of(tracking)
     first = min(stamps.values())
