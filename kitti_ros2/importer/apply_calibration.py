@@ -227,12 +227,10 @@ class Rigging:
 
 
 def _of_boxes(base: MovingBase, plan: Plan, survey: Survey, scans: ScanConversion) -> MovingBase:
-    """Return the base of boxes, which are true at their own stamps, not in the middle of turns."""
-    if plan.labels is None:
+    """Return the base of boxes, with the frame of the clouds that the vehicle moves in."""
+    if plan.labels is None or plan.scan is None or not scans.move:
         return base
-    world = topic_of(survey, plan.scan.topic).frame if plan.scan is not None and scans.move else ''
-    middle_ns = topic_of(survey, plan.labels.topic).middle_ns
-    return replace(base, middle_ns=middle_ns, world=world)
+    return replace(base, world=topic_of(survey, plan.scan.topic).frame)
 
 
 def _body_of(topic: TopicSurvey) -> str:

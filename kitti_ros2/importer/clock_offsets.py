@@ -161,8 +161,8 @@ def _ahead_of(reference: TopicSurvey, stream: TopicSurvey) -> int | None:
 
 def _measured_ns(topic: TopicSurvey) -> Int64Array:
     """Return the stamps at which messages were complete: of clouds the end of their turns."""
-    end_ns = topic.turn_ns[1] if topic.turn_ns is not None and topic.has_own_stamps else 0
-    return topic.clock_ns() - topic.middle_ns + end_ns
+    turns = topic.turns_ns() if topic.has_own_stamps else None
+    return topic.clock_ns() - topic.moved_ns() + (0 if turns is None else turns[:, 1])
 
 
 def _is_steady(stamps: Int64Array, logs: Int64Array) -> bool:

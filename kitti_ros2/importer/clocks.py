@@ -16,6 +16,7 @@ from .plan import StampSource
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from ..model.samples import Int64Array
     from .plan import Plan
     from .survey import Survey
     from .topic_survey import TopicSurvey
@@ -123,34 +124,41 @@ def clocked(survey: Survey, plan: Plan) -> Survey:
         offset_ns = round(plan.labels.offset_s * NS_PER_S)
         flat = topics[plan.labels.boxes_2d]
         topics[flat.name] = replace(flat, offset_ns=offset_ns)
-    middle_ns = 0 if by_log else scan_middle_ns(survey, plan)
-    if plan.scan is not None and middle_ns:
-        names = {plan.scan.topic}
+    middles_ns = None if by_log else scan_middles_ns(survey, plan)
+    if plan.scan is not None and middles_ns is not None:
+        scans = topics[plan.scan.topic]
+        topics[scans.name] = replace(scans, middles_ns=middles_ns)
         if plan.labels is not None and plan.labels.topic in topics:
             labels = topics[plan.labels.topic]
-            if share_stamps(topics[plan.scan.topic], labels, _ROUNDED_NS):
-                names.add(labels.name)
-        for name in names:
-            topics[name] = replace(topics[name], middle_ns=middle_ns)
+            if share_stamps(scans, labels, _ROUNDED_NS):
+                near = _nearest_headers(scans, labels)
+                topics[labels.name] = replace(labels, middles_ns=middles_ns[near])
     return replace(survey, topics=topics)
 
 
-def scan_middle_ns(survey: Survey, plan: Plan) -> int:
-    """Return the nanoseconds from the stamps of scans to the middle of their turns.
+def scan_middles_ns(survey: Survey, plan: Plan) -> Int64Array | None:
+    """Return (N,) the nanoseconds from the stamp of each scan to the middle of its turn.
 
-    0 if points have no times, or if images have the very stamps of the scans: then the recorder
-    has paired them.
+    None if points have no times, if all stamps are in the middle, or if images have the very stamps
+    of the scans: then the recorder has paired them.
     """
     topic = None if plan.scan is None else survey.topics.get(plan.scan.topic)
-    if topic is None or not topic.turn_ns:
-        return 0
+    turns = None if topic is None else topic.turns_ns()
+    if topic is None or turns is None:
+        return None
     cameras = (*plan.cameras.values(), *plan.camera_sets.values())
     images = (survey.topics.get(camera.topic) for camera in cameras)
     if any(each is not None and share_stamps(topic, each) for each in images):
-        return 0
-    start, end = topic.turn_ns
-    middle_ns = (start + end) // 2
-    return middle_ns if abs(middle_ns) > _EVEN_NS else 0
+        return None
+    middles_ns: Int64Array = turns.sum(axis=1) // 2
+    return middles_ns if np.abs(middles_ns).max() > _EVEN_NS else None
+
+
+def _nearest_headers(scans: TopicSurvey, others: TopicSurvey) -> Int64Array:
+    """Return (M,) the index of the scan with the nearest header stamp."""
+    order = np.argsort(scans.header_ns, kind='stable')
+    near, _ = nearest_stamps(np.array(scans.header_ns)[order], np.array(others.header_ns))
+    return np.asarray(order[near], np.int64)
 
 
 def share_stamps(first: TopicSurvey, second: TopicSurvey, rounded_ns: int = 0) -> bool:
@@ -192,9 +200,20 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         seen.add(topic.name)
         yield from topic.oddities()
     scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
-    if scan is not None and scan.middle_ns and scan.turn_ns:
-        start, end = (f'{each / 1e6:.1f}' for each in scan.turn_ns)
-        yield (
-            f'{scan.name}: its points were measured from {start} to {end} ms after the stamp;'
-            f' scans are paired and stamped in the middle, {scan.middle_ns / 1e6:.1f} ms from it'
+    turns = None if scan is None else scan.turns_ns()
+    if scan is not None and scan.turn_ns and turns is not None and scan.moved_ns().any():
+        start, end = scan.turn_ns
+        text = (
+            f'{scan.name}: its points were measured from {start / 1e6:.1f} to {end / 1e6:.1f} ms'
+            f' after the stamp; scans are paired and stamped in the middle,'
+            f' {(start + end) / 2e6:.1f} ms from it'
         )
+        apart = np.abs(turns - (start, end)).max(axis=1) > _EVEN_NS
+        if apart.any():
+            least, most = (int(each) / 1e6 for each in (turns[:, 0].min(), turns[:, 1].max()))
+            text += (
+                f' (medians; {np.count_nonzero(apart)} of {len(turns)} differ by more than'
+                f' {_EVEN_NS / 1e6:.0f} ms, from {least:.1f} to {most:.1f} ms at most: each is'
+                f' stamped in the middle of its own)'
+            )
+        yield text

@@ -22,7 +22,7 @@ from ..model.geometry import Transform
 from ..model.losses import Loss
 from ..model.nominal import NOMINAL_CAM0_T_VELO
 from ..rig.heading import find_body
-from .frames_at import FramesAt, MovingBase, StaticFrames, stamp_of_boxes
+from .frames_at import BoxTimes, FramesAt, MovingBase, StaticFrames, stamp_of_boxes
 from .join_boxes import join_boxes, rectified_boxes
 from .label_classes import LabelClasses, is_own
 from .labels import (
@@ -165,19 +165,16 @@ class BoxConversion:
         self,
         messages: Sequence[Any],
         stamp_ns: int,
-        own_ns: int | None = None,
+        times: BoxTimes,
         flat: Sequence[Any] = (),
-        cloud_ns: int | None = None,
     ) -> list[Box]:
         """Make the labels of a frame.
 
         Args:
             messages: With 3D boxes, or label lines.
             stamp_ns: The stamp of the frame.
-            own_ns: The stamp of the messages, at which boxes in frames that move are placed; None
-                for that of the frame.
+            times: When boxes in frames that move are placed.
             flat: Detection2DArrays with the 2D boxes, none for projections.
-            cloud_ns: The stamp of the frame's scan; None for that of the frame.
 
         Raises:
             ValueError: They cannot be read.
@@ -192,11 +189,7 @@ class BoxConversion:
             raise ValueError(f'the size of camera {plan.camera} is not known')
         if self._only_flat:
             flat = messages
-        cuboids, left_out = self.all_cuboids(
-            messages,
-            stamp_ns if own_ns is None else own_ns,
-            stamp_ns if cloud_ns is None else cloud_ns,
-        )
+        cuboids, left_out = self.all_cuboids(messages, times)
         if self._classes is not None:
             find = self._classes.find
             cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
@@ -241,7 +234,7 @@ class BoxConversion:
         return found
 
     def all_cuboids(
-        self, messages: Sequence[Any], stamp_ns: int | None = None, cloud_ns: int | None = None
+        self, messages: Sequence[Any], times: BoxTimes | None = None
     ) -> tuple[list[Cuboid], list[str]]:
         """Decode the messages of a moment as cuboids does, each box once.
 
@@ -251,7 +244,7 @@ class BoxConversion:
         found, left_out, faults = [], list[str](), []
         for message in messages:
             try:
-                cuboids, reasons = self.cuboids(message, stamp_ns, cloud_ns)
+                cuboids, reasons = self.cuboids(message, times)
             except ValueError as error:
                 faults.append((error, message))
                 continue
@@ -305,23 +298,20 @@ class BoxConversion:
     def cuboids(
         self,
         message: Any,  # noqa: ANN401 - as boxes
-        stamp_ns: int | None = None,
-        cloud_ns: int | None = None,
+        times: BoxTimes | None = None,
     ) -> tuple[list[Cuboid], list[str]]:
         """Decode a message with 3D boxes to boxes in velo_link; also why others were skipped.
 
         Args:
             message: The boxes.
-            stamp_ns: Its stamp; None for its header's.
-            cloud_ns: That of the scan that it belongs to; None for its own moment.
+            times: When it and the scan that it belongs to are placed; None for its own stamp.
 
         Raises:
             ValueError: They cannot be read.
         """
         if self._only_flat:
             return [], []
-        own_ns = stamp_of_boxes(message, stamp_ns)
-        frames = FramesAt(self._to_velo, self._base, own_ns, cloud_ns)
+        frames = FramesAt(self._to_velo, self._base, times or BoxTimes(stamp_of_boxes(message)))
         return cuboids_in(message, frames, scores=self._scores)
 
     def notes(self) -> list[str]:

@@ -17,7 +17,7 @@ from ..model.losses import Loss
 from ..model.msgtypes import CLOUD
 from ..model.samples import Scan
 from ..model.text import some_of
-from .frames_at import FramesAt
+from .frames_at import BoxTimes, FramesAt
 from .guess_names import is_fixed
 from .planned_topics import topic_of
 from .scan_needs import needs_of_plan, source_of_plan
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.geometry import Transform
+    from ..model.samples import Int64Array
     from ..rig.tf_tree import FrameTree
     from .frames_at import MovingBase
     from .plan import ScanPlan
@@ -73,16 +74,15 @@ class ScanConversion:
         self._unplaced = 0  # scans whose labels have no file
         self._classes = np.zeros(1 << 16, np.bool_)  # of points, those seen
         self._notes: list[str] = []
-        self._span_ns = (0, 0)  # of a turn, from its stamp
+        self._turns: Int64Array | None = None  # (N, 2) of each message, from its stamp
         self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         if plan is not None:
             self._source = source_of_plan(plan, survey)
             self._needs = needs_of_plan(plan, self._source, survey)
             topic = topic_of(survey, plan.topic)
             self._notes = cloud_notes(plan, topic, point_labels=point_labels)
-            if topic.turn_ns is not None:
-                start_ns, end_ns = topic.turn_ns
-                self._span_ns = start_ns - topic.middle_ns, end_ns - topic.middle_ns
+            turns = topic.turns_ns()
+            self._turns = None if turns is None else turns - topic.moved_ns()[:, None]
             own = topic.frame
             if (
                 base is not None
@@ -104,12 +104,14 @@ class ScanConversion:
         self,
         message: Any,  # noqa: ANN401 - of the bag's types
         stamp_ns: int | None = None,
+        place: int | None = None,
     ) -> tuple[Scan, Counter[str]]:
         """Convert a message to a scan; also return the number of dropped points, by reason.
 
         Args:
             message: Of a type of the plan's source.
             stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
+            place: Its place in its topic, by which its turn is known; None for a scan without.
 
         Raises:
             ValueError: It cannot be read, or its frame is not known at its stamp.
@@ -119,7 +121,7 @@ class ScanConversion:
             frame = message.header.frame_id.lstrip('/')
             joined = {self._base.frame: self._base.velo_T_frame}
             at_ns = stamp_ns_of(message.header) if stamp_ns is None else stamp_ns
-            velo_t_cloud = FramesAt(joined, self._base, at_ns)[frame]
+            velo_t_cloud = FramesAt(joined, self._base, BoxTimes(at_ns))[frame]
         found = self._source.decode(message, self._needs)
         if found.lost:
             with self._lock:
@@ -135,9 +137,9 @@ class ScanConversion:
             dropped[self._too_near] = len(points) - int(np.count_nonzero(far))
             points = points[far]
             labels = None if labels is None else labels[far]
-        start_ns, end_ns = self._span_ns
-        if stamp_ns is None or start_ns == end_ns:
+        if stamp_ns is None or place is None or self._turns is None:
             return Scan(points, labels=labels), dropped
+        start_ns, end_ns = self._turns[place].tolist()
         return Scan(points, stamp_ns + start_ns, stamp_ns + end_ns, labels), dropped
 
     def _labels(self, labels: npt.NDArray[np.uint32] | None) -> npt.NDArray[np.uint32] | None:

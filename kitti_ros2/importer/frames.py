@@ -55,6 +55,7 @@ class Frames:
         label_places: For each frame the indices of its messages with boxes; see label_groups.
         places_2d: For each frame the indices of its messages with boxes in the image.
         unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
+        moved_ns: By topic what was added to its stamps for the middle of turns.
     """
 
     stamps_ns: Int64Array
@@ -66,6 +67,7 @@ class Frames:
     label_places: tuple[tuple[int, ...], ...] = ()
     places_2d: tuple[tuple[int, ...], ...] = ()
     unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    moved_ns: Mapping[str, Int64Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -157,6 +159,7 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
         stamps_ns=reference,
         samples=samples,
         stamps=stamps,
+        moved_ns={name: topic_of(survey, name).moved_ns() for name in stamps},
         notes=tuple(notes),
         losses=(*losses, *lost_2d),
         unsynchronised='; '.join(reasons) if len(apart) == len(matches) else '',

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """velo_T_frame of the frames of clouds and boxes, also of those that the vehicle moves in.
 
-A message in map or odom is placed by the vehicle's pose at the message's own stamp: it is turned
-into what the vehicle saw at that moment. For a detection that carries the stamp of the scan that it
-was made of, as detectors do, this is the scan's moment exactly. One with another stamp is assigned
-to the nearest frame like any other sample, and is off by what the vehicle moved in between.
+Boxes in map or odom stand in the world: they are placed by the vehicle's pose at the stamp of the
+scan that they are assigned to, so that a parked car lies on its points whatever the stamp of its
+box. Detectors give their output the stamp of the scan that it was made of, which may be the start
+of a turn while the scan is stamped in the middle; their boxes came into the world by the pose at
+that stamp, and are brought back by it. Boxes in a frame that moves are placed at their own stamp.
 
 Where clouds are in such a frame themselves, each is brought to the vehicle at its stamp, which may
 be in the middle of a turn. Boxes go the same way: also those in a frame of the vehicle are placed
@@ -16,11 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..messages.header import stamp_ns_of
+from .guess_names import is_fixed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,15 +41,27 @@ class MovingBase:
         frame: The frame, fixed to the vehicle.
         velo_T_frame: Its place in KITTI's velodyne frame.
         tree: The links over time; None where no message needs them.
-        middle_ns: From the moment of messages to their stamps, which may be the middle of a turn.
         world: The frame of clouds that the vehicle moves in; empty where clouds are fixed to it.
     """
 
     frame: str
     velo_T_frame: Transform
     tree: MovingTree | None = None
-    middle_ns: int = 0
     world: str = ''
+
+
+class BoxTimes(NamedTuple):
+    """When the boxes of a message are placed.
+
+    Attributes:
+        own_ns: The stamp of the message.
+        scan_ns: That of its scan, which may be the middle of a turn; None for the message's own.
+        moved_ns: The way there from the stamp of the scan's header, if the message has this stamp.
+    """
+
+    own_ns: int
+    scan_ns: int | None = None
+    moved_ns: int = 0
 
 
 class UnknownPlaceError(ValueError):
@@ -111,21 +125,15 @@ class FramesAt(Mapping[str, 'Transform']):
     Args:
         joined: Of the frames that static transforms join.
         base: For the others.
-        stamp_ns: The stamp of the message.
-        cloud_ns: The stamp of the cloud that the message belongs to, None for the message's moment.
+        times: When the message and its scan are placed.
     """
 
-    def __init__(
-        self,
-        joined: Mapping[str, Transform],
-        base: MovingBase,
-        stamp_ns: int,
-        cloud_ns: int | None = None,
-    ) -> None:
+    def __init__(self, joined: Mapping[str, Transform], base: MovingBase, times: BoxTimes) -> None:
         self._joined = joined
         self._base = base
-        self._moment_ns = stamp_ns - base.middle_ns
-        self._cloud_ns = self._moment_ns if cloud_ns is None or not base.world else cloud_ns
+        self._own_ns = self._scan_ns = times.own_ns
+        if times.scan_ns is not None:
+            self._scan_ns = times.scan_ns - (0 if base.world else times.moved_ns)
 
     def __contains__(self, frame: object) -> bool:
         tree = self._base.tree
@@ -134,21 +142,21 @@ class FramesAt(Mapping[str, 'Transform']):
         )
 
     def __getitem__(self, frame: str) -> Transform:
-        base, moment_ns = self._base, self._moment_ns
-        carried = base.tree is not None and self._cloud_ns != moment_ns
+        base, scan_ns, own_ns = self._base, self._scan_ns, self._own_ns
+        carried = base.world and base.tree is not None and scan_ns != own_ns
         if frame in self._joined and not carried:
             return self._joined[frame]
         if base.tree is None:
             raise KeyError(frame)
-        if not carried:
-            return base.velo_T_frame @ _transform(base.tree, base.frame, frame, moment_ns)
         if frame in self._joined:
+            top = base.world
             base_t_frame = base.velo_T_frame.inverse() @ self._joined[frame]
-            moved = _transform(base.tree, base.world, base.frame, moment_ns) @ base_t_frame
+            top_t_frame = _transform(base.tree, top, base.frame, own_ns) @ base_t_frame
         else:
-            moved = _transform(base.tree, base.world, frame, moment_ns)
-        base_t_world = _transform(base.tree, base.frame, base.world, self._cloud_ns)
-        return base.velo_T_frame @ base_t_world @ moved
+            stands = is_fixed(frame)
+            top = base.world if carried and not stands else base.tree.common(base.frame, frame)
+            top_t_frame = _transform(base.tree, top, frame, scan_ns if stands else own_ns)
+        return base.velo_T_frame @ _transform(base.tree, base.frame, top, scan_ns) @ top_t_frame
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._joined)
@@ -169,15 +177,8 @@ def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Tra
     return found
 
 
-def stamp_of_boxes(message: Any, stamp_ns: int | None) -> int:  # noqa: ANN401 - of the bag's types
-    """Return the stamp of a message with boxes: a MarkerArray's is that of its markers, if any.
-
-    Args:
-        message: Of the bag's own types.
-        stamp_ns: The stamp by which it was assigned to a frame; None for its header's.
-    """
-    if stamp_ns is not None:
-        return stamp_ns
+def stamp_of_boxes(message: Any) -> int:  # noqa: ANN401 - of the bag's types
+    """Return the stamp of a message with boxes: a MarkerArray's is that of its markers, if any."""
     if hasattr(message, 'header'):
         return stamp_ns_of(message.header)
     stamps = (stamp_ns_of(marker.header) for marker in getattr(message, 'markers', ()))

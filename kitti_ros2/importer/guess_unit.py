@@ -7,7 +7,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
 from ..rig.heading import find_body
@@ -52,11 +51,15 @@ def guess_unit(
             found |= _odometry(survey, pose)
         place = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
         notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
-    elif 'imu' in found and 'velocity' not in found:
+    elif 'imu' in found and not ('velocity' in found and survey.topics[found['velocity']].moves):
         found |= _odometry_of(survey, survey.topics[found['imu']].frame)
-    for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
+    placed = 'fix' in found or pose is not None
+    for key, msgtype, rest in (
+        ('imu', 'Imu', 'its columns of oxts are 0'),
+        ('velocity', 'TwistStamped', 'in oxts it is derived from the places' if placed else ''),
+    ):
         if key not in found:
-            notes.append(f'missing: {key} ({msgtype}); its columns of oxts are 0')
+            notes.append(f'missing: {key} ({msgtype}); {rest or "its columns of oxts are 0"}')
     return found
 
 
@@ -147,8 +150,8 @@ def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, bool, int]:
     return topic.has_fix, 'raw' not in topic.name, placed, topic.count
 
 
-def _velocity_rank(topic: TopicSurvey) -> tuple[bool, int]:
-    return 'cmd' not in topic.name, topic.count
+def _velocity_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    return 'cmd' not in topic.name, topic.moves, topic.count
 
 
 def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
@@ -172,9 +175,7 @@ def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
     topics = [
         each
         for each in survey.of_type(types.ODOMETRY)
-        if child_of(each) in tree.frames
-        and tree.joins(frame, child_of(each))
-        and any(vector_of(look.twist.twist.linear).any() for look in each.looks)
+        if child_of(each) in tree.frames and tree.joins(frame, child_of(each)) and each.moves
     ]
     return {'velocity': max(topics, key=lambda each: each.count).name} if topics else {}
 

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.oxts import Mounting, has_orientation, make_packet
+from ..messages.oxts import Mounting, has_orientation, make_packet, place_of
+from ..model.geographic import GeoOrigin
 from ..model.geometry import Transform
 from ..model.losses import Loss, format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .between_messages import fix_between, imu_between, velocity_between
+from .derived_velocity import SLOWEST_FIX_M_S, metres_of, velocities_at
 from .oxts_poses import as_velocity
 from .plan import VelocityAxes
 from .planned_topics import topic_of
@@ -25,7 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import TypeAlias
 
+    import numpy.typing as npt
+
     from ..kitti.writer import LayoutWriter
+    from ..model.geometry import Float64Array
     from ..model.samples import Int64Array, OxtsPacket
     from .frames import Frames
     from .oxts_poses import UnitPoses
@@ -40,6 +45,9 @@ _MAX_FIX_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 _BRIDGED_PERIODS = 2.5
 """The same of the other messages: one that is lost is bridged."""
 
+_USUAL_PERIODS = 1.5
+"""Fixes farther apart have one between them that is lost."""
+
 _OR = ', or messages that cannot be decoded,'
 _IDENTITY = Transform.identity()
 _BETWEEN: tuple[_Between, ...] = (imu_between, fix_between, velocity_between)
@@ -49,8 +57,8 @@ class PacketMaker:
     """Makes packets while a bag is read; keeps only a few frames of messages in memory.
 
     Imu, position and velocity are interpolated between the messages before and after the frame's
-    stamp. Where one of these is missing, the nearest counts, within the plan's tolerance or its own
-    period.
+    stamp; of positions between those with a fix. Where one of these is missing, the nearest counts,
+    within the plan's tolerance or its own period. Without a velocity it is derived from the places.
 
     Attributes:
         losses: Frames without a packet, where the layout has a line for each.
@@ -103,10 +111,20 @@ class PacketMaker:
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
         self._far: dict[str, list[int]] = {}
-        wanted = [
-            self._around(topic, _MAX_FIX_GAP_NS if role == 'fix' else 0)
+        gaps = np.diff(np.sort(self._stamps[plan.fix])) if plan.fix else np.zeros(0)
+        self._usual_gap_ns = _USUAL_PERIODS * float(np.median(gaps)) if len(gaps) else 0.0
+        self._carried_m: list[float] = []
+        self._bridged: list[tuple[int, float]] = []
+        fixed = np.isfinite(topic_of(survey, plan.fix).fixes[:, 0]) if plan.fix else None
+        self._moving, still = self._find_velocities(survey, fixed)
+        self._velocity_of = '' if still else self._topics['velocity']
+        self._derived = 0
+        wanted = {
+            role: self._around(topic, _MAX_FIX_GAP_NS, fixed)
+            if role == 'fix'
+            else self._around(topic, 0)
             for role, topic in named.items()
-        ]
+        }
         self._wanted = self._parts_of_frames(wanted)
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
@@ -120,26 +138,52 @@ class PacketMaker:
         self._levelled = False
         self._checks = UnitChecks()
 
+    def _find_velocities(
+        self, survey: Survey, fixed: npt.NDArray[np.bool_] | None
+    ) -> tuple[Float64Array, bool]:
+        """Return (N, 3) the velocity of each frame by its places, NaN where it is not known.
+
+        Also whether the topic of velocities has none: all are 0.
+        """
+        velocity, fix = self._topics['velocity'], self._topics['fix']
+        still = bool(velocity) and not topic_of(survey, velocity).moves
+        if self._unit.moving is not None:
+            return self._unit.moving, still
+        if fixed is None:
+            return np.full((len(self._frames_ns), 3), np.nan), still
+        stamps, first = np.unique(self._stamps[fix][fixed], return_index=True)
+        places = metres_of(topic_of(survey, fix).fixes[fixed][first])
+        ends = stamps, places, self._frames_ns, _MAX_FIX_GAP_NS
+        return velocities_at(*ends, SLOWEST_FIX_M_S), still
+
     def _parts_of_frames(
-        self, wanted: Sequence[Sequence[set[tuple[str, int]] | None]]
+        self, by_role: Mapping[str, Sequence[set[tuple[str, int]] | None]]
     ) -> list[set[tuple[str, int]] | None]:
         """Return the messages of each frame's packet, None without one.
 
         With poses a packet needs no message: columns of those that are not near are 0.
         """
-        poses = self._unit.poses
+        poses, known = self._unit.poses, np.isfinite(self._moving[:, 0])
         if poses is None:
+            optional = by_role.get('velocity', ())
+            wanted = [
+                *(parts for role, parts in by_role.items() if role != 'velocity'),
+                [set() if part is None and known[at] else part for at, part in enumerate(optional)],
+            ]
             return [
                 None if None in parts else {part for each in parts for part in each or ()}
-                for parts in zip(*wanted, strict=True)
+                for parts in zip(*filter(None, wanted), strict=True)
             ]
-        far = [sum(part is None for part in parts) for parts in wanted]
-        names = [topic for topic in self._topics.values() if topic]
-        self._notes += [
-            f'oxts: no message of {topic} near {count} frames; its columns are 0 there'
-            for topic, count in zip(names, far, strict=True)
-            if count
-        ]
+        wanted = list(by_role.values())
+        for role, parts in by_role.items():
+            lost = np.array([part is None for part in parts], np.bool_)
+            if role == 'velocity':
+                lost &= ~known
+            if lost.any():
+                self._notes.append(
+                    f'oxts: no message of {self._topics[role]} near {np.count_nonzero(lost)}'
+                    f' frames; its columns are 0 there'
+                )
         return [
             None if pose is None else {part for parts in wanted for part in parts[frame] or ()}
             for frame, pose in enumerate(poses)
@@ -154,14 +198,35 @@ class PacketMaker:
         """Return non-fatal remarks on the packets so far."""
         told = [
             f'oxts: {topic} has no message within the tolerance of {len(away)} frames, which take'
-            f' the nearest: up to {max(away) / NS_PER_S:.2f} s away'
+            f' the nearest: up to {max(away) / NS_PER_S:.2f} s away{self._metres(topic)}'
             for topic, away in self._far.items()
         ]
+        if self._bridged:
+            longest, farthest = (max(values) for values in zip(*self._bridged, strict=True))
+            told.append(
+                f'oxts: {self._topics["fix"]} has no fix beside {len(self._bridged)} frames, whose'
+                f' places lie between fixes that are up to {longest / NS_PER_S:.2f} s and'
+                f' {farthest:.2f} m apart'
+            )
+        if self._derived:
+            velocity, place = self._topics['velocity'], self._topics['fix']
+            why = f', for {velocity} has none (all are 0)' if velocity != self._velocity_of else ''
+            source = place if self._unit.poses is None else 'the poses'
+            told.append(
+                f'oxts: the velocities of {self._derived} packets are derived from the places of'
+                f' {source}{why}'
+            )
         if self._lacking and not self._gapless:
             told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
         attitude = self._topics['imu'] if self._unit.poses is None and not self._levelled else ''
-        told += self._checks.notes(self._topics['imu'], self._topics['velocity'], attitude)
+        told += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
         return [*self._notes, *told]
+
+    def _metres(self, topic: str) -> str:
+        """Return how far the places of fixes were carried on."""
+        if topic != self._topics['fix'] or not self._carried_m:
+            return ''
+        return f', and are carried on by up to {max(self._carried_m):.2f} m, by the velocity there'
 
     def wants(self, topic: str, place: int) -> bool:
         """Whether a message, by its place in its topic, is part of a packet."""
@@ -218,9 +283,20 @@ class PacketMaker:
         rest = f'{reason}: line n is frame n, so {frames} frames go without'
         self.losses = (Loss(topic, frames, rest),)
 
-    def _around(self, topic: str, most_ns: int) -> list[set[tuple[str, int]] | None]:
-        """Return the messages of a topic that each frame needs: two, one, or None for none near."""
-        stamps = self._stamps[topic]
+    def _around(
+        self, topic: str, most_ns: int, usable: npt.NDArray[np.bool_] | None = None
+    ) -> list[set[tuple[str, int]] | None]:
+        """Return the messages of a topic that each frame needs: two, one, or None for none near.
+
+        Args:
+            topic: Its name.
+            most_ns: The longest gap that is bridged, if it is longer than some periods.
+            usable: (N,) which messages count; None for all.
+        """
+        kept = np.arange(len(self._stamps[topic])) if usable is None else np.flatnonzero(usable)
+        stamps = self._stamps[topic][kept]
+        if not len(stamps):
+            return [None] * len(self._frames_ns)
         period = int(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0
         most_ns = max(most_ns, round(_BRIDGED_PERIODS * period))
         places = _nearest(stamps, self._frames_ns)
@@ -233,9 +309,9 @@ class PacketMaker:
         for frame, place in enumerate(after.tolist()):
             between = away[frame] > 0 and 0 < place < len(stamps)
             if between and ranked[place] - ranked[place - 1] <= most_ns:
-                wanted.append({(topic, int(each)) for each in order[place - 1 : place + 1]})
+                wanted.append({(topic, int(kept[at])) for at in order[place - 1 : place + 1]})
             else:
-                wanted.append(None if far[frame] else {(topic, int(places[frame]))})
+                wanted.append(None if far[frame] else {(topic, int(kept[places[frame]]))})
         return wanted
 
     def _forbid_gaps(self) -> None:
@@ -276,11 +352,21 @@ class PacketMaker:
             velocity,
             mounting=self._mounting,
             pose=pose,
+            moving=self._derive(frame, velocity),
         )
         still = self._unit.place
         if packet is None or still is None:
             return packet
         return replace(packet, lat=still.lat, lon=still.lon, alt=still.alt)
+
+    def _derive(self, frame: int, velocity: Any) -> Float64Array | None:  # noqa: ANN401 - as _at
+        """Return the velocity of a frame by its places, None where a message has it, or without."""
+        moving: Float64Array = self._moving[frame]
+        has_one = self._velocity_of and velocity is not None
+        if has_one or not np.isfinite(moving).all():
+            return None
+        self._derived += bool(moving.any())
+        return moving
 
     def _at(
         self, frame: int, topic: str, messages: list[tuple[int, Any]], between: _Between
@@ -293,11 +379,25 @@ class PacketMaker:
         if found_ns != end_ns:
             mixed = between(found, last, (frame_ns - found_ns) / (end_ns - found_ns))
             if mixed is not found and mixed is not last:
+                if topic == self._topics['fix'] and end_ns - found_ns > self._usual_gap_ns:
+                    way = metres_of(np.array([place_of(found), place_of(last)]))[1]
+                    self._bridged.append((end_ns - found_ns, float(np.linalg.norm(way))))
                 return mixed
             found_ns, found = (found_ns, found) if mixed is found else (end_ns, last)
         if abs(frame_ns - found_ns) > self._tolerance_ns:
             self._far.setdefault(topic, []).append(abs(frame_ns - found_ns))
+        if topic == self._topics['fix']:
+            return self._carried(found, frame, frame_ns - found_ns)
         return found
+
+    def _carried(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
+        """Return a fix before a frame, or after it, carried on by the velocity of the places."""
+        way = self._moving[frame] * (later_ns / NS_PER_S)
+        if not way.any() or not np.isfinite(way).all():
+            return fix
+        self._carried_m.append(float(np.linalg.norm(way)))
+        place = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
+        return replace(fix, latitude=place.lat, longitude=place.lon, altitude=place.alt)
 
 
 def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:

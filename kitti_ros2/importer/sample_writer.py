@@ -13,6 +13,7 @@ from .calibration_source import is_extract
 from .convert_scans import dropped_notes
 from .depth_maps import DepthMaps
 from .frames import frame_topics
+from .frames_at import BoxTimes
 from .label_messages import joined
 from .pose_track import camera_poses
 from .sync import NONE
@@ -73,7 +74,7 @@ class SampleWriter:
             ValueError: No point is left of it.
         """
         stamp_ns = self._stamp_ns(number, topic, place)
-        scan, dropped = self.rigging.scans.scan(cloud, self._own_ns(topic, place))
+        scan, dropped = self.rigging.scans.scan(cloud, self._own_ns(topic, place), place)
         with self._lock:
             self._points_dropped.update(dropped)
         if not len(scan.points):
@@ -98,12 +99,9 @@ class SampleWriter:
             flat: Those with boxes in the image.
         """
         frame = number - self.first
-        place = self.frames.samples[Stream.LABELS][frame]
-        own_ns = self._own_ns(frame_topics(self.plan)[Stream.LABELS], place)
+        times = times_of_boxes(self.plan, self.frames, frame)
         stamp_ns = int(self.frames.stamps_ns[frame])
-        boxes = self.rigging.labels.boxes(
-            joined(solid), stamp_ns, own_ns, flat, self._cloud_ns(frame)
-        )
+        boxes = self.rigging.labels.boxes(joined(solid), stamp_ns, times, flat)
         self.writer.write_labels(number, boxes)
         self.empty_labels += not boxes
         return 0
@@ -130,12 +128,18 @@ class SampleWriter:
             return self._own_ns(topic, place)
         return int(self.frames.stamps_ns[number - self.first])
 
-    def _cloud_ns(self, frame: int) -> int | None:
-        """Return the stamp at which the scan of a frame is placed, None without one."""
-        scans = self.frames.samples.get(Stream.SCAN)
-        if self.plan.scan is None or scans is None or scans[frame] == NONE:
-            return None
-        return self._own_ns(self.plan.scan.topic, int(scans[frame]))
-
     def _own_ns(self, topic: str, place: int) -> int:
         return int(self.frames.stamps[topic][place])
+
+
+def times_of_boxes(plan: Plan, frames: Frames, frame: int) -> BoxTimes:
+    """Return when the boxes of a frame and its scan are placed, by the position of the frame."""
+    topics = frame_topics(plan)
+    place = int(frames.samples[Stream.LABELS][frame])
+    boxes = topics[Stream.LABELS]
+    own_ns, moved_ns = (int(each[boxes][place]) for each in (frames.stamps, frames.moved_ns))
+    cloud_ns = int(frames.stamps_ns[frame])
+    scans = frames.samples.get(Stream.SCAN)
+    if scans is not None and scans[frame] != NONE:
+        cloud_ns = int(frames.stamps[topics[Stream.SCAN]][scans[frame]])
+    return BoxTimes(own_ns - moved_ns, cloud_ns, moved_ns)

@@ -19,13 +19,22 @@ from ..bags.forward_stamps import ForwardStamps
 from ..bags.pieces import MessageStart, size_of
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
-from ..messages.oxts import has_fix
-from ..messages.point_spans import turn_of
+from ..messages.oxts import has_motion, place_of
+from ..messages.point_spans import TurnTimes, has_times
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.solid_boxes import boxes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
 from ..model.channels import LARGE_TYPES
-from ..model.msgtypes import CAMERA_INFO, CLOUD, FIX, MARKERS, STRING, TF_TYPES
+from ..model.msgtypes import (
+    CAMERA_INFO,
+    CLOUD,
+    FIX,
+    MARKERS,
+    ODOMETRY,
+    STRING,
+    TF_TYPES,
+    TWIST,
+)
 from ..rig.link_tally import LinkTally
 from ..rig.tf_tree import FrameTree
 from .survey_types import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID
@@ -45,6 +54,7 @@ if TYPE_CHECKING:
 _LOOKS = 8
 _ALL_OF_FIRST = 64
 _EVERY = 16
+_WITH_TWIST = frozenset({TWIST, ODOMETRY})
 
 
 @dataclass(frozen=True)
@@ -158,6 +168,9 @@ class _Pass:
         self._links = LinkTally()
         self._calibrations: list[tuple[int, TextFile]] = []
         self._forward = ForwardStamps()
+        # Scans of to-bag are stamped facing forward.
+        self._is_own = RECORDING in self._topics
+        self._turns: dict[str, TurnTimes] = {}
 
     def take_all(self, messages: Iterable[BagMessage]) -> None:
         """Enter messages."""
@@ -169,7 +182,8 @@ class _Pass:
         topic = self._topics[name]
         if topic.msgtype not in READ:
             return topic.msgtype != STRING
-        return topic.msgtype in LARGE_TYPES and not _is_look(topic, topic.count + 1)
+        is_due = _is_look(topic, topic.count + 1)
+        return topic.msgtype in LARGE_TYPES and not (is_due or name in self._turns)
 
     def survey(
         self,
@@ -181,11 +195,7 @@ class _Pass:
         for topic in self._topics.values():
             if topic.msgtype == CLOUD:
                 topic.forward_ns = self._forward.forward(topic.header_ns)
-            # Scans of to-bag are stamped facing forward.
-            if topic.msgtype in SCAN_TYPES and (
-                topic.msgtype != CLOUD or RECORDING not in self._topics
-            ):
-                topic.turn_ns = turn_of(topic.looks)
+            self._end_turns(topic)
         invalid = {
             f'the transforms {parent} -> {child} of /tf are no transforms: NaN, infinite or without'
             f' rotation': count
@@ -233,20 +243,34 @@ class _Pass:
             return
         is_due = _is_look(topic, topic.count)
         changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
-        if is_due or changed:
+        look = None
+        if is_due or changed or _is_sampled(topic):
             look = self._decoded(topic, message)
-            if look is not None:
+        if look is not None:
+            if is_due or changed:
                 topic.changes += changed and bool(topic.looks)
                 topic.looks = [*topic.looks, look][:_LOOKS]
-                _count_classes(topic, look)
-                topic.has_fix |= topic.msgtype == FIX and has_fix(look)
-        elif topic.msgtype == FIX and not topic.has_fix:
-            look = self._decoded(topic, message)
-            topic.has_fix = look is not None and has_fix(look)
-        elif topic.msgtype in SOLID and _is_sampled(topic):
-            look = self._decoded(topic, message)
-            if look is not None:
-                _count_classes(topic, look)
+            _count_classes(topic, look)
+            topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(look))
+        if topic.msgtype == FIX:
+            topic.places.extend(place_of(look))
+        elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
+            self._enter_turn(topic, message, look)
+
+    def _enter_turn(self, topic: TopicSurvey, message: BagMessage, look: Any) -> None:  # noqa: ANN401
+        """Enter the times of the first and last point of a message; look is it decoded, or None."""
+        if topic.name in self._turns and look is None:
+            with suppress(ValueError):  # the conversion enters it as a loss
+                look = self._decode(message)
+        elif look is not None and has_times(look):
+            self._turns.setdefault(topic.name, TurnTimes())
+        timed = look is not None and topic.name in self._turns
+        topic.spans_ns.append(self._turns[topic.name].span_ns(look) if timed else None)
+
+    def _end_turns(self, topic: TopicSurvey) -> None:
+        """Read the times of the first message again, by the unit that later ones have told."""
+        if topic.spans_ns and topic.looks and topic.name in self._turns and not topic.failures:
+            topic.spans_ns[0] = self._turns[topic.name].span_ns(topic.looks[0])
 
     def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
         """Whether a message differs from the one before, header apart."""
@@ -301,8 +325,14 @@ def _is_look(topic: TopicSurvey, count: int) -> bool:
 
 
 def _is_sampled(topic: TopicSurvey) -> bool:
-    """Whether the classes of the last message are counted: decoding all takes too long."""
-    return topic.count <= _ALL_OF_FIRST or topic.count % _EVERY == 0
+    """Whether the last message is decoded for more than a look.
+
+    Places are those of all; classes are counted in some, for decoding all takes too long; of
+    velocities one that is not 0 is enough.
+    """
+    if topic.msgtype in SOLID:
+        return topic.count <= _ALL_OF_FIRST or topic.count % _EVERY == 0
+    return topic.msgtype == FIX or (topic.msgtype in _WITH_TWIST and not topic.moves)
 
 
 def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from .sync import late_ns, unset_stamps, usable_stamps
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
 
 
@@ -36,17 +38,18 @@ class TopicSurvey:
         changes: Of CameraInfo: number of changes of its content.
         size_bytes: Of its messages as CDR.
         links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
-        has_fix: Of NavSatFix: whether one has a fix.
+        places: Of NavSatFix: latitude, longitude and altitude of each, NaN without a fix.
+        moves: Of messages with a twist: whether one has a velocity that is not 0.
         markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
         copies: Of topics with boxes: indices of messages that are the same as an earlier one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
         classes: Of topics with boxes: number of boxes of each class in the messages decoded.
         has_tracks: Of topics with boxes: whether one of these names its track.
-        turn_ns: Of scans with a time for each point: when the first and the last point were
-            measured, nanoseconds from the stamp; medians of a few.
+        spans_ns: Of scans with a time for each point: when the first and the last point of each
+            message were measured, nanoseconds from the stamp; None where it does not say.
         by_log: Whether log times are used, not stamps.
         offset_ns: Added to the stamps, nanoseconds.
-        middle_ns: Added to header stamps, nanoseconds: the way to the middle of a turn.
+        middles_ns: (N,) added to header stamps, nanoseconds: the way to the middle of each turn.
     """
 
     name: str
@@ -61,16 +64,17 @@ class TopicSurvey:
     changes: int = 0
     size_bytes: int = 0
     links_ns: list[int] = field(default_factory=list)
-    has_fix: bool = False
+    places: array[float] = field(default_factory=lambda: array('d'))
+    moves: bool = False
     markers_ns: list[int] = field(default_factory=list)
     copies: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     has_tracks: bool = False
-    turn_ns: tuple[int, int] | None = None
+    spans_ns: list[tuple[int, int] | None] = field(default_factory=list)
     by_log: bool = False
     offset_ns: int = 0
-    middle_ns: int = 0
+    middles_ns: Int64Array | None = None
 
     def fail(self, error: ValueError) -> None:
         """Count a message that failed to decode."""
@@ -81,6 +85,19 @@ class TopicSurvey:
     def count(self) -> int:
         """Number of messages."""
         return len(self.log_ns)
+
+    @property
+    def fixes(self) -> Float64Array:
+        """Latitude, longitude (degrees) and altitude of each NavSatFix, (N, 3).
+
+        The altitude is NaN where it is not known, and all three without a fix.
+        """
+        return np.frombuffer(self.places, np.float64).reshape(-1, 3)
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether a NavSatFix has a fix."""
+        return bool(np.isfinite(self.fixes[:, 0]).any())
 
     @property
     def is_readable(self) -> bool:
@@ -99,6 +116,28 @@ class TopicSurvey:
             return False
         return bool(self.links_ns) or (bool(self.header_ns) and self._stamps()[1] is None)
 
+    @property
+    def turn_ns(self) -> tuple[int, int] | None:
+        """When the first and the last point were measured, nanoseconds from the stamp: medians."""
+        known = [span for span in self.spans_ns if span is not None]
+        if not known:
+            return None
+        start, end = (int(each) for each in np.median(np.array(known), axis=0))
+        return start, end
+
+    def turns_ns(self) -> Int64Array | None:
+        """Return (N, 2) the same of each message, the medians of those that do not say."""
+        usual = self.turn_ns
+        if usual is None or len(self.spans_ns) != self.count:
+            return None
+        return np.array([usual if span is None else span for span in self.spans_ns], np.int64)
+
+    def moved_ns(self) -> Int64Array:
+        """Return (N,) the nanoseconds that are added to header stamps for the middle of turns."""
+        if self.middles_ns is None or self._stamps()[1] is not None:
+            return np.zeros(self.count, np.int64)
+        return self.middles_ns
+
     def clock_ns(self) -> Int64Array:
         """Return (N,) stamps by which clocks are compared: also of TFMessages, without a header."""
         if self.by_log or not self.links_ns:
@@ -112,8 +151,8 @@ class TopicSurvey:
         is returned. The offset is added.
         """
         used, reason = self._stamps()
-        if self.middle_ns and reason is None:
-            used = used + self.middle_ns
+        if self.middles_ns is not None and reason is None:
+            used = used + self.middles_ns
         return (used + self.offset_ns if self.offset_ns else used), reason
 
     def groups(self) -> list[list[int]] | None:

@@ -10,7 +10,8 @@ columns                 from
 lat lon                 NavSatFix, moved from its antenna to the unit; 0 without one
 alt                     the same; 0 where that is NaN (a fix in two dimensions), and without one
 roll pitch yaw          Imu (east-north-up, REP-103); 0 where it has no orientation
-vn ve                   TwistStamped turned by the attitude, or as it is; 0 without one
+vn ve                   TwistStamped turned by the attitude, or as it is; 0 without one, unless
+                        the places say how fast they move
 vf vl vu                the same, levelled; vl positive to the right, as the files have it
 ax ay az, af al au      Imu, gravity included; levelled, al positive to the left; 0 without one
 wx wy wz, wf wl wu      Imu, else TwistStamped; levelled, wl about the left; 0 without either
@@ -87,6 +88,7 @@ _IDENTITY = Transform.identity()
 _NOT_KNOWN = -1.0
 # Beyond, kitti/oxts_file.py refuses a packet.
 _IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
+_LEAST_MOTION = 1e-6  # m/s: sums of float32 in programs that have no velocity
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
 
 
@@ -194,6 +196,7 @@ def make_packet(
     *,
     mounting: Mounting = _ON_THE_UNIT,
     pose: UnitPose | None = None,
+    moving: Float64Array | None = None,
 ) -> OxtsPacket | None:
     """Make the packet of messages of one moment; None where the NavSatFix has no fix.
 
@@ -204,6 +207,8 @@ def make_packet(
         mounting: Of the sensors.
         pose: Place and attitude from another source, which replace those of the messages; rates
             are then those of the velocity, if it has any.
+        moving: (3,) m/s east, north, up that the place moves at, of the pose or of the fix; it
+            replaces the velocity of the message.
     """
     if fix is not None and not has_fix(fix):
         return None
@@ -222,14 +227,19 @@ def make_packet(
         acceleration = imu_t_frame.rotation @ (np.zeros(3) if sensed is None else sensed)
         columns |= _named(('ax', 'ay', 'az'), acceleration)
         columns |= _named(('af', 'al', 'au'), level @ acceleration)
+    lever = imu_t_velocity.translation
     linear = None if velocity is None else _known(velocity.twist.linear)
-    if linear is not None:
+    oriented = imu is not None and has_orientation(imu)
+    if moving is not None:
+        at_unit = pose is not None or not oriented or not moving.any()
+        lever = np.zeros(3) if at_unit else imu_t_antenna.translation
+    elif linear is not None:
         moving = linear if velocity_is_enu else attitude @ imu_t_velocity.rotation @ linear
-        lever = attitude @ np.cross(rates, imu_t_velocity.translation)
-        columns |= _velocity_columns(moving - lever, yaw)
+    if moving is not None:
+        columns |= _velocity_columns(moving - attitude @ np.cross(rates, lever), yaw)
     if fix is not None:
         columns |= _fix_columns(fix)
-        if imu is not None and has_orientation(imu):
+        if oriented:
             columns |= _moved(fix, columns, attitude @ -imu_t_antenna.translation)
     if pose is not None:
         columns |= {'lat': pose.lat, 'lon': pose.lon, 'alt': pose.alt}
@@ -254,6 +264,20 @@ def has_fix(fix: NavSatFix) -> bool:
     # Comparisons with NaN are false: a NaN latitude is refused, a NaN altitude accepted.
     on_earth = abs(fix.latitude) <= _MAX_LAT_DEG and abs(fix.longitude) <= _MAX_LON_DEG
     return bool(fix.status.status >= 0 and on_earth and not abs(fix.altitude) > _MAX_ALT_M)
+
+
+def place_of(fix: NavSatFix | None) -> tuple[float, float, float]:
+    """Return latitude, longitude and altitude of a NavSatFix; NaN without a fix."""
+    if fix is None or not has_fix(fix):
+        return np.nan, np.nan, np.nan
+    return float(fix.latitude), float(fix.longitude), float(fix.altitude)
+
+
+def has_motion(message: Any) -> bool:  # noqa: ANN401 - a TwistStamped or Odometry of the bag
+    """Whether a message with a twist has a velocity that is not 0."""
+    twist = getattr(message.twist, 'twist', message.twist)
+    linear = _known(twist.linear)
+    return linear is not None and bool((np.abs(linear) > _LEAST_MOTION).any())
 
 
 def _attitude(imu: Imu | None, imu_t_frame: Transform) -> Float64Array:

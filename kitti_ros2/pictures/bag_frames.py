@@ -16,6 +16,7 @@ from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
 from ..files.png.header import parse_image
 from ..importer.apply_calibration import Rigging
+from ..importer.clocks import clocked
 from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
 from ..importer.label_messages import joined
@@ -25,6 +26,7 @@ from ..importer.plan import Incomplete
 from ..importer.planned_topics import topic_of
 from ..importer.poses import read_moving
 from ..importer.report import LossTally, damage
+from ..importer.sample_writer import times_of_boxes
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
@@ -85,6 +87,7 @@ class BagFrames:
         notes = list(guess.notes)
         assumptions: list[str] = []
         losses = LossTally()
+        survey = clocked(survey, plan)
         moving = read_moving([bag], plan, survey, losses)
         notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
         self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, moving, assumptions)
@@ -98,6 +101,7 @@ class BagFrames:
         self.origins: Mapping[int, FrameOrigin] = {}
         self.base_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
+        self._frames = frames
         self.stamps_ns = frames.stamps_ns
         self.numbers: Int64Array = np.arange(len(frames), dtype=np.int64)
         self.cameras: Mapping[int, str] = {
@@ -182,7 +186,7 @@ class BagFrames:
             return self._converted(stream, number, partial(self._image, stream.camera))
         if stream is Stream.LABELS:
             return self._labels_of(number)
-        return self._converted(stream, number, self._scan)
+        return self._converted(stream, number, partial(self._scan, number))
 
     def scan_at(self, number: int, stamp_ns: int) -> Scan | None:  # noqa: ARG002
         """See FrameSource; the times of the points of other bags are not read."""
@@ -208,8 +212,10 @@ class BagFrames:
         with _described(place, number):
             return convert(self._messages.read(place))
 
-    def _scan(self, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
-        scan, _ = self._rigging.scans.scan(message)
+    def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
+        place = self._frames.samples[Stream.SCAN][number]
+        stamps_ns = self._frames.stamps[frame_topics(self._plan)[Stream.SCAN]]
+        scan, _ = self._rigging.scans.scan(message, int(stamps_ns[place]))
         return scan
 
     def _labels_of(self, number: int) -> FrameLabels | None:
@@ -218,12 +224,13 @@ class BagFrames:
         if not places:
             return None
         with _described(places[0], number):
-            return self._labels([self._messages.read(place) for place in places])
+            return self._labels([self._messages.read(place) for place in places], number)
 
-    def _labels(self, messages: Sequence[Any]) -> FrameLabels:
+    def _labels(self, messages: Sequence[Any], number: int) -> FrameLabels:
         if self._own_lines:
             return labels_of_text(decode_text(messages[0]))
-        cuboids, left_out = self._rigging.labels.all_cuboids(joined(messages))
+        times = times_of_boxes(self._plan, self._frames, number)
+        cuboids, left_out = self._rigging.labels.all_cuboids(joined(messages), times)
         topic = frame_topics(self._plan)[Stream.LABELS]
         lost = [
             f'{topic}: {left_out.count(reason)} boxes {reason} are left out'

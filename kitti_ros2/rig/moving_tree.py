@@ -58,6 +58,15 @@ class MovingTree:
             return False
         return True
 
+    def common(self, target: str, source: str) -> str:
+        """Return the nearest common ancestor of two frames.
+
+        Raises:
+            MissingDataError: Nothing joins them.
+        """
+        down, _ = self.links.steps(target, source)
+        return down[0][0] if down else target
+
     def moving_between(self, target: str, source: str) -> list[tuple[str, str]]:
         """Return (parent, child) of the moving links between two frames.
 

@@ -20,7 +20,7 @@ from kitti_ros2.messages.detections import boxes_of_detections_2d, has_scores
 from kitti_ros2.messages.image import decode_compressed, decode_image
 from kitti_ros2.messages.oxts import has_fix, has_orientation
 from kitti_ros2.messages.pixels import picture_kind, pixels_of, png_of, size_of
-from kitti_ros2.messages.point_spans import turn_of
+from kitti_ros2.messages.point_spans import TurnTimes
 from kitti_ros2.messages.pose import decode_odometry, poses_of, poses_of_link
 from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.messages.scan_sources import SCAN_SOURCES, ScanNeeds
@@ -96,7 +96,7 @@ def _camera() -> CameraModel:
 
 
 def _cloud(message: Any) -> None:
-    turn_of([message])
+    TurnTimes().span_ns(message)
     with attempted():
         file_order(message)
     with attempted():

@@ -63,7 +63,8 @@ def test_what_one_does_not_tell_is_that_of_the_nearer(share):
     first = replace(imu(0.0), orientation_covariance=UNKNOWN)
     last = replace(imu(1.0, (np.nan, 0, 0)), linear_acceleration_covariance=UNKNOWN)
     made, near = imu_between(first, last, share), last if share > 0.5 else first
-    assert made.orientation == near.orientation
+    assert made.orientation == last.orientation
+    assert made.orientation_covariance is last.orientation_covariance
     assert made.angular_velocity is near.angular_velocity
     assert made.linear_acceleration == near.linear_acceleration
 
@@ -82,12 +83,31 @@ def test_places_lie_on_the_line(share, latitude, longitude):
     [
         (fix(1, 2), fix(1, 3, status=-1), 0.9, 0),
         (fix(1, 2, status=-1), fix(1, 3), 0.1, 1),
-        (fix(1, 179.99), fix(1, -179.99), 0.4, 0),
-        (fix(1, 179.99), fix(1, -179.99), 0.6, 1),
     ],
 )
 def test_a_place_without_a_line_is_that_of_one(first, last, share, taken):
     assert fix_between(first, last, share) is (first, last)[taken]
+
+
+@pytest.mark.parametrize(
+    ('first', 'last', 'share', 'longitude'),
+    [
+        (179.99, -179.99, 0.25, 179.995),
+        (179.99, -179.99, 0.75, -179.995),
+        (-179.99, 179.99, 0.25, -179.995),
+        (359.9, 360.0, 0.5, 359.95),
+        (359.99, 0.01, 0.25, 359.995),
+    ],
+)
+def test_longitudes_are_mixed_the_short_way_round(first, last, share, longitude):
+    assert fix_between(fix(1, first), fix(1, last), share).longitude == pytest.approx(longitude)
+
+
+@pytest.mark.parametrize('share', [0.2, 0.8])
+def test_an_altitude_that_one_has_alone_is_taken(share):
+    for ends in ((np.nan, 110.0), (110.0, np.nan)):
+        made = fix_between(*(fix(1, 2, altitude) for altitude in ends), share)
+        assert made.altitude == 110
 
 
 @given(SHARES)
@@ -124,13 +144,15 @@ def test_a_message_that_cannot_be_decoded_is_bridged(tmp_path):
 
 
 def test_places_that_are_not_around_a_frame_are_told(tmp_path):
-    """No fix between the fourth and the last one but two."""
+    """No fix at first, which the nearest bridges, and two lost later, which lie between others."""
 
     def change(topic, place, message):
-        lost = topic == '/gps/fix' and 3 < place < 8
+        lost = topic == '/gps/fix' and (place < 2 or 3 < place < 6)
         return replace(message, status=replace(message.status, status=-1)) if lost else message
 
     report, packets = converted(tmp_path, change)
+    assert len(packets) < foreign.FRAMES
     (note,) = (each for each in report.notes if each.startswith('oxts: /gps/fix has no message'))
     assert 'take the nearest: up to 0.' in note
-    assert len(packets) < foreign.FRAMES
+    (note,) = (each for each in report.notes if each.startswith('oxts: /gps/fix has no fix'))
+    assert note.endswith(' m apart')

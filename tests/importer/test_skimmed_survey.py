@@ -16,7 +16,16 @@ from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 COMPARED = (
     *('name', 'msgtype', 'log_ns', 'header_ns', 'frames', 'failures', 'failure', 'headless'),
-    *('changes', 'size_bytes', 'markers_ns', 'forward_ns', 'classes', 'turn_ns'),
+    *(
+        'changes',
+        'size_bytes',
+        'markers_ns',
+        'forward_ns',
+        'classes',
+        'spans_ns',
+        'places',
+        'moves',
+    ),
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.messages.header import make_header
-from kitti_ros2.messages.point_spans import point_span_ns, turn_of
+from kitti_ros2.messages.point_spans import TurnTimes, point_span_ns
 from kitti_ros2.messages.ros_types import PointCloud2, PointField
 
 STAMP_NS = 1_760_000_000_250_000_000
@@ -75,12 +75,37 @@ NO_TURNS = {
 @pytest.mark.parametrize('name', NO_TURNS)
 def test_other_values_are_no_turn(name):
     assert point_span_ns(cloud(*NO_TURNS[name])) is None
-    assert turn_of([cloud(*NO_TURNS[name])]) is None
+    assert TurnTimes().span_ns(cloud(*NO_TURNS[name])) is None
 
 
-def test_the_turn_of_a_stream_is_the_median_of_its_clouds():
-    clouds = [cloud('t', '<u4', TURN * 1e9 * share) for share in (1.0, 1.01, 0.6)]
-    assert turn_of(clouds) == pytest.approx((0, 100_000_000), abs=1_000)
+def test_parts_of_a_turn_and_several_have_their_times_once_the_unit_is_known():
+    """No span alone tells whether 3,000,000 are nanoseconds, or what of a message 0.5 s are."""
+    times = TurnTimes()
+    shares = (0.03, 1.0, 0.6, 0.03, 3.9, 5.0, 20.0)
+    found = [times.span_ns(cloud('t', '<u4', TURN * 1e9 * share)) for share in shares]
+    assert found[0] is found[-1] is None
+    ends = [round(share * 100_000_000) for share in shares[1:-1]]
+    assert [span[1] for span in found[1:-1]] == pytest.approx(ends, abs=1_000)
+
+
+RAYS = {
+    'a turn': (0.13 / 400, (0, 130_000_000)),
+    'two turns': (0.26 / 400, (0, 260_000_000)),
+    'three slow turns': (0.6 / 400, (0, 600_000_000)),
+    'a fast one': (0.012 / 400, (0, 12_000_000)),
+    'backwards': (-0.1 / 400, (-100_000_000, 0)),
+    'all at once': (0.0, None),
+    'of a float': (1e-9, None),
+    'too slow': (0.01, None),
+    'not a number': (float('nan'), None),
+}
+
+
+@pytest.mark.parametrize('name', RAYS)
+def test_each_ring_has_the_time_of_its_own_rays(name):
+    increment, expected = RAYS[name]
+    message = SimpleNamespace(time_increment=increment, ranges=[1.0] * 401)
+    assert TurnTimes().span_ns(message) == pytest.approx(expected, abs=1)
 
 
 @pytest.mark.parametrize(
@@ -95,4 +120,6 @@ def test_the_turn_of_a_stream_is_the_median_of_its_clouds():
     ],
 )
 def test_definitions_without_times_or_with_others_tell_no_turn(parts):
-    assert turn_of([SimpleNamespace(header=make_header(STAMP_NS, 'lidar'), **parts)]) is None
+    assert (
+        TurnTimes().span_ns(SimpleNamespace(header=make_header(STAMP_NS, 'lidar'), **parts)) is None
+    )

@@ -111,6 +111,50 @@ def test_boxes_and_clouds_in_frames_that_move_are_where_they_were(robot, tmp_pat
         assert any('in which the vehicle moves' in note for note in guessed.notes)
 
 
+STANDING = {
+    'in map': Robot(),
+    'markers': Robot(markers=True),
+    'in odom': Robot(boxes='odom'),
+    'in odom of an Odometry': Robot(
+        boxes='odom', map_tf=False, odom_tf=False, odometry=('odom', 'base_link')
+    ),
+    'in odom below the body': Robot(map_tf=False, boxes='odom', inverted=True),
+    'in map by a PoseStamped': Robot(map_tf=False, odom_tf=False, posed=True),
+    'with clouds in map': Robot(cloud='map'),
+}
+
+
+@pytest.mark.parametrize('after_ms', [40, 20, -30])
+@pytest.mark.parametrize('name', STANDING)
+def test_a_parked_car_lies_on_its_points_whatever_the_stamp_of_its_box(name, after_ms, tmp_path):
+    robot = replace(STANDING[name], boxes_after_ns=after_ms * MS)
+    frames = wanderer.write(tmp_path / 'bag', robot)
+    _, report = convert(tmp_path / 'bag', tmp_path / 'out', Layout.OBJECT)
+    assert report.losses == ()
+    check_boxes(tmp_path / 'out', frames, range(len(frames)))
+
+
+@pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING, Layout.RAW])
+@pytest.mark.parametrize('timed', [False, True])
+def test_labels_of_standing_boxes_are_the_same_whatever_their_stamp(layout, timed, tmp_path):
+    """Of scans with times those of the moment at which scans are stamped: the middle of turns."""
+    found = []
+    for after_ns in (0 if not timed else wanderer.TURN_NS // 2, 20 * MS):
+        name = f'{after_ns}'
+        robot = Robot(timed=timed, boxes_after_ns=after_ns, odometry=('odom', 'base_link'))
+        wanderer.write(tmp_path / name, robot)
+        convert(tmp_path / name, tmp_path / 'out' / name, layout)
+        texts = {
+            path.relative_to(tmp_path / 'out' / name): path.read_text()
+            for path in (tmp_path / 'out' / name).rglob('*')
+            if 'label' in str(path.relative_to(tmp_path)) or path.name == 'tracklet_labels.xml'
+            if path.is_file()
+        }
+        found.append(texts)
+    assert found[0]
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize('cloud', ['lidar', 'map'])
 def test_poses_that_alone_join_boxes_to_the_scans_are_in_the_plan(cloud, tmp_path):
     robot = Robot(map_tf=False, odom_tf=False, posed=True, cloud=cloud)
@@ -761,6 +805,17 @@ def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
         shown = BagFrames(bag, look([bag])).frame(4)
     assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
     assert len(shown.objects) == 2
+
+
+def test_pictures_have_standing_boxes_on_their_points_whatever_their_stamp(tmp_path):
+    boxes = []
+    for after_ns in (0, 40 * MS):
+        path = tmp_path / f'{after_ns}'
+        wanderer.write(path, Robot(boxes_after_ns=after_ns))
+        with open_bag_source(path) as bag:
+            boxes.append(BagFrames(bag, look([bag])).frame(4).objects)
+    places = [[each.cuboid.velo_T_box.translation for each in found] for found in boxes]
+    np.testing.assert_allclose(*places, atol=1e-9)
 
 
 def test_boxes_in_map_are_drawn_on_the_images(tmp_path):
