@@ -28,6 +28,9 @@ _WINDOW_NS = NS_PER_S // 2
 _WINDOW_PERIODS = 1.5
 _SIGMAS = 5.0
 _PARABOLA = 2
+_DIFFERENCES = 3
+_GROWTH = np.sqrt(20)  # of a standard deviation in third differences: 1, 3, 3, 1
+_SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, by the median of absolute values
 
 
 def metres_of(fixes: Float64Array) -> Float64Array:
@@ -45,45 +48,47 @@ def metres_of(fixes: Float64Array) -> Float64Array:
     return np.column_stack([east, north, np.nan_to_num(alt - np.nanmin(alt, initial=1e9))])
 
 
-def velocities_at(
-    stamps_ns: Int64Array,
-    places: Float64Array,
-    wanted_ns: Int64Array,
-    most_ns: int,
-    slowest: float,
-) -> Float64Array:
-    """Return (M, 3) velocities, m/s along the axes of the places; NaN where they are not known.
+class DerivedVelocities:
+    """The velocities of a vehicle by its places, each computed when it is asked for.
 
     Args:
         stamps_ns: (N,) of the places, ascending.
         places: (N, 3) metres.
-        wanted_ns: (M,) moments.
         most_ns: A longer gap between two places is not bridged; nor is a moment known that is
             farther from any place.
         slowest: Slower than this, m/s, the vehicle stands.
     """
-    found = np.full((len(wanted_ns), 3), np.nan)
-    if len(stamps_ns) < _PARABOLA:
-        return found
-    steps = np.diff(stamps_ns)
-    window_ns = max(_WINDOW_NS, round(_WINDOW_PERIODS * float(np.median(steps))))
-    starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
-    ends = np.append(starts[1:], len(stamps_ns))
-    for row, moment_ns in enumerate(wanted_ns.tolist()):
-        after = int(np.searchsorted(stamps_ns, moment_ns))
-        nearest = min(
-            range(max(after - 1, 0), min(after + 1, len(stamps_ns))),
-            key=lambda place: abs(int(stamps_ns[place]) - moment_ns),
-        )
-        run = int(np.searchsorted(starts, nearest, 'right')) - 1
-        first, last = _near(
-            stamps_ns[starts[run] : ends[run]] - (moment_ns - window_ns), 2 * window_ns
-        )
-        first, last = first + int(starts[run]), last + int(starts[run])
-        if last - first >= _PARABOLA and abs(int(stamps_ns[nearest]) - moment_ns) <= most_ns:
-            seconds = (stamps_ns[first:last] - moment_ns) / NS_PER_S
-            found[row] = _slope(seconds, places[first:last], slowest)
-    return found
+
+    def __init__(
+        self, stamps_ns: Int64Array, places: Float64Array, most_ns: int, slowest: float
+    ) -> None:
+        self._stamps_ns = stamps_ns
+        self._places = places
+        self._most_ns = most_ns
+        self._slowest = slowest
+        self._scatter = _scatter_of(places)
+        steps = np.diff(stamps_ns)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        self._window_ns = max(_WINDOW_NS, round(_WINDOW_PERIODS * usual))
+        self._starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
+
+    def at(self, moment_ns: int) -> Float64Array | None:
+        """Return (3,) m/s along the axes of the places at a moment, None where it is not known."""
+        stamps = self._stamps_ns
+        if len(stamps) < _PARABOLA:
+            return None
+        after = int(np.searchsorted(stamps, moment_ns))
+        around = range(max(after - 1, 0), min(after + 1, len(stamps)))
+        nearest = min(around, key=lambda place: abs(int(stamps[place]) - moment_ns))
+        run = int(np.searchsorted(self._starts, nearest, 'right'))
+        begin = int(self._starts[run - 1])
+        end = int(self._starts[run]) if run < len(self._starts) else len(stamps)
+        since_ns = stamps[begin:end] - (moment_ns - self._window_ns)
+        first, last = (begin + each for each in _near(since_ns, 2 * self._window_ns))
+        if last - first < _PARABOLA or abs(int(stamps[nearest]) - moment_ns) > self._most_ns:
+            return None
+        seconds = (stamps[first:last] - moment_ns) / NS_PER_S
+        return _slope(seconds, self._places[first:last], self._slowest, self._scatter)
 
 
 def _near(since_ns: Int64Array, length_ns: int) -> tuple[int, int]:
@@ -95,7 +100,18 @@ def _near(since_ns: Int64Array, length_ns: int) -> tuple[int, int]:
     return first, last
 
 
-def _slope(seconds: Float64Array, places: Float64Array, slowest: float) -> Float64Array:
+def _scatter_of(places: Float64Array) -> float:
+    """Return the standard deviation of places on the ground about their course, metres.
+
+    Third differences of evenly spaced places are free of a steady acceleration.
+    """
+    jumps = np.abs(np.diff(places[:, :2], _DIFFERENCES, axis=0))
+    return float(_SIGMA_OF_MEDIAN * np.median(jumps) / _GROWTH) if jumps.size else 0.0
+
+
+def _slope(
+    seconds: Float64Array, places: Float64Array, slowest: float, known_scatter: float
+) -> Float64Array:
     """Return (3,) the velocity at 0 s; 0 where it is within the scatter of the places."""
     degree = min(_PARABOLA, len(seconds) - 1)
     powers = np.vander(seconds, degree + 1, increasing=True)
@@ -104,7 +120,8 @@ def _slope(seconds: Float64Array, places: Float64Array, slowest: float) -> Float
     parts = inverse @ (places - middle)
     rest = places - middle - powers @ parts
     freedom = 2 * max(len(seconds) - degree - 1, 1)
-    scatter = np.sqrt((rest[:, :2] ** 2).sum() / freedom) * np.linalg.norm(inverse[1])
-    if np.hypot(*parts[1, :2]) <= max(slowest, _SIGMAS * scatter):
+    scatter = max(known_scatter, float(np.sqrt((rest[:, :2] ** 2).sum() / freedom)))
+    sigma = scatter * float(np.linalg.norm(inverse[1]))
+    if np.hypot(*parts[1, :2]) <= max(slowest, _SIGMAS * sigma):
         return np.zeros(3)
     return np.asarray(parts[1])

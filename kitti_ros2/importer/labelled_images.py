@@ -27,6 +27,7 @@ from ..model.errors import KittiRos2Error, UsageError, describe_error
 from ..model.layouts import Layout
 from ..model.samples import FrameLabels
 from .apply_calibration import Rigging
+from .frames_at import BoxTimes, stamp_of_boxes
 from .guess import guess_plan
 from .labels import own_number
 from .plan import NONE, SOURCE, TF
@@ -109,7 +110,7 @@ class LabelledImages:
         picture = np.array(colour_pixels(pixels))
         place = self._labels.place_at(stamp_ns, log_ns)
         calibration = self._rigging.calibrations.at(log_ns)
-        labels = FrameLabels() if place is None else self._objects(place)
+        labels = FrameLabels() if place is None else self._objects(place, stamp_ns)
         annotate(picture, objects_of(labels, calibration), calibration, camera)
         return picture
 
@@ -117,11 +118,13 @@ class LabelledImages:
         """Close the files."""
         self._labels.close()
 
-    def _read_objects(self, place: int) -> FrameLabels:
+    def _read_objects(self, place: int, image_ns: int) -> FrameLabels:
         message = self._labels.read(place)
         if self._labels.topic == LABEL_LINES:
             return labels_of_text(decode_text(message))
-        cuboids, _ = self._rigging.labels.cuboids(message)
+        own_ns = stamp_of_boxes(message)
+        times = BoxTimes(own_ns, own_ns if self._labels.by_log else image_ns)
+        cuboids, _ = self._rigging.labels.cuboids(message, times)
         return FrameLabels(
             cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]
         )
@@ -135,7 +138,7 @@ class _Labels:
         self.topic = topic
         self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
         stamps, why_not_headers = found.stamps()
-        self._by_log = why_not_headers is not None or len(found.header_ns) != found.count
+        self.by_log = why_not_headers is not None or len(found.header_ns) != found.count
         order = np.argsort(stamps, kind='stable')
         self._order, self._stamps = order, stamps[order]
         self._tolerance_ns = default_tolerance_ns(stamps)
@@ -155,7 +158,7 @@ class _Labels:
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Return the index of the message of an image, None where none is near."""
-        at = log_ns if self._by_log else stamp_ns
+        at = log_ns if self.by_log else stamp_ns
         after = int(np.searchsorted(self._stamps, at))
         near = [each for each in (after - 1, after) if 0 <= each < len(self._stamps)]
         best = min(near, key=lambda each: abs(int(self._stamps[each]) - at))

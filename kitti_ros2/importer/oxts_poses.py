@@ -22,13 +22,12 @@ from ..model.geographic import GeoOrigin
 from ..model.geometry import Transform
 from ..model.streams import Stream
 from ..rig.pose_track import MAX_GAP_NS
-from .derived_velocity import SLOWEST_POSE_M_S, velocities_at
+from .derived_velocity import SLOWEST_POSE_M_S, DerivedVelocities
 from .frames import within_gaps
 from .named_frames import child_of
 from .planned_topics import topic_of
 
 if TYPE_CHECKING:
-    from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
     from ..rig.pose_track import Track
     from .apply_calibration import Rigging
@@ -48,8 +47,8 @@ class UnitPoses:
     Attributes:
         poses: Of each frame, None where the track has none; None without poses for oxts.
         place: Of all packets, where the bag has an Imu alone; None otherwise.
-        moving: (N, 3) the velocity at each frame in the world frame, m/s, by its places; NaN where
-            it is not known; None without poses for oxts, and where a message has velocities.
+        moving: Its velocities in the world frame by its places; None without poses for oxts, and
+            where messages have velocities.
         velocity: The Odometry whose twist is the unit's velocity, empty for none.
         imu_T_velocity: Its child frame in KITTI's imu frame.
         notes: Non-fatal remarks.
@@ -69,7 +68,7 @@ class UnitPoses:
             motion: The poses.
         """
         self.poses: list[UnitPose | None] | None = None
-        self.moving: Float64Array | None = None
+        self.moving: DerivedVelocities | None = None
         self.place: GeoOrigin | None = None
         self.lost_ns: Int64Array = np.zeros(0, dtype=np.int64)
         self.velocity = ''
@@ -110,7 +109,7 @@ class UnitPoses:
         self._find_velocity(plan, survey, rigging, body_t_imu)
         velocity = plan.velocity or self.velocity
         if not velocity or not topic_of(survey, velocity).moves:
-            self.moving = _moving(motion.track, body_t_imu, frames.stamps_ns)
+            self.moving = _moving(motion.track, body_t_imu)
 
     def _find_velocity(
         self, plan: Plan, survey: Survey, rigging: Rigging, body_t_imu: Transform
@@ -141,14 +140,14 @@ def _unit_poses(
     return [None if unit is None else UnitPose(unit.rotation, *next(places)) for unit in units]
 
 
-def _moving(track: Track, body_t_imu: Transform, stamps_ns: Int64Array) -> Float64Array:
-    """Return (N, 3) the velocity of the unit at each stamp, NaN where it is not known."""
+def _moving(track: Track, body_t_imu: Transform) -> DerivedVelocities:
+    """Return the velocities of the unit on a track."""
     _, first = np.unique(track.stamps_ns // _THINNED_NS, return_index=True)
     found = zip(track.stamps_ns[first].tolist(), track.at(track.stamps_ns[first]), strict=True)
     known = [(at_ns, (pose @ body_t_imu).translation) for at_ns, pose in found if pose is not None]
     times = np.array([at_ns for at_ns, _ in known], dtype=np.int64)
     places = np.array([place for _, place in known]).reshape(-1, 3)
-    return velocities_at(times, places, stamps_ns, MAX_GAP_NS, SLOWEST_POSE_M_S)
+    return DerivedVelocities(times, places, MAX_GAP_NS, SLOWEST_POSE_M_S)
 
 
 def as_velocity(message: Any) -> Any:  # noqa: ANN401 - of the bag's types

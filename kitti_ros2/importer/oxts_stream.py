@@ -17,7 +17,7 @@ from ..model.losses import Loss, format_numbers
 from ..model.stamps import NS_PER_S
 from ..model.streams import Stream
 from .between_messages import fix_between, imu_between, velocity_between
-from .derived_velocity import SLOWEST_FIX_M_S, metres_of, velocities_at
+from .derived_velocity import SLOWEST_FIX_M_S, DerivedVelocities, metres_of
 from .oxts_poses import as_velocity
 from .plan import VelocityAxes
 from .planned_topics import topic_of
@@ -116,8 +116,9 @@ class PacketMaker:
         self._carried_m: list[float] = []
         self._bridged: list[tuple[int, float]] = []
         fixed = np.isfinite(topic_of(survey, plan.fix).fixes[:, 0]) if plan.fix else None
-        self._moving, still = self._find_velocities(survey, fixed)
-        self._velocity_of = '' if still else self._topics['velocity']
+        self._velocities = self._find_velocities(survey, fixed)
+        velocity = self._topics['velocity']
+        self._velocity_of = velocity if velocity and topic_of(survey, velocity).moves else ''
         self._derived = 0
         wanted = {
             role: self._around(topic, _MAX_FIX_GAP_NS, fixed)
@@ -140,21 +141,19 @@ class PacketMaker:
 
     def _find_velocities(
         self, survey: Survey, fixed: npt.NDArray[np.bool_] | None
-    ) -> tuple[Float64Array, bool]:
-        """Return (N, 3) the velocity of each frame by its places, NaN where it is not known.
-
-        Also whether the topic of velocities has none: all are 0.
-        """
-        velocity, fix = self._topics['velocity'], self._topics['fix']
-        still = bool(velocity) and not topic_of(survey, velocity).moves
-        if self._unit.moving is not None:
-            return self._unit.moving, still
-        if fixed is None:
-            return np.full((len(self._frames_ns), 3), np.nan), still
+    ) -> DerivedVelocities | None:
+        """Return the velocities by the poses or by the fixes, None without either."""
+        fix = self._topics['fix']
+        if self._unit.moving is not None or fixed is None:
+            return self._unit.moving
         stamps, first = np.unique(self._stamps[fix][fixed], return_index=True)
         places = metres_of(topic_of(survey, fix).fixes[fixed][first])
-        ends = stamps, places, self._frames_ns, _MAX_FIX_GAP_NS
-        return velocities_at(*ends, SLOWEST_FIX_M_S), still
+        return DerivedVelocities(stamps, places, _MAX_FIX_GAP_NS, SLOWEST_FIX_M_S)
+
+    def _moving(self, frame: int) -> Float64Array | None:
+        """Return the velocity of a frame by the places, None where it is not known."""
+        places = self._velocities
+        return None if places is None else places.at(int(self._frames_ns[frame]))
 
     def _parts_of_frames(
         self, by_role: Mapping[str, Sequence[set[tuple[str, int]] | None]]
@@ -163,27 +162,24 @@ class PacketMaker:
 
         With poses a packet needs no message: columns of those that are not near are 0.
         """
-        poses, known = self._unit.poses, np.isfinite(self._moving[:, 0])
-        if poses is None:
-            optional = by_role.get('velocity', ())
-            wanted = [
-                *(parts for role, parts in by_role.items() if role != 'velocity'),
-                [set() if part is None and known[at] else part for at, part in enumerate(optional)],
+        if 'velocity' in by_role:
+            optional = [
+                set() if part is None and self._moving(frame) is not None else part
+                for frame, part in enumerate(by_role['velocity'])
             ]
+            by_role = {**by_role, 'velocity': optional}
+        poses, wanted = self._unit.poses, list(by_role.values())
+        if poses is None:
             return [
                 None if None in parts else {part for each in parts for part in each or ()}
-                for parts in zip(*filter(None, wanted), strict=True)
+                for parts in zip(*wanted, strict=True)
             ]
-        wanted = list(by_role.values())
-        for role, parts in by_role.items():
-            lost = np.array([part is None for part in parts], np.bool_)
-            if role == 'velocity':
-                lost &= ~known
-            if lost.any():
-                self._notes.append(
-                    f'oxts: no message of {self._topics[role]} near {np.count_nonzero(lost)}'
-                    f' frames; its columns are 0 there'
-                )
+        self._notes += [
+            f'oxts: no message of {self._topics[role]} near {parts.count(None)} frames; its columns'
+            f' are 0 there'
+            for role, parts in by_role.items()
+            if None in parts
+        ]
         return [
             None if pose is None else {part for parts in wanted for part in parts[frame] or ()}
             for frame, pose in enumerate(poses)
@@ -297,7 +293,8 @@ class PacketMaker:
         stamps = self._stamps[topic][kept]
         if not len(stamps):
             return [None] * len(self._frames_ns)
-        period = int(np.median(np.diff(np.sort(stamps)))) if len(stamps) > 1 else 0
+        every = np.sort(self._stamps[topic])
+        period = int(np.median(np.diff(every))) if len(every) > 1 else 0
         most_ns = max(most_ns, round(_BRIDGED_PERIODS * period))
         places = _nearest(stamps, self._frames_ns)
         away = np.abs(stamps[places] - self._frames_ns)
@@ -361,11 +358,9 @@ class PacketMaker:
 
     def _derive(self, frame: int, velocity: Any) -> Float64Array | None:  # noqa: ANN401 - as _at
         """Return the velocity of a frame by its places, None where a message has it, or without."""
-        moving: Float64Array = self._moving[frame]
         has_one = self._velocity_of and velocity is not None
-        if has_one or not np.isfinite(moving).all():
-            return None
-        self._derived += bool(moving.any())
+        moving = None if has_one else self._moving(frame)
+        self._derived += moving is not None and bool(moving.any())
         return moving
 
     def _at(
@@ -392,9 +387,10 @@ class PacketMaker:
 
     def _carried(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
         """Return a fix before a frame, or after it, carried on by the velocity of the places."""
-        way = self._moving[frame] * (later_ns / NS_PER_S)
-        if not way.any() or not np.isfinite(way).all():
+        moving = self._moving(frame) if later_ns else None
+        if moving is None or not moving.any():
             return fix
+        way = moving * (later_ns / NS_PER_S)
         self._carried_m.append(float(np.linalg.norm(way)))
         place = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
         return replace(fix, latitude=place.lat, longitude=place.lon, altitude=place.alt)

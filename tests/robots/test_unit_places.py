@@ -326,13 +326,15 @@ def wander(seed, size):
     return lambda seconds: rng.normal(0, size, 3) + size * np.sin([seconds, seconds / 2, 1.0])
 
 
-@pytest.mark.parametrize('size', [0.0, 0.02, 0.05])
+@pytest.mark.parametrize(
+    ('period_ms', 'size'), [(100, 0.0), (100, 0.02), (100, 0.05), (1000, 0.2), (250, 0.1)]
+)
 @pytest.mark.parametrize('zeros', [False, True])
-def test_a_standing_vehicle_stays_at_0(size, zeros, tmp_path, monkeypatch):
+def test_a_standing_vehicle_stays_at_0(period_ms, size, zeros, tmp_path, monkeypatch):
     monkeypatch.setattr('test_unit_places.STANDING_S', 1e9)
     monkeypatch.setattr('test_unit_places._WAY', np.zeros_like(_WAY))
     noise = wander(3, size)
-    said = every(100, lambda at: fix(at, noise=noise)), every(10, imu)
+    said = every(period_ms, lambda at: fix(at, noise=noise)), every(10, imu)
     notes, _, packets = convert(tmp_path, *said, *([every(20, twist)] if zeros else []))
     assert len(packets) == len(SCANS_NS)
     for each in packets.values():

@@ -829,6 +829,21 @@ def test_boxes_in_map_are_drawn_on_the_images(tmp_path):
     assert (drawn != 90).any(axis=2).sum() > 500
 
 
+def test_standing_boxes_are_drawn_where_they_are_at_the_image(tmp_path):
+    drawn = []
+    for after_ns in (0, 40 * MS):
+        wanderer.write(tmp_path / f'{after_ns}', Robot(boxes_after_ns=after_ns))
+        with open_bag_source(tmp_path / f'{after_ns}') as bag:
+            images, image_ns = LabelledImages(bag), START_NS + 4 * PERIOD_NS
+            message = wanderer.image(image_ns)
+            plain = np.full((*wanderer.SIZE[::-1], 3), 90, np.uint8)
+            made = images.draw('/camera/image_rect', message, plain, image_ns, image_ns + MS)
+            drawn.append(made)
+            images.close()
+    assert (drawn[0] != 90).any()
+    np.testing.assert_array_equal(*drawn)
+
+
 @pytest.mark.parametrize('cloud', ['lidar', 'odom'])
 def test_odometry_that_joins_frames_is_used(tmp_path, cloud):
     """Object sets have no poses: the Odometry serves points in odom, or nothing."""
