@@ -127,6 +127,7 @@ class PacketMaker:
             for role, topic in named.items()
         }
         self._wanted = self._parts_of_frames(wanted)
+        self._without_fix = [part is None for part in wanted.get('fix', ())]
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
         self._pending: dict[int, dict[tuple[str, int], Any]] = {}
@@ -317,8 +318,15 @@ class PacketMaker:
         if not lacking:
             return
         source = 'imu, fix or velocity near' if self._unit.poses is None else 'poses around'
+        if self._without_fix and all(self._without_fix[frame] for frame in lacking):
+            source = 'fix near'
         which = f'no {source} frames {format_numbers(lacking)}'
-        if self._gapless:
+        first = lacking[0]
+        if self._gapless and first and source == 'fix near':
+            text = f'oxts ends before frame {first}, which has no fix near'
+            self._lose(text, len(self._wanted) - first)
+            del self._wanted[first:]
+        elif self._gapless:
             self._lose(f'{which}, so {Stream.OXTS.value} is left out', len(self._wanted))
             self._wanted = []
         else:
