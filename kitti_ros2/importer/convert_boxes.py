@@ -221,7 +221,7 @@ class BoxConversion:
         if not self._tracklets:
             return cuboids
         levels = not self._plan.layout.traits.frame_set
-        known = self._tracklets.get(stamp_of_boxes(messages[0], None), {})
+        known = self._tracklets.get(stamp_of_boxes(messages[0]), {})
         found = []
         for each in cuboids:
             own = _tracklet_of(each, known)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from ..messages.header import vector_of
 from ..messages.oxts import has_orientation
 from ..model import msgtypes as types
 from ..rig.heading import find_body
