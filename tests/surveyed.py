@@ -17,7 +17,8 @@ K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 def topic(name, msgtype, *looks, frame='', count=5):
     stamps = [(index + 1) * 100_000_000 for index in range(count)]
     found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
-    found.has_fix = msgtype == types.FIX
+    if msgtype == types.FIX:
+        found.places.extend((49.0, 8.4, 110.0) * found.count)
     return found
 
 
