@@ -67,8 +67,10 @@ def data_files(folder: Path) -> set[str]:
 
 
 def repeated(counts: Counter[str], most: int = 1) -> dict[str, int]:
-    """What was done more often."""
-    return {path: count for path, count in counts.items() if count > most}
+    """What was done more often; the first scan is opened once more, to check its columns."""
+    return {
+        path: count for path, count in counts.items() if count > most + path.endswith('000000.bin')
+    }
 
 
 @pytest.mark.parametrize('images', ['compressed', 'both'])

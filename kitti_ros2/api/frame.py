@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -79,6 +79,17 @@ class Frame:
         """
         points = self._scan.points
         return points if points.flags.writeable else points.copy()
+
+    @property
+    def extra(self) -> dict[str, npt.NDArray[np.floating[Any]]]:
+        """Further columns of the scan by name, (N,) float32 or float64, such as ring.
+
+        Of recordings opened with columns='x y z intensity ring', and of their bags; else empty.
+
+        Raises:
+            MissingDataError, KittiRos2Error: As points.
+        """
+        return dict(self._scan.extra)
 
     def points_at(self, stamp_ns: int) -> Float32Array:
         """Return the points as they would have been measured at one moment: motion compensation.

@@ -24,6 +24,7 @@ class ReadKeywords(TypedDict, total=False):
 
     layout: str | None
     sequence: str | None
+    columns: OneOrMore | None
     epoch: str
     semantic: bool
     period: float
@@ -118,6 +119,7 @@ class CropKeywords(TypedDict, total=False):
     fsync: bool
     layout: str | None
     sequence: str | None
+    columns: OneOrMore | None
     deskew: bool
     undo_deskew: bool
 
@@ -164,6 +166,7 @@ class LiveKeywords(TypedDict, total=False):
     overwrite: bool
     layout: str | None
     sequence: str | None
+    columns: OneOrMore | None
     deskew: bool
     undo_deskew: bool
     start: int | str | None
@@ -192,6 +195,7 @@ class StatisticsKeywords(TypedDict, total=False):
     points: bool
     layout: str | None
     sequence: str | None
+    columns: OneOrMore | None
 
 
 class DetectionKeywords(TypedDict, total=False):
@@ -206,6 +210,7 @@ class DetectionKeywords(TypedDict, total=False):
     tolerance: float | None
     layout: str | None
     sequence: str | None
+    columns: OneOrMore | None
 
 
 class OdometryKeywords(TypedDict, total=False):

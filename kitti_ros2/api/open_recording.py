@@ -55,8 +55,8 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
     Args:
         path: A folder or a bag. Of folders with several drives or sequences, `sequence` chooses
             one.
-        options: Options of reading, as on the command line: layout, sequence, epoch, semantic,
-            period, scan_stamp, real_time, mapping, raw, deskew, undo_deskew.
+        options: Options of reading, as on the command line: layout, sequence, columns, epoch,
+            semantic, period, scan_stamp, real_time, mapping, raw, deskew, undo_deskew.
 
     Raises:
         FileNotFoundError: There is no such path; it is a KittiRos2Error as well.

@@ -12,35 +12,67 @@ from ..drawing.pixels import colour_pixels
 from ..files.image_files import decode_image, parse_image
 from ..files.png.encode import encode_png
 from ..kitti import names
-from ..kitti.scan_file import format_scan, format_scan_text, parse_scan, parse_scan_text
+from ..kitti.scan_check import HEAD_BYTES, find_mismatch, mismatch_error
+from ..kitti.scan_file import (
+    format_scan,
+    format_scan_text,
+    parse_points,
+    parse_scan,
+    parse_scan_text,
+)
 from ..kitti.semantic_file import format_point_labels, parse_point_labels
 from ..kitti.store import STORE
 from ..model.errors import BadFileError, UsageError
+from ..model.scan_columns import ScanColumns
 from .paths import file_at
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import numpy.typing as npt
 
     from ..model.samples import Float32Array
     from .paths import AnyPath
 
 _POINT_COLUMNS = 4
+_CHECKED: set[Path] = set()
+"""Folders whose scans have the columns of KITTI's."""
 
 
-def read_scan(path: AnyPath) -> Float32Array:
+def read_scan(path: AnyPath, *, columns: str | None = None) -> Float32Array:
     """Read velodyne_points/data/*.bin or velodyne/*.bin (or .txt of a raw extract).
+
+    Args:
+        path: Ends in .bin or .txt.
+        columns: Those of a .bin file that is not KITTI's, such as 'x y z intensity - ring': - skips
+            one, and :f8 behind a name is float64.
 
     Returns:
         (N, 4) float32, writable: x y z in metres in velo_link (x forward, y left, z up), and
-        reflectance 0..1.
+        reflectance 0..1. Other columns that are named follow: (N, 4 + K).
 
     Raises:
-        KittiRos2Error: The file is missing, empty, or truncated inside a point.
+        KittiRos2Error: The file is missing, empty, or truncated inside a point; or it has other
+            columns, by its size and values.
     """
     with file_at(path) as file:
         if file.suffix == names.TXT:
             return parse_scan_text(STORE.read(file), file)
-        return parse_scan(STORE.read_array(file), file)
+        data = STORE.read_array(file)
+        if columns is not None:
+            scan = parse_points(data, file, ScanColumns.parse(columns))
+            return np.column_stack([scan.points, *scan.extra.values()]).astype(np.float32)
+        _check_first(file, data)
+        return parse_scan(data, file)
+
+
+def _check_first(file: Path, data: npt.NDArray[np.uint8]) -> None:
+    """Check the columns of the first scan that is read of a folder."""
+    if file.parent not in _CHECKED:
+        found = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
+        if found is not None:
+            raise mismatch_error(file, found)
+        _CHECKED.add(file.parent)
 
 
 def write_scan(path: AnyPath, points: npt.ArrayLike) -> None:

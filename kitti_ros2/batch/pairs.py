@@ -166,7 +166,7 @@ def _has(unit: WorkUnit, stream: Stream) -> bool:
     if unit.layout is None:
         return True
     try:
-        return stream in open_recording(unit.source, unit.read).streams
+        return stream in open_recording(unit.source, unit.read, scans=False).streams
     except (KittiRos2Error, OSError):
         return True
 

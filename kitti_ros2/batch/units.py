@@ -189,7 +189,7 @@ def _slices(unit: WorkUnit, frames: int) -> Iterator[WorkUnit]:
     if unit.layout is None or not unit.layout.traits.frame_set:
         yield unit
         return
-    recording = open_recording(unit.source, unit.read)
+    recording = open_recording(unit.source, unit.read, scans=False)
     present = [index.numbers for index in recording.streams.values()]
     numbers = np.unique(np.concatenate(present)).tolist()
     for start in range(0, len(numbers), frames):

@@ -118,7 +118,7 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     from ..options.messages import Images, MessageOptions, Preset
     from ..stacks.stack_names import StackName
 
-    recording = open_recording(path, _reading(given))
+    recording = open_recording(path, _reading(given), scans=False)
     preset = Preset(given.get('preset') or Preset.DEFAULT)
     stack = StackName(given['stack']) if given.get('stack') else None
     options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)

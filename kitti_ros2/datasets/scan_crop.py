@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..kitti import names
-from ..kitti.scan_file import format_scan, parse_scan, parse_scan_text
+from ..kitti.scan_file import parse_points, parse_rows, parse_scan_text
 from ..kitti.semantic_file import format_point_labels, parse_point_labels
 from ..kitti.store import STORE
 from ..model.errors import KittiRos2Error, describe_error
+from ..model.scan_columns import KITTI_COLUMNS
 from ..model.streams import Stream
 from .camera_view import CameraViews
 from .empty_labels import empty_rows, without_rows
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ..files.hard_links import FilePlacer
     from ..kitti.recording import KittiRecording
     from ..model.samples import Float32Array, FrameLabels
+    from ..model.scan_columns import ScanColumns
     from ..options.crop import CropOptions
     from .crop_paths import CropPaths
 
@@ -84,6 +86,7 @@ class ScanCropper:
         self._placer = placer
         self._root = root
         self._views = CameraViews(recording, options)
+        self._columns = recording.options.columns or KITTI_COLUMNS
 
     def crop(self, number: int) -> CutScan:
         """Cut a scan; what cannot be used is a failure in the result.
@@ -94,7 +97,7 @@ class ScanCropper:
         result = CutScan(number)
         path, _ = self._paths.scan(number)
         try:
-            scan = _ReadScan.read(path)
+            scan = _ReadScan.read(path, self._columns)
             keep = kept_points(scan.points, self._options, self._views.at(number))
         except (KittiRos2Error, OSError) as error:
             self._leave_out(result, describe_error(error))
@@ -182,13 +185,14 @@ class ScanCropper:
 
 @dataclass(frozen=True, eq=False)
 class _ReadScan:
-    """The points of a scan; of a text file also its lines, verbatim."""
+    """The points of a scan, and its rows as they are: of a text file its lines."""
 
     points: Float32Array
+    rows: npt.NDArray[np.void] | None = None
     lines: list[bytes] | None = None
 
     @classmethod
-    def read(cls, path: Path) -> _ReadScan:
+    def read(cls, path: Path, columns: ScanColumns) -> _ReadScan:
         """Read a .bin or a .txt file; an empty one has no points.
 
         Raises:
@@ -199,15 +203,17 @@ class _ReadScan:
         if not len(data):
             return cls(np.empty((0, 4), np.float32))
         if path.suffix != names.TXT:
-            return cls(parse_scan(data, path))
+            points = parse_points(data, path, columns).points
+            return cls(points, parse_rows(data, path, columns))
         text = data.tobytes()
-        return cls(parse_scan_text(text, path), text.splitlines(keepends=True))
+        lines = text.splitlines(keepends=True)
+        return cls(parse_scan_text(text, path), lines=lines)
 
     def cut(self, keep: Mask) -> bytes:
         """Return the bytes of some points."""
-        if self.lines is None:
-            return format_scan(self.points[keep])
-        return b''.join(self.lines[row] for row in np.flatnonzero(keep).tolist())
+        if self.lines is not None:
+            return b''.join(self.lines[row] for row in np.flatnonzero(keep).tolist())
+        return b'' if self.rows is None else self.rows[keep].tobytes()
 
 
 def _cutter(labels: npt.NDArray[np.uint32]) -> Callable[[Mask], bytes]:

@@ -58,7 +58,9 @@ def read_ground_truth(
     files = path if path.is_file() else _label_folder(path, options)
     if files is not None:
         return read_boxes(files, _STREAM, progress, _names_around(files))
-    return _read_recording(path, open_recording(*recording_of(path, options)), progress)
+    return _read_recording(
+        path, open_recording(*recording_of(path, options), scans=False), progress
+    )
 
 
 def holds_bag(path: Path) -> bool:

@@ -64,10 +64,18 @@ def _only(path: Path, fits: dict[Layout, list[Candidate]]) -> tuple[Layout, list
 
 
 @listings_kept()
-def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecording:
+def open_recording(
+    path: Path, options: ReadOptions | None = None, *, scans: bool = True
+) -> KittiRecording:
     """Open the recording at a path; lists folders, reads time stamps and sequence-wide files only.
 
+    Args:
+        path: The folder.
+        options: How it is read.
+        scans: Whether its scans are used: then the first must be of the options' columns.
+
     Raises:
+        BadFileError: The scans have other columns.
         NotKittiError: There is no recording.
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
         AmbiguousSequenceError: It contains several recordings and the options choose none.
@@ -88,7 +96,7 @@ def open_recording(path: Path, options: ReadOptions | None = None) -> KittiRecor
             f' this is layout {layout.value}'
         )
     chosen = choose_recording(path, layout, candidates, options.sequence)
-    recording = open_candidate(path, layout, chosen, options)
+    recording = open_candidate(path, layout, chosen, options, scans=scans)
     others = [candidate.name for candidate in candidates if candidate is not chosen]
     if layout.traits.frame_set and others and options.sequence is None:
         recording.notes.append(
@@ -115,21 +123,24 @@ def open_recordings(path: Path, options: ReadOptions | None = None) -> list[Kitt
 
 
 def open_candidate(
-    path: Path, layout: Layout, candidate: Candidate, options: ReadOptions
+    path: Path, layout: Layout, candidate: Candidate, options: ReadOptions, *, scans: bool = True
 ) -> KittiRecording:
     """Open a recording that was found at a path.
 
     Raises:
+        BadFileError: Its scans are used, and have other columns.
         NotKittiError: Not one of its files can be used.
     """
-    recording = _open(candidate, options)
+    recording = _open(candidate, options, scans=scans)
     if not recording.streams:
         raise _no_data(path, layout, recording)
     return recording
 
 
-def _open(candidate: Candidate, options: ReadOptions) -> KittiRecording:
+def _open(candidate: Candidate, options: ReadOptions, *, scans: bool = True) -> KittiRecording:
     recording = candidate.open(options)
+    if scans:
+        recording.prepare_columns()
     prepare_motion(recording)
     prepare_stereo(recording)
     return recording

@@ -25,7 +25,7 @@ from .calib_file import parse_raw_calibration
 from .listings import listings_kept
 from .oxts_file import parse_packet
 from .recording import KittiRecording
-from .scan_file import parse_scan, parse_scan_text
+from .scan_file import parse_scan_text
 from .stamps_file import parse_timestamps
 from .store import STORE
 from .tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
@@ -156,10 +156,10 @@ class RawRecording(KittiRecording):
         path = self._listings[Stream.SCAN].path(number)
         start, end = (stamps[number] if number < len(stamps) else None for stamps in self._sweeps)
         if path.suffix.lower() == names.TXT:
-            points = parse_scan_text(STORE.read(path), path)
+            scan = Scan(parse_scan_text(STORE.read(path), path), turn=self.turns.get(number))
         else:
-            points = parse_scan(STORE.read_array(path), path)
-        return Scan(points, start, end, turn=self.turns.get(number))
+            scan = super()._scan(number)
+        return replace(scan, start_ns=start, end_ns=end)
 
     def _sweep_stamps(self, name: str) -> list[int | None]:
         """Read the starts or ends of all sweeps; missing ones are losses."""

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
 from ..files.image_files import parse_image
-from ..model.errors import BadFileError, describe_error
+from ..model.errors import BadFileError, UsageError, describe_error
 from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, Description, Image, Sample, Scan, TextFile
@@ -16,9 +17,10 @@ from ..model.streams import CAMERA_NAMES, Clock, Stream
 from ..options.read import ScanStamp
 from .calib_archives import describe_source
 from .calib_file import parse_calibration
-from .names import FRAME_NAMES, describe_names
+from .names import FRAME_NAMES, TXT, describe_names
 from .recording_poses import RecordingPoses
-from .scan_file import parse_scan
+from .scan_check import check_scans
+from .scan_file import parse_points
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -97,6 +99,8 @@ class KittiRecording(RecordingPoses):
             values['imu_from'] = self.extract.describe()
         if self.stereo:
             values['stereo'] = True
+        if self.options.columns is not None:
+            values['columns'] = self.options.columns.text
         files: list[TextFile] = []
         missing: dict[str, str] = {}
         for path in self.text_paths():
@@ -105,6 +109,30 @@ class KittiRecording(RecordingPoses):
             except (BadFileError, OSError) as error:
                 missing[path.relative_to(self.root).as_posix()] = describe_error(error)
         return Description(values, files, missing)
+
+    @cached_property
+    def scan_error(self) -> BadFileError | None:
+        """The error if its scans are not of the options' columns, by the first ones."""
+        return check_scans(self, labelled=self.layout.traits.point_labels)
+
+    def prepare_columns(self) -> None:
+        """Note what the options leave out of scans; without columns, check that they are KITTI's.
+
+        Raises:
+            BadFileError: They are not.
+            UsageError: Columns are given for text files, which have four.
+        """
+        listing, columns = self.listings.get(Stream.SCAN), self.options.columns
+        if listing is None or columns is None:
+            if self.scan_error is not None:
+                raise self.scan_error
+            return
+        if any(listing.path(n).suffix.lower() == TXT for n in listing.numbers[:1].tolist()):
+            raise UsageError(f'{listing.folder}: columns are for binary scans; these are text')
+        if columns.skipped:
+            self.notes.append(f'{listing.folder}: {columns.describe_skipped()} left out (-)')
+        if columns.reflectance is None:
+            self.notes.append(f'{listing.folder}: no column of intensity, which is 0 then')
 
     def read(self, stream: Stream, number: int) -> Sample:
         """Read the sample of a stream with a file number; see model.recording."""
@@ -126,7 +154,8 @@ class KittiRecording(RecordingPoses):
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
-        return Scan(parse_scan(STORE.read_array(path), path), turn=self.turns.get(number))
+        scan = parse_points(STORE.read_array(path), path, self.options.columns)
+        return replace(scan, turn=self.turns.get(number))
 
     @property
     def _first_number(self) -> int:

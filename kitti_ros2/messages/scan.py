@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..model.cloud_formats import FORMATS, Order, Points
+from ..model.cloud_formats import EXTRA, FORMATS, Order, Points
 from ..model.samples import Scan
 from .clouds import FILE_INDEX, file_order, read_field, read_points
 from .header import make_header
@@ -17,7 +17,7 @@ from .point_values import PointValues
 from .ros_types import PointCloud2, PointField
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -29,7 +29,10 @@ _DATATYPES = {
     '<u2': PointField.UINT16,
     '<u4': PointField.UINT32,
     '<f4': PointField.FLOAT32,
+    '<f8': PointField.FLOAT64,
 }
+_COLUMN_KINDS = {PointField.FLOAT32: '<f4', PointField.FLOAT64: '<f8'}
+_OF_LABELS = frozenset({'label', 'instance', 'rgb'})
 _XYZI = tuple(field.name for field in FORMATS[Points.XYZI].fields)
 _KINDS = {
     field.name: field.kind
@@ -62,17 +65,23 @@ def encode_scan(
         remark: Called with a remark on values that are estimated.
     """
     cloud_format = FORMATS[points]
-    fields = cloud_format.fields_of(timed=scan.turn is not None, labelled=labels is not None)
+    fields = cloud_format.fields_of(
+        timed=scan.turn is not None,
+        labelled=labels is not None,
+        extra={name: values.dtype.str for name, values in scan.extra.items()},
+    )
     file = np.ascontiguousarray(scan.points, dtype='<f4')
     values = PointValues(file, scan.turn, stamp_ns, labels)
     is_dense = bool(np.isfinite(file).all())
     if len(fields) == len(_XYZI):
         cloud = file.view(_point(fields, cloud_format)).reshape(1, -1)
     else:
-        cloud = _arranged(_filled(fields, cloud_format, values), cloud_format, values)
+        cloud = _arranged(_filled(fields, cloud_format, values, scan.extra), cloud_format, values)
         is_dense = is_dense and cloud.size == len(file)
     if any(field.value in _OF_LASERS for field in fields) and not values.is_ordered:
         remark(ESTIMATED_LASERS)
+    if scan.extra and not cloud_format.extensible:
+        remark(f'clouds of {points.value} have no field for the columns {", ".join(scan.extra)}')
     height, width = cloud.shape
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
@@ -98,12 +107,16 @@ def _point(fields: Sequence[CloudField], cloud_format: CloudFormat) -> np.dtype[
 
 
 def _filled(
-    fields: Sequence[CloudField], cloud_format: CloudFormat, values: PointValues
+    fields: Sequence[CloudField],
+    cloud_format: CloudFormat,
+    values: PointValues,
+    extra: Mapping[str, npt.NDArray[np.floating]],
 ) -> npt.NDArray[np.void]:
     """Return (N,) points in the order of the file."""
     cloud = np.zeros(len(values.x), dtype=_point(fields, cloud_format))
     for field in fields:
-        cloud[field.name] = getattr(values, field.value)
+        is_extra = field.value == EXTRA
+        cloud[field.name] = extra[field.name] if is_extra else getattr(values, field.value)
     return cloud
 
 
@@ -137,8 +150,8 @@ def decode_scan(message: PointCloud2) -> Scan:
         if cloud_format.loss and not message.is_bigendian and found == _described(cloud_format):
             return _decode_nearest(message, points)
     names = tuple(field.name for field in message.fields)
-    known = names[:4] == _XYZI and _KINDS.keys() >= set(names)
-    made = _message_fields(np.dtype([(name, _KINDS[name]) for name in names])) if known else []
+    kinds = _kinds_of(message.fields)
+    made = _message_fields(np.dtype([*kinds.items()])) if names[:4] == _XYZI else []
     if message.is_bigendian or found != _tuples(made):
         raise ValueError(f'a cloud of fields {names}, or with other types or offsets')
     count = message.width * message.height
@@ -152,7 +165,28 @@ def decode_scan(message: PointCloud2) -> Scan:
         labels = read_field(message, 'label').astype(np.uint32)
         labels |= read_field(message, 'instance').astype(np.uint32) << np.uint32(16)
         labels = labels if order is None else labels[order]
-    return Scan(read_points(message, order), labels=labels)
+    extra = {}
+    for name in _extra_of(kinds):
+        column = read_field(message, name)
+        extra[name] = column if order is None else column[order]
+    return Scan(read_points(message, order), labels=labels, extra=extra)
+
+
+def _kinds_of(fields: Sequence[PointField]) -> dict[str, str]:
+    """Return the type of each field: that of to-bag's field, or of an extra column."""
+    kinds = {}
+    for field in fields:
+        own = _KINDS.get(field.name)
+        is_own = own is not None and _DATATYPES[own] == field.datatype
+        kinds[field.name] = own if own and is_own else _COLUMN_KINDS.get(field.datatype, '<f4')
+    return kinds
+
+
+def _extra_of(kinds: Mapping[str, str]) -> list[str]:
+    """Return the names of extra columns; those of lasers and times are in clouds of xyzirt."""
+    timed = kinds.get('ring') == _KINDS['ring']
+    own = _KINDS.keys() if timed else {*_XYZI, *_OF_LABELS}
+    return [name for name, kind in kinds.items() if name not in own or kind != _KINDS[name]]
 
 
 def _decode_nearest(message: PointCloud2, points: Points) -> Scan:

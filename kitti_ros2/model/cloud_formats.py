@@ -49,7 +49,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 
 class Points(str, Enum):
@@ -70,6 +70,7 @@ class Order(str, Enum):
     GRID = 'a row for each laser, columns of time'
 
 
+EXTRA = 'extra'
 VALUES = {
     'x': 'metres',
     'y': 'metres',
@@ -90,6 +91,7 @@ VALUES = {
     'label_class': "SemanticKITTI's class",
     'label_instance': "SemanticKITTI's instance",
     'label_color': 'colour of the class, 0x00RRGGBB',
+    EXTRA: 'a column of the file, see --columns',
 }
 """The values that a field may have, with their units."""
 
@@ -149,11 +151,17 @@ class CloudFormat:
         """Whether times cannot be negative, so that the stamp must be the start of the turn."""
         return any(field.value == 'nanoseconds' for field in self.fields)
 
-    def fields_of(self, *, timed: bool, labelled: bool = False) -> tuple[CloudField, ...]:
-        """Return the fields of a scan: whether its points have times, and labels."""
+    def fields_of(
+        self, *, timed: bool, labelled: bool = False, extra: Mapping[str, str] | None = None
+    ) -> tuple[CloudField, ...]:
+        """Return the fields of a scan: whether its points have times, labels, extra columns."""
         fields = [field for field in self.fields if timed or not field.timed]
         step = self.point_step if len(fields) == len(self.fields) else fields[-1].end
-        for name, kind, value in _LABELS if labelled else ():
+        columns = (extra or {}) if self.extensible else {}
+        for name, kind, value in (
+            *(_LABELS if labelled else ()),
+            *((name, kind, EXTRA) for name, kind in columns.items()),
+        ):
             fields.append(CloudField(name, kind, step, value))
             step = fields[-1].end
         return tuple(fields)

@@ -78,6 +78,7 @@ class Scan:
         turn: When each direction was scanned; None if all points are of one moment, as in scans
             that KITTI has compensated for motion.
         difference: Difference of the points from those of the file, '' if they are the same.
+        extra: Further columns of the file by name, (N,) float32 or float64; see ScanColumns.
     """
 
     points: Float32Array
@@ -87,6 +88,7 @@ class Scan:
     missing: Mapping[str, str] = field(default_factory=dict)
     turn: Turn | None = None
     difference: str = ''
+    extra: Mapping[str, npt.NDArray[np.floating]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ DOWNLOAD = (
 _SOURCES = tuple(
     replace(each, unset='all') if each.name == 'sequence' else each
     for each in SOURCE
-    if each.name in {'layout', 'sequence'}
+    if each.name in {'layout', 'sequence', 'columns'}
 )
 VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *_SOURCES)

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 DETECTION = (
     *options_of(DetectionOptions),
     *options_of(BagResultsOptions),
-    *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
+    *(each for each in SOURCE if each.name in {'layout', 'sequence', 'columns'}),
 )
 _OF_PLAYER = {
-    *('layout', 'sequence', 'deskew', 'undo_deskew', 'stereo', 'imu_from', 'imu_stamps'),
+    *('layout', 'sequence', 'columns', 'deskew', 'undo_deskew', 'stereo', 'imu_from', 'imu_stamps'),
     *('start', 'end', 'preset', 'map', 'tf', 'ring_time', 'points', 'stack', 'images'),
     *('ground_truth_tree', 'ground_truth_map', 'ground_truth_base'),
     *('covariances', 'stereo_frame', 'color_encoding'),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ..files.remote import as_path
 from ..model.errors import UsageError
+from ..model.scan_columns import ScanColumns
 from ..model.spelling import not_one_of
 from ..model.text import shown
 
@@ -78,6 +79,11 @@ def parse_rounds(name: str, value: object) -> int:
 def parse_path(name: str, value: object) -> Path:
     """Parse a path or a URL."""
     return value if isinstance(value, Path) else as_path(parse_text(name, value))
+
+
+def parse_columns(name: str, value: object) -> ScanColumns:
+    """Parse the columns of scans, as a text or a list of words."""
+    return ScanColumns.parse(' '.join(parse_texts(name, value)))
 
 
 def parse_paths(name: str, value: object) -> tuple[Path, ...]:

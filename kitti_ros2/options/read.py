@@ -12,13 +12,14 @@ from ..model.errors import UsageError
 from ..model.layouts import Layout
 from ..model.stamps import NS_PER_S
 from .declare import check_bounds, choice, make_options, option, parse_values
-from .parsers import parse_flag, parse_path, parse_text
+from .parsers import parse_columns, parse_flag, parse_path, parse_text
 from .quantity_parsers import parse_epoch, parse_seconds_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from ..model.scan_columns import ScanColumns
     from .declare import Option
 
 T = TypeVar('T')
@@ -60,6 +61,7 @@ class ReadOptions:
         deskew: Whether scans are compensated for motion, to the moment of facing forward. Those of
             odometry already are.
         undo_deskew: Whether scans that KITTI has compensated (odometry) are read as measured.
+        columns: Those of .bin scans; None are KITTI's, and scans of others are refused.
         stereo: Whether right images have the stamps of their left ones; see kitti/stereo_pairs.py.
 
     Raises:
@@ -134,6 +136,15 @@ class ReadOptions:
         False,
         'Stereo pairs: one stamp a pair, and CameraInfo as stereo nodes expect it',
         parse_flag,
+    )
+
+    columns: ScanColumns | None = option(
+        None,
+        "Columns of .bin scans that are not KITTI's, such as 'x y z intensity ring': - skips one,"
+        ' :f8 is float64',
+        parse_columns,
+        unset='x y z intensity, and others are refused',
+        metavar="'NAME...'",
     )
 
     def __post_init__(self) -> None:

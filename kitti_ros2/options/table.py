@@ -39,14 +39,14 @@ _MESSAGES = (
 )
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
-_SOURCE = {'layout', 'sequence', 'real_time', 'mapping', 'raw'}
+_SOURCE = {'layout', 'sequence', 'columns', 'real_time', 'mapping', 'raw'}
 SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
 MOTION = tuple(each for each in options_of(ReadOptions) if each.name in {'deskew', 'undo_deskew'})
 """Options of commands that use the points of scans."""
 REPORT = (*SOURCE, *MOTION)
 STACK_DRIVE = (
-    *(each for each in SOURCE if each.name in {'layout', 'sequence'}),
+    *(each for each in SOURCE if each.name in {'layout', 'sequence', 'columns'}),
     *_IMU,
 )
 """Options of the drive that a stack is set up for."""
@@ -171,6 +171,7 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
     if cloud_format.is_timed and not parsed.get('deskew'):
         parsed.setdefault('scan_stamp', ScanStamp.START)
     read = make_options(ReadOptions, parsed)
+    _check_columns(read, messages)
     if cloud_format.is_unsigned and read.scan_stamp is ScanStamp.FORWARD and not read.deskew:
         raise UsageError(
             f'points {messages.cloud.value} has unsigned times since the stamp, so the stamp is the'
@@ -183,6 +184,16 @@ def _recording(parsed: dict[str, Any]) -> dict[str, Any]:
         'predictions': predictions,
         'imu': make_options(ImuOptions, parsed),
     }
+
+
+def _check_columns(read: ReadOptions, messages: MessageOptions) -> None:
+    fields = {field.name for field in FORMATS[messages.cloud].fields}
+    common = () if read.columns is None else sorted(fields.intersection(read.columns.extra))
+    if common and FORMATS[messages.cloud].extensible:
+        raise UsageError(
+            f'points {messages.cloud.value} has a field {common[0]} of its own; give the column'
+            f' another name'
+        )
 
 
 TO_BAG_OPTIONS = tuple(each.name for each in TO_BAG)

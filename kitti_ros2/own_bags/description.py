@@ -16,9 +16,10 @@ from ..kitti.real_time import REAL_TIME, parse_times_of
 from ..messages.moment import Origin
 from ..messages.source import GREY, RECORDING
 from ..messages.topics import decoders
-from ..model.errors import BadBagError
+from ..model.errors import BadBagError, UsageError
 from ..model.layouts import Layout
 from ..model.motion import Deskew
+from ..model.scan_columns import ScanColumns
 from ..model.streams import Stream
 from ..options.read import ScanStamp, is_period
 from .folders import Folder, inside
@@ -69,6 +70,7 @@ class DescribedRecording:
         deskew: What to-bag did to the scans; None: they are those of the files.
         stereo: Whether right images have the stamps of their left ones.
         grey: Streams of colour images whose raw images are grey.
+        columns: Those of .bin scans; None are KITTI's.
     """
 
     layout: Layout
@@ -81,6 +83,7 @@ class DescribedRecording:
     deskew: Deskew | None = None
     stereo: bool = False
     grey: frozenset[Stream] = frozenset()
+    columns: ScanColumns | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +136,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             deskew=Deskew(values['deskew']) if 'deskew' in values else None,
             stereo=bool(values.get('stereo', False)),
             grey=frozenset(map(Stream, values.get(GREY, ()))),
+            columns=_columns(values),
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'
@@ -144,6 +148,13 @@ def _period(values: Mapping[str, Any]) -> int:
     if not is_period(period_ns):
         raise ValueError(f'a period of {period_ns} ns')
     return period_ns
+
+
+def _columns(values: Mapping[str, Any]) -> ScanColumns | None:
+    try:
+        return ScanColumns.parse(str(values['columns'])) if 'columns' in values else None
+    except UsageError as error:
+        raise ValueError(str(error)) from None
 
 
 def _folder(entry: Mapping[str, Any], stems: tuple[str, ...], path: Path) -> Folder:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..kitti import names
-from ..kitti.scan_file import format_scan, format_scan_text
+from ..kitti.scan_file import format_points, format_scan, format_scan_text
 from ..kitti.semantic_file import format_point_labels
 from ..model.samples import Image
 from .source_texts import write_new
@@ -17,9 +17,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.samples import Scan
+    from ..model.scan_columns import ScanColumns
 
 
-def format_sample(decode: Callable[[], Scan | Image], path: Path) -> tuple[bytes | memoryview, str]:
+def format_sample(
+    decode: Callable[[], Scan | Image],
+    path: Path,
+    columns: ScanColumns | None = None,
+) -> tuple[bytes | memoryview, str]:
     """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
 
     The labels of a scan's points are written to a file of their own.
@@ -27,6 +32,7 @@ def format_sample(decode: Callable[[], Scan | Image], path: Path) -> tuple[bytes
     Args:
         decode: Returns the sample.
         path: Of the file.
+        columns: Of scans; None are KITTI's.
 
     Raises:
         ValueError: The message cannot be decoded, or the file of labels cannot be written.
@@ -41,5 +47,8 @@ def format_sample(decode: Callable[[], Scan | Image], path: Path) -> tuple[bytes
         if error:
             raise ValueError(error)
     is_text = path.suffix.lower() == names.TXT
-    data = format_scan_text(sample.points) if is_text else format_scan(sample.points)
-    return data, sample.difference
+    if is_text:
+        return format_scan_text(sample.points), sample.difference
+    if columns is None:
+        return format_scan(sample.points), sample.difference
+    return format_points(sample, columns), sample.difference

@@ -223,7 +223,8 @@ class _Writer:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
             self._as_png.setdefault(stream, set()).add(number)
-        content = partial(format_sample, sample, self._root / path)
+        columns = self._blueprint.columns
+        content = partial(format_sample, sample, self._root / path, columns)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
@@ -280,6 +281,7 @@ class _Writer:
         if scans and deskew is not None:
             text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
             missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
+        missing += self._skipped_columns(scans or ())
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
@@ -300,6 +302,14 @@ class _Writer:
             losses=(*self._losses.losses(), *missing),
             notes=tuple(notes),
         )
+
+    def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
+        """Return the loss of the columns that to-bag was told to skip."""
+        columns = self._blueprint.columns
+        if columns is None or not columns.skipped or not scans:
+            return []
+        text = f'scans {{}} are written without {columns.describe_skipped()}, which to-bag left out'
+        return [Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans)))]
 
     def _count_frames(self) -> int:
         """Count the written frames, in files of their own or in a common one."""

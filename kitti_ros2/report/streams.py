@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..kitti.image_size import read_image_header
-from ..kitti.scan_file import POINT_BYTES
 from ..model.errors import KittiRos2Error, describe_error
 from ..model.losses import format_numbers
+from ..model.scan_columns import KITTI_COLUMNS
 from ..model.streams import Clock, Stream
 from ..model.text import format_count
 from .contents import Finding, Severity, StreamFacts
@@ -56,7 +56,8 @@ def recording_streams(
             varying = recording.layout.traits.calibration_per_frame
             facts = _image_facts(stream, list(sizes), findings, varying=varying)
         elif stream is Stream.SCAN:
-            facts = _scan_facts(sizes, findings)
+            columns = recording.options.columns or KITTI_COLUMNS
+            facts = _scan_facts(sizes, columns.point_bytes, findings)
         found.append(
             StreamFacts(
                 stream.value,
@@ -208,12 +209,16 @@ def _image_facts(
     )
 
 
-def _scan_facts(sizes: Mapping[Path, int], findings: list[Finding]) -> tuple[str, ...]:
+def _scan_facts(
+    sizes: Mapping[Path, int], point_bytes: int, findings: list[Finding]
+) -> tuple[str, ...]:
     """Return the points per scan, from the sizes of files; truncated ones are findings."""
     sizes = {path: size for path, size in sizes.items() if path.suffix == _BIN}
-    cut = {path: size for path, size in sizes.items() if not size or size % POINT_BYTES}
-    findings += _lost(Stream.SCAN, [_cut_scan(path, size) for path, size in cut.items()], 'scan')
-    points = [size // POINT_BYTES for path, size in sizes.items() if path not in cut]
+    cut = {path: size for path, size in sizes.items() if not size or size % point_bytes}
+    findings += _lost(
+        Stream.SCAN, [_cut_scan(path, size, point_bytes) for path, size in cut.items()], 'scan'
+    )
+    points = [size // point_bytes for path, size in sizes.items() if path not in cut]
     if not points:
         return ()
     low, middle, high = min(points), int(np.median(points)), max(points)
@@ -226,7 +231,7 @@ def _lost(stream: Stream, reasons: Sequence[str], noun: str) -> list[Finding]:
     return [Finding(Severity.LOSS, stream.value, reasons[0] + more)] if reasons else []
 
 
-def _cut_scan(path: Path, size: int) -> str:
+def _cut_scan(path: Path, size: int, point_bytes: int) -> str:
     if not size:
         return f'{path}: the file is empty'
-    return f'{path}: {size} bytes, cut inside a point; expected a multiple of {POINT_BYTES} bytes'
+    return f'{path}: {size} bytes, cut inside a point; expected a multiple of {point_bytes} bytes'

@@ -36,6 +36,7 @@ class DataFile:
         size: In bytes; 0 if it cannot be opened.
         error: Why it cannot be opened or parsed.
         regular: Whether it is a regular file, not a pipe or a folder.
+        point_bytes: Of a scan.
     """
 
     stream: Stream
@@ -43,15 +44,17 @@ class DataFile:
     size: int
     error: Exception | None = None
     regular: bool = True
+    point_bytes: int = POINT_BYTES
 
     @classmethod
-    def look(cls, stream: Stream, path: Path) -> DataFile:
+    def look(cls, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile:
         """Return what the file system tells of a file."""
         try:
             status = path.stat() if is_remote(path) else os.stat(path)  # noqa: PTH116 - a tenth of the time of Path.stat
         except OSError as error:
             return cls(stream, path, 0, error)
-        return cls(stream, path, status.st_size, regular=stat.S_ISREG(status.st_mode))
+        regular = stat.S_ISREG(status.st_mode)
+        return cls(stream, path, status.st_size, regular=regular, point_bytes=point_bytes)
 
     @property
     def most_bytes(self) -> int:
@@ -76,7 +79,7 @@ def _is_empty(file: DataFile) -> bool:
 
 
 def _is_cut(file: DataFile) -> bool:
-    return file.path.suffix == names.BIN and file.size % POINT_BYTES != 0
+    return file.path.suffix == names.BIN and file.size % file.point_bytes != 0
 
 
 def _find_unreadable(file: DataFile) -> Iterator[Breach]:
@@ -100,7 +103,7 @@ def _find_huge(file: DataFile) -> Iterator[Breach]:
 
 def _find_cut(file: DataFile) -> Iterator[Breach]:
     if _is_cut(file):
-        text = f'{file.size} bytes, which is no multiple of {POINT_BYTES}'
+        text = f'{file.size} bytes, which is no multiple of {file.point_bytes}'
         yield Breach(text, file.path)
 
 
@@ -134,7 +137,14 @@ FILE_RULES: tuple[Rule[DataFile], ...] = (
         f'{_COPY}; check which program wrote it',
         _find_huge,
     ),
-    Rule('scan-size', _ERROR, _FILE, 'Scans have 16 bytes a point', _COPY, _find_cut),
+    Rule(
+        'scan-size',
+        _ERROR,
+        _FILE,
+        'Scans have 16 bytes a point, or those of --columns',
+        _COPY,
+        _find_cut,
+    ),
     Rule('scan-file', _ERROR, _FILE, 'Scans can be parsed', _COPY, _failed(Stream.SCAN)),
     Rule(
         'image-file',

@@ -13,10 +13,12 @@ import numpy as np
 from ..files.image_files import parse_image
 from ..kitti.calib_file import parse_calibration
 from ..kitti.recording import no_calibration
+from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import STORE
 from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError
 from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
+from ..model.scan_columns import KITTI_COLUMNS
 from ..model.streams import Stream
 from .calib_rules import CALIBRATION_RULES, CalibrationFile
 from .file_rules import FILE_RULES, DataFile
@@ -76,9 +78,9 @@ class FrameResult:
     packet: OxtsPacket | None = None
     occlusions: Sequence[int] = ()
 
-    def look(self, stream: Stream, path: Path) -> DataFile | None:
+    def look(self, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile | None:
         """Count a file and check its size; None if it is not worth reading."""
-        file = DataFile.look(stream, path)
+        file = DataFile.look(stream, path, point_bytes)
         self.files += 1
         if file.is_worth_reading:
             self.size_bytes += file.size
@@ -124,6 +126,7 @@ class FrameChecks:
             stream: stream.camera for stream in self._numbers if stream.camera is not None
         }
         self._known: dict[str, Calibration] = {}
+        self._point_bytes = (recording.options.columns or KITTI_COLUMNS).point_bytes
 
     @property
     def numbers(self) -> list[int]:
@@ -176,13 +179,15 @@ class FrameChecks:
         if number not in self._numbers.get(stream, ()):
             return None
         path = self._recording.path(stream, number)
-        file = result.look(stream, path)
+        file = result.look(stream, path, self._point_bytes)
         return None if file is None or self._options.quick else path
 
     def _check_scan(
         self, result: FrameResult, frame: FrameFiles | None, boxes: Sequence[NearBox]
     ) -> None:
         number = result.number
+        if self._recording.scan_error is not None:
+            return
         path = self._path(Stream.SCAN, number, result)
         if path is None:
             return

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,6 @@ from ..files.processes import can_fork, forked_map
 from ..files.workers import ordered_map, worker_count
 from ..kitti import names
 from ..model.errors import KittiRos2Error
-from ..options.read import ReadOptions
 from .frame_checks import FrameChecks
 from .recording_rules import RECORDING_RULES, RecordingFacts
 from .results import CheckedSource
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..kitti.find import Candidate
     from ..kitti.recording import KittiRecording
     from ..model.layouts import Layout
+    from ..options.read import ReadOptions
     from ..options.validating import ValidateOptions
     from .frame_checks import FrameResult
     from .results import FindingTally
@@ -40,6 +41,7 @@ _LEAST_FORKED = 4
 def check_recording(
     candidate: Candidate,
     layout: Layout,
+    read: ReadOptions,
     root: Path,
     options: ValidateOptions,
     tally: FindingTally,
@@ -50,6 +52,7 @@ def check_recording(
     Args:
         candidate: The recording.
         layout: Its layout.
+        read: The columns of scans.
         root: The folder that it was found in, for one that cannot be opened.
         options: How much is read.
         tally: Breaches are entered there.
@@ -62,7 +65,7 @@ def check_recording(
     # Labels of points are checked where there are any.
     semantic = layout.traits.point_labels and (place / names.POINT_LABELS).is_dir()
     try:
-        recording = candidate.open(ReadOptions(layout=layout, semantic=semantic))
+        recording = candidate.open(replace(read, layout=layout, semantic=semantic))
     except (KittiRos2Error, OSError) as error:
         tally.add(find_breaches(SOURCE_RULES, Unopened(place, error)))
         unopened = CheckedSource(place, layout.value, candidate.name, 0, 0, 0)

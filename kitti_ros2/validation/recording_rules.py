@@ -15,7 +15,7 @@ from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.losses import format_numbers
 from ..model.streams import Stream
 from ..model.text import some_of
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
+from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in, breach_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -72,6 +72,13 @@ class RecordingFacts:
         if listing is None or not loss.numbers:
             return False
         return loss.numbers[0] not in listing.numbers
+
+
+def _find_other_columns(facts: RecordingFacts) -> Iterator[Breach]:
+    error = facts.recording.scan_error
+    if error is not None:
+        breach = breach_of(error, facts.recording.root)
+        yield breach._replace(text=f'{breach.text}; {error.remedy}')
 
 
 def _find_missing_frames(facts: RecordingFacts) -> Iterator[Breach]:
@@ -191,6 +198,14 @@ RECORDING_RULES: tuple[Rule[RecordingFacts], ...] = (
         'Images have the size in the calibration, or that of the other images of the camera',
         'calibration holds for one size only: copy the images of this camera again',
         _find_other_size,
+    ),
+    Rule(
+        'scan-columns',
+        RuleSeverity.ERROR,
+        RuleScope.STREAM,
+        'Scans have 4 float32 a point, by the size and values of the first ones',
+        'give --columns, or convert them; until then they are not checked',
+        _find_other_columns,
     ),
     Rule(
         'frames-missing',

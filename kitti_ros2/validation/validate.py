@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from ..kitti.names import FileNames
     from ..kitti.nearby import DataSet
+    from ..options.read import ReadOptions
     from ..options.validating import ValidateOptions
     from .results import CheckedSource, ValidationReport
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
         layout: str | None
         sequence: str | None
+        columns: str | Sequence[str] | None
         quick: bool
         decode: bool
 
@@ -57,7 +59,8 @@ def validate(
         path: A KITTI folder, a folder of several, a bag, or several of these.
         progress: Called with the frames or messages done, and the number of all, of the recording
             or bag that is being checked.
-        options: Those of `kitti-ros2 validate --help`: layout, sequence, quick, decode.
+        options: Those of `kitti-ros2 validate --help`: layout, sequence, columns, quick,
+            decode.
 
     Returns:
         The findings by rule with severity, file, line and remedy; ok without errors.
@@ -80,7 +83,7 @@ def validate(
     sources: list[CheckedSource] = []
     for place, each in zip(map(as_path, paths), found, strict=False):
         for data_set in each.data_sets:
-            sources += _check_data_set(data_set, chosen, tally, show)
+            sources += _check_data_set(data_set, read, chosen, tally, show)
         sources += _check_bags(each.bags, chosen, tally, show)
         if not each.complete:
             tally.add(find_breaches(SOURCE_RULES, Unopened(place)))
@@ -98,14 +101,24 @@ def _check_bags(
 
 
 def _check_data_set(
-    data_set: DataSet, options: ValidateOptions, tally: FindingTally, progress: Progress
+    data_set: DataSet,
+    read: ReadOptions,
+    options: ValidateOptions,
+    tally: FindingTally,
+    progress: Progress,
 ) -> Iterator[CheckedSource]:
     """Check all recordings of a data set, and its lists of frames."""
     frames: dict[str, frozenset[int]] = {}
     known: dict[str, FileNames] = {}
     for candidate in data_set.recordings:
         source, numbers, known[candidate.name] = check_recording(
-            candidate, data_set.layout, data_set.folder, options, tally, progress
+            candidate,
+            data_set.layout,
+            read,
+            data_set.folder,
+            options,
+            tally,
+            progress,
         )
         if data_set.layout.traits.frame_set:
             frames[candidate.name] = frozenset(numbers)

@@ -33,8 +33,8 @@ FOLDERS = {
     'label_2': '.txt',
     'calib': '.txt',
 }
-_ALSO_FOUND = {'source-open', 'source-large'}
-"""Rules whose faults are planted in test_sources.py."""
+_ALSO_FOUND = {'source-open', 'source-large', 'scan-columns'}
+"""Rules whose faults are planted in test_sources.py and test_scan_columns.py."""
 
 
 def write(folder: Path, layout: Layout, options) -> Path:
