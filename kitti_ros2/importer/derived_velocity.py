@@ -29,6 +29,7 @@ _WINDOW_PERIODS = 1.5
 _SIGMAS = 5.0
 _PARABOLA = 2
 _DIFFERENCES = 3
+_EVEN = 1.2
 _GROWTH = np.sqrt(20)  # of a standard deviation in third differences: 1, 3, 3, 1
 _SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, by the median of absolute values
 
@@ -66,8 +67,8 @@ class DerivedVelocities:
         self._places = places
         self._most_ns = most_ns
         self._slowest = slowest
-        self._scatter = _scatter_of(places)
         steps = np.diff(stamps_ns)
+        self._scatter = _scatter_of(places, steps)
         usual = float(np.median(steps)) if len(steps) else 0.0
         self._window_ns = max(_WINDOW_NS, round(_WINDOW_PERIODS * usual))
         self._starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
@@ -100,12 +101,16 @@ def _near(since_ns: Int64Array, length_ns: int) -> tuple[int, int]:
     return first, last
 
 
-def _scatter_of(places: Float64Array) -> float:
+def _scatter_of(places: Float64Array, steps: Int64Array) -> float:
     """Return the standard deviation of places on the ground about their course, metres.
 
-    Third differences of evenly spaced places are free of a steady acceleration.
+    Third differences of evenly spaced places are free of a steady acceleration; others are not.
     """
-    jumps = np.abs(np.diff(places[:, :2], _DIFFERENCES, axis=0))
+    if len(steps) < _DIFFERENCES:
+        return 0.0
+    around = np.lib.stride_tricks.sliding_window_view(steps, _DIFFERENCES)
+    even = around.max(axis=1) <= _EVEN * around.min(axis=1)
+    jumps = np.abs(np.diff(places[:, :2], _DIFFERENCES, axis=0))[even]
     return float(_SIGMA_OF_MEDIAN * np.median(jumps) / _GROWTH) if jumps.size else 0.0
 
 
