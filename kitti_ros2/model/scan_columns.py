@@ -11,10 +11,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from .errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _COLUMN = re.compile(r'(-|[A-Za-z]\w{0,30})(?::(f[48]))?', re.ASCII)
 _MOST = 64
@@ -83,6 +85,8 @@ class ScanColumns:
     @cached_property
     def point(self) -> np.dtype[np.void]:
         """The structured type of a point; skipped columns have their number as name."""
+        import numpy as np  # noqa: PLC0415 - help texts need none
+
         return np.dtype([
             (str(index) if name == SKIPPED else name, f'<{kind}')
             for index, (name, kind) in enumerate(zip(self.names, self.kinds, strict=True))
@@ -91,6 +95,8 @@ class ScanColumns:
     @cached_property
     def kept(self) -> np.dtype[np.void]:
         """The structured type of a point without the skipped columns."""
+        import numpy as np  # noqa: PLC0415 - as above
+
         pairs = zip(self.names, self.kinds, strict=True)
         return np.dtype([(name, f'<{kind}') for name, kind in pairs if name != SKIPPED])
 
@@ -101,7 +107,7 @@ class ScanColumns:
     @property
     def point_bytes(self) -> int:
         """Bytes of a point in the file."""
-        return self.point.itemsize
+        return sum(int(kind[1]) for kind in self.kinds)
 
     @property
     def is_kitti(self) -> bool:
