@@ -119,7 +119,7 @@ class Encoder:
             mounted = with_nominal_mounts(
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
-            self.remarks.add_nominal(mounted.nominal)
+            self.remarks.add_calibration(mounted)
         moment = Moment(
             self._rig,
             entry.stamp_ns,

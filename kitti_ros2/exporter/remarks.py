@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..model.losses import format_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from ..model.samples import Calibration
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,18 @@ class Remarks:
 
     Attributes:
         nominal: Parts of the calibration for which a nominal value is used.
+        calibration: Notes on calibration files.
         estimated: The scans that a remark is on, by its text.
     """
 
     nominal: set[str] = field(default_factory=set)
+    calibration: set[str] = field(default_factory=set)
     estimated: dict[str, set[int]] = field(default_factory=dict)
 
-    def add_nominal(self, parts: Iterable[str]) -> None:
-        """Add parts of the calibration for which a nominal value is used."""
-        self.nominal.update(parts)
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Add the notes on a calibration, and its parts for which a nominal value is used."""
+        self.nominal.update(calibration.nominal)
+        self.calibration.update(calibration.notes)
 
     def add_estimated(self, text: str, number: int) -> None:
         """Add a remark on a scan."""
@@ -36,12 +39,13 @@ class Remarks:
     def add(self, other: Remarks) -> None:
         """Add the remarks on other samples."""
         self.nominal.update(other.nominal)
+        self.calibration.update(other.calibration)
         for text, numbers in other.estimated.items():
             self.estimated.setdefault(text, set()).update(numbers)
 
     def on_calibration(self) -> list[str]:
-        """Return the notes on nominal values."""
-        return [
+        """Return the notes on calibration files and nominal values."""
+        return sorted(self.calibration) + [
             f'{part}: not in the calibration, a nominal value is used'
             for part in sorted(self.nominal)
         ]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..files.remote import as_path
 from ..kitti import names
+from ..kitti.calib_archives import day_of_drive
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.source import CALIBRATION
@@ -94,7 +95,8 @@ def make_calibrations(
     if plan.calibration == SOURCE:
         return _from_source(plan, survey)
     if plan.calibration != TF:
-        return Calibrations((0,), (_from_path(plan.calibration, plan),))
+        given = _from_path(plan.calibration, plan)
+        return Calibrations((0,), (given,), given.notes)
     if not cameras:
         raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
     scan_frame = plan.scan.frame if plan.scan is not None else None
@@ -161,7 +163,8 @@ def _from_path(text: str, plan: Plan) -> Calibration:
             for name in names.RAW_CALIB
             if (path / name).is_file()
         }
-        found = parse_raw_calibration(texts, path, rectified=not is_extract(plan))
+        day = day_of_drive(plan.name)
+        found = parse_raw_calibration(texts, path, rectified=not is_extract(plan), day=day)
     else:
         found = parse_calibration(STORE.read_text(path), path, path.name)
     lacking = _lacking(found, plan)

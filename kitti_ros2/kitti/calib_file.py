@@ -23,7 +23,7 @@ from ..model.geometry import Transform
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, CameraCalibration, TextFile
 from ..model.streams import CAMERA_COUNT
-from . import names
+from . import calib_archives, names
 from .calib_table import CalibTable
 
 if TYPE_CHECKING:
@@ -55,13 +55,14 @@ class _Parts:
         return value
 
 
-def parse_calibration(text: str, path: Path, name: str) -> Calibration:
+def parse_calibration(text: str, path: Path, name: str, source: str = '') -> Calibration:
     """Parse a calibration of a single file (object, tracking, odometry, Waymo).
 
     Args:
         text: The file's content.
         path: For the errors.
         name: The file's name relative to the recording's root.
+        source: Where a calibration with the scanner can be had, for the errors.
 
     Raises:
         BadFileError: A line has no key, or the file is empty; an invalid number only makes its part
@@ -71,17 +72,21 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
     parts = _Parts()
     cameras = {}
     for index in range(CAMERA_COUNT):
-        absent = f'{path}: no P{index}' if index < _KITTI_CAMERAS else ''
+        key = f'P{index}'
+        usual = index < _KITTI_CAMERAS and key not in table.placeholders
+        absent = table.absence(key) if usual else ''  # a placeholder: there is no such camera
         camera = parts.read(f'P{index}', partial(_parse_camera, table, index), absent)
         if camera is not None:
             cameras[index] = camera
-    velo_keys = ('Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', 'Tr_velo_to_cam_0')
+    odometry = 'Tr' in table.entries or path.name == names.ODOMETRY_CALIB
+    velo_keys = _velo_keys(table, odometry=odometry)
     imu_keys = ('Tr_imu_to_velo', 'Tr_imu_velo')
     extrinsics = partial(table.transform, *velo_keys)
-    cam0_t_velo = parts.read('Tr_velo_to_cam', extrinsics, f'{path}: no Tr_velo_to_cam')
+    absent = table.absence(*velo_keys) + (f'; {source}' if source else '')
+    cam0_t_velo = parts.read('Tr_velo_to_cam', extrinsics, absent)
     r0_rect = parts.read('R0_rect', partial(table.rotation, 'R0_rect', 'R_rect'), '')
     velo_t_imu = parts.read('Tr_imu_to_velo', partial(table.transform, *imu_keys), '')
-    own_rotation = 'Tr' in table.entries or 'Tr_velo_to_cam_0' in table.entries
+    own_rotation = odometry or 'Tr_velo_to_cam_0' in table.entries
     nominal = {'velo_T_imu': velo_t_imu, 'r0_rect': np.eye(3) if own_rotation else r0_rect}
     return Calibration(
         cameras,
@@ -91,7 +96,22 @@ def parse_calibration(text: str, path: Path, name: str) -> Calibration:
         nominal=tuple(part for part, value in nominal.items() if value is None),
         missing={part: reason for part, reason in parts.missing.items() if reason},
         files=(TextFile(name, text),),
+        notes=_on_placeholders(table),
     )
+
+
+def _velo_keys(table: CalibTable, *, odometry: bool) -> list[str]:
+    """Return the keys of the scanner's place, the one of the file's own layout first."""
+    keys = ['Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', 'Tr_velo_to_cam_0']
+    tracking = 'R_rect' in table.entries
+    own = 'Tr' if odometry else 'Tr_velo_cam' if tracking else keys[0]
+    return sorted(keys, key=lambda key: key != own)
+
+
+def _on_placeholders(*tables: CalibTable) -> tuple[str, ...]:
+    keys = [key for table in tables for key in table.placeholders]
+    text = f'{", ".join(keys)}: empty or zeros in the calibration, taken as absent'
+    return (text,) if keys else ()
 
 
 def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
@@ -108,21 +128,28 @@ class _RawParts(_Parts):
         self._texts = texts
         self._folder = folder
         self._source = source
+        self.tables: list[CalibTable] = []
 
     def table(self, name: str) -> CalibTable:
         """Parse a file; an absent or invalid one has no keys."""
         path = self._folder / name
         absent = f'{path}: no such file; {self._source}'
+        table = None
         if name not in self._texts:
             self.missing[name] = absent
-            return CalibTable(path, {})
-        parsed = self.read(name, partial(CalibTable.parse, self._texts[name], path), absent)
-        return parsed or CalibTable(path, {})
+        else:
+            table = self.read(name, partial(CalibTable.parse, self._texts[name], path), absent)
+        self.tables.append(table or CalibTable(path, {}))
+        return self.tables[-1]
 
-    def extrinsics(self, name: str) -> Transform | None:
-        """Read the transform of a file."""
-        read = partial(self.table(name).transform_parts, 'R', 'T')
-        return self.read(name, read, self.missing.get(name, f'{self._folder / name}: no R and T'))
+    def extrinsics(self, name: str, *, optional: bool = False) -> Transform | None:
+        """Read the transform of a file; an optional one may be a placeholder."""
+        table = self.table(name)
+        absent = f'{table.path}: no R and T'
+        if table.placeholders:
+            absent = '' if optional else table.absence('R', 'T')
+        read = partial(table.transform_parts, 'R', 'T')
+        return self.read(name, read, self.missing.get(name, absent))
 
 
 def parse_raw_calibration(
@@ -131,6 +158,7 @@ def parse_raw_calibration(
     *,
     rectified: bool,
     source: str = 'it comes with the calibration of the date',
+    day: str = '',
 ) -> Calibration:
     """Parse the calibration of a raw date folder; absent or invalid parts are listed in missing.
 
@@ -139,34 +167,44 @@ def parse_raw_calibration(
         folder: Where they are, for the errors.
         rectified: False for extract drives.
         source: Where absent files can be had, for the errors.
+        day: The drive's, such as 2011_10_03; a note says if KITTI's calibration is of another.
     """
     parts = _RawParts(texts, folder, source)
     cam_to_cam = parts.table(names.CALIB_CAM_TO_CAM)
     cameras = {}
     for index in range(len(names.RAW_IMAGES)):
         read = partial(_parse_raw_camera, cam_to_cam, index, rectified=rectified)
-        absent = parts.missing.get(
-            names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no P_rect_{index:02d}'
-        )
+        key = f'P_rect_{index:02d}'
+        absent = parts.missing.get(names.CALIB_CAM_TO_CAM, cam_to_cam.absence(key))
+        absent = '' if key in cam_to_cam.placeholders else absent
         camera = parts.read(f'P{index}', read, absent)
         if camera is not None:
             cameras[index] = camera
-    velo_t_imu = parts.extrinsics(names.CALIB_IMU_TO_VELO)
-    rotation = partial(cam_to_cam.rotation, 'R_rect_00')
+    velo_t_imu = parts.extrinsics(names.CALIB_IMU_TO_VELO, optional=True)
+    no_rotation = parts.missing.get(names.CALIB_CAM_TO_CAM, cam_to_cam.absence('R_rect_00'))
+    r0_rect = parts.read('R0_rect', partial(cam_to_cam.rotation, 'R_rect_00'), no_rotation)
+    cam0_t_velo = parts.extrinsics(names.CALIB_VELO_TO_CAM)
     return Calibration(
         cameras,
-        r0_rect=parts.read(
-            'R0_rect',
-            rotation,
-            parts.missing.get(names.CALIB_CAM_TO_CAM, f'{cam_to_cam.path}: no R_rect_00'),
-        ),
-        cam0_T_velo=parts.extrinsics(names.CALIB_VELO_TO_CAM),
+        r0_rect=r0_rect,
+        cam0_T_velo=cam0_t_velo,
         velo_T_imu=velo_t_imu or NOMINAL_VELO_T_IMU,
         rectified=rectified,
         nominal=() if velo_t_imu else ('velo_T_imu',),
-        missing=parts.missing,
+        missing={part: reason for part, reason in parts.missing.items() if reason},
         files=tuple(TextFile(name, text) for name, text in texts.items()),
+        notes=(*_on_placeholders(*parts.tables), *_on_another_day(cam_to_cam, day)),
     )
+
+
+def _on_another_day(cam_to_cam: CalibTable, day: str) -> tuple[str, ...]:
+    """Return a note if a file of KITTI's is of another day than the drive."""
+    _, time = cam_to_cam.entries.get('calib_time', (0, ''))
+    known = calib_archives.CALIB_TIMES.get(time)
+    if not day or known is None or known == day:
+        return ()
+    which = f"KITTI's calibration of {known} (calib_time: {time})"
+    return (f'{cam_to_cam.path}: {which}, the drive is of {day}',)
 
 
 def _parse_raw_camera(

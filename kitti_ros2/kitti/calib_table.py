@@ -4,12 +4,17 @@
 
 ``P0: 7.2e+02 ...``, in tracking partly without the colon (``R_rect 9.9e-01 ...``). Some values are
 words (``calib_time: 09-Jan-2012 13:57:47``); numbers are only parsed on request.
+
+Exporters of other data sets write placeholders where a rig lacks a sensor: an empty value (View of
+Delft's Tr_imu_to_velo) or a matrix of zeros (P0, P1, P3 of nuScenes' export_kitti.py). Their keys
+count as absent.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,15 +29,25 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
 
+_MATRIX_SIZES = frozenset({0, 1, 9, 12})
+"""How many zeros make a placeholder; vectors (T, D, S of 3, 5 and 2 numbers) may be zero."""
+
 _LINE = re.compile(r'(?P<key>[A-Za-z]\w*)(?::|\s)\s*(?P<value>.*)')
 
 
 @dataclass(frozen=True)
 class CalibTable:
-    """The keys of one calibration file, with their line numbers."""
+    """The keys of one calibration file, with their line numbers.
+
+    Attributes:
+        path: The file.
+        entries: Key to line number and value.
+        placeholders: Keys without a value, with their line numbers; not among the entries.
+    """
 
     path: Path
     entries: Mapping[str, tuple[int, str]]
+    placeholders: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def parse(cls, text: str, path: Path) -> CalibTable:
@@ -42,6 +57,7 @@ class CalibTable:
             BadFileError: A line has no key, or the file has no line.
         """
         entries: dict[str, tuple[int, str]] = {}
+        placeholders: dict[str, int] = {}
         for number, line in enumerate(text.splitlines(), 1):
             if not line.strip():
                 continue
@@ -50,10 +66,21 @@ class CalibTable:
                 raise BadFileError(
                     path, f'{line[:40]!r}', 'a line like "P0: 7.2e+02 ..."', line=number
                 )
-            entries[match['key']] = (number, match['value'])
-        if not entries:
+            if _is_placeholder(match['value'].split()):
+                placeholders[match['key']] = number
+            else:
+                entries[match['key']] = (number, match['value'])
+        if not entries and not placeholders:
             raise BadFileError(path, 'the file is empty', 'calibration lines such as "P0: ..."')
-        return cls(path, entries)
+        return cls(path, entries, placeholders)
+
+    def absence(self, *keys: str) -> str:
+        """Return the reason why none of keys has a value, with the line of a placeholder."""
+        for key in keys:
+            if key in self.placeholders:
+                line = self.placeholders[key]
+                return f'{self.path}: no {key} (line {line} is empty or zeros)'
+        return f'{self.path}: no {keys[0]}'
 
     def numbers(self, count: int, *keys: str) -> Float64Array | None:
         """Return the numbers of the first of keys that exists, None without any.
@@ -127,3 +154,14 @@ class CalibTable:
                 self.path, f'{key} holds no rotation', 'an orthonormal matrix', line=line
             )
         return matrix
+
+
+def _is_placeholder(words: list[str]) -> bool:
+    """Whether a value is empty, or a matrix of zeros or NaN."""
+    if len(words) not in _MATRIX_SIZES:
+        return False
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        return False
+    return all(number == 0 or math.isnan(number) for number in numbers)

@@ -20,7 +20,7 @@ from ..model.layouts import Layout
 from ..model.samples import Scan, TextFile
 from ..model.streams import Clock, Stream
 from . import names
-from .calib_archives import describe_source
+from .calib_archives import day_of_drive, describe_source
 from .calib_file import parse_raw_calibration
 from .listings import listings_kept
 from .oxts_file import parse_packet
@@ -125,9 +125,12 @@ class RawRecording(KittiRecording):
     @cached_property
     def _calibration(self) -> Calibration:
         """The calibration of the drive's date."""
-        folders = (self.root, self.drive)
+        day = day_of_drive(self.name)
+        # A folder that is not of the drive's day may have drives of others.
+        dated = day in {self.root.name, ''}
+        folders = (self.root, self.drive) if dated else (self.drive, self.root)
         known = (each for each in folders if any((each / n).is_file() for n in names.RAW_CALIB))
-        folder = next(known, self.root)
+        folder = next(known, folders[0])
         texts, missing = {}, {}
         for name in names.RAW_CALIB:
             try:
@@ -139,8 +142,10 @@ class RawRecording(KittiRecording):
             except OSError as error:
                 missing[name] = describe_error(error)
                 self._lose_late(Stream.CALIBRATION, missing[name])
-        source = describe_source(self.layout, folder)
-        found = parse_raw_calibration(texts, folder, rectified=self.rectified, source=source)
+        source = describe_source(self.layout, folder, self.name)
+        found = parse_raw_calibration(
+            texts, folder, rectified=self.rectified, source=source, day=day
+        )
         place = folder.relative_to(self.root)
         files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
         return replace(found, files=files, missing={**found.missing, **missing})

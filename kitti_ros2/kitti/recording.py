@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ..files.image_files import parse_image
 from ..model.errors import BadFileError, UsageError, describe_error
+from ..model.layouts import Layout
 from ..model.losses import runs_of
 from ..model.nominal import NOMINAL_VELO_T_IMU
 from ..model.samples import Calibration, Description, Image, Sample, Scan, TextFile
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from ..model.layouts import Layout
     from ..options.read import ReadOptions
 
 T = TypeVar('T')
@@ -231,7 +231,7 @@ class KittiRecording(RecordingPoses):
         try:
             text = STORE.read_text(path)
             files = (self._verbatim(path, text),)
-            return parse_calibration(text, path, files[0].name)
+            return parse_calibration(text, path, files[0].name, self._scanner_source(path))
         except FileNotFoundError:
             reason = f'{path}: no such file; {describe_source(self.layout, path)}'
         except BadFileError as error:
@@ -240,6 +240,13 @@ class KittiRecording(RecordingPoses):
             reason = describe_error(error)
             self._lose_late(Stream.CALIBRATION, reason)
         return no_calibration(reason, files)
+
+    def _scanner_source(self, path: Path) -> str:
+        """Describe where a calibration with the scanner's place can be had, if it is known."""
+        if self.layout is not Layout.ODOMETRY:
+            return ''
+        source = describe_source(self.layout, path)
+        return f'{source}; the {path.name} of the image archives has none'
 
 
 def no_calibration(reason: str, files: tuple[TextFile, ...] = ()) -> Calibration:

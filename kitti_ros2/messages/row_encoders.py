@@ -163,16 +163,19 @@ def make_camera_info(image: Image, moment: Moment) -> object:
     """Make the CameraInfo of an image."""
     calibration = moment.calibration()
     if moment.camera not in calibration.cameras:
-        part = f'P{moment.camera}'
-        reason = calibration.missing.get(part) or next(
-            iter(calibration.missing.values()), 'no ' + part
-        )
+        reason = _reason_without_camera(calibration, moment.camera)
         raise MissingDataError(f'{reason}; it is needed for camera_info')
     size = (image.width, image.height)
     stereo = moment.rig.options.stereo
     frame = _image_frame(moment)
     template = _camera_info_template(calibration, moment.camera, size, frame, stereo=stereo)
     return restamp(template, moment.stamp_ns)
+
+
+def _reason_without_camera(calibration: Calibration, camera: int) -> str:
+    missing = calibration.missing
+    name = calibration.files[0].name if calibration.files else 'calibration'
+    return missing.get(f'P{camera}') or missing.get('file') or f'{name}: no P{camera}'
 
 
 def _image_frame(moment: Moment) -> str:

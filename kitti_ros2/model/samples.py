@@ -240,6 +240,7 @@ class Calibration:
         nominal: Attributes that are documented defaults because the files do not contain them.
         missing: Missing parts (P2, Tr_velo_to_cam): part to the reason, a line.
         files: Its files, verbatim.
+        notes: Remarks on the files that cost no data, a line each.
     """
 
     cameras: Mapping[int, CameraCalibration]
@@ -250,6 +251,7 @@ class Calibration:
     nominal: tuple[str, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     files: tuple[TextFile, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def independent_cameras(self) -> bool:

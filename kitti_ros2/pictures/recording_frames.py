@@ -27,7 +27,7 @@ from ..model.errors import (
 from ..model.labels import has_complete_labels
 from ..model.losses import describe_frames
 from ..model.samples import Calibration, FrameLabels, Image, OxtsPacket, Pose, Scan
-from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
+from ..model.streams import CAMERA_COUNT, FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
 from ..own_bags.recording import BagRecording
 from .frame import POINT_LABELS, FrameData
@@ -101,7 +101,12 @@ class RecordingFrames:
             )
         missing: dict[str, str] = {}
         calibration = self.recording.calibration(number)
-        missing |= {f'calibration {part}': reason for part, reason in calibration.missing.items()}
+        absent = {f'P{index}' for index in range(CAMERA_COUNT) if index not in self.cameras}
+        missing |= {
+            f'calibration {part}': reason
+            for part, reason in calibration.missing.items()
+            if part not in absent
+        }
         samples: dict[Stream, Sample] = {}
         for stream in self._samples:
             if not _wants(stream, wanted):

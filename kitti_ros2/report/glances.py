@@ -86,7 +86,7 @@ def calibration_of(recording: KittiRecording) -> Calibrated:
         reason for part, reason in calibration.missing.items() if not part.startswith('P')
     )
     nominal = tuple(f'{part} is nominal, not in the calibration' for part in mounted.nominal)
-    return tuple(cameras), _link_glances(links), notes + nominal
+    return tuple(cameras), _link_glances(links), notes + calibration.notes + nominal
 
 
 def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:

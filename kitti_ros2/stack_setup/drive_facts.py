@@ -50,7 +50,7 @@ def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
         deskew=not recording.layout.traits.compensated_scans,
     )
     nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
-    return facts, (*nominal, *calibration.missing.values())
+    return facts, (*nominal, *calibration.notes, *calibration.missing.values())
 
 
 def _camera(recording: ReadableRecording, calibration: Calibration, index: int) -> CameraFacts:

@@ -34,6 +34,7 @@ _SAME_PLACE_M = 0.005
 _PARALLEL = 1e-3
 _NEAR_M = 5.0
 _FORWARD = 0.5
+_CALIB_TIME = 'calib_time'
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,23 @@ def _find_absent(file: CalibrationFile) -> Iterator[Breach]:
     for breach, absent in _missing(file):
         if absent:
             yield breach
+    found = file.calibration
+    for camera in sorted(file.cameras):
+        part = f'P{camera}'
+        if found.cameras and camera not in found.cameras and part not in found.missing:
+            yield Breach(f'no {part}, and camera {camera} has images', file.path)
+
+
+def _find_placeholders(file: CalibrationFile) -> Iterator[Breach]:
+    for note in file.calibration.notes:
+        if _CALIB_TIME not in note:
+            yield breach_in(note, file.path)
+
+
+def _find_another_day(file: CalibrationFile) -> Iterator[Breach]:
+    for note in file.calibration.notes:
+        if _CALIB_TIME in note:
+            yield breach_in(note, file.path)
 
 
 def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
@@ -174,6 +192,22 @@ CALIBRATION_RULES: tuple[Rule[CalibrationFile], ...] = (
         'Calibration files and their usual keys exist',
         'without it there are no camera models, projections or 3D boxes of labels',
         _find_absent,
+    ),
+    Rule(
+        'calib-placeholder',
+        RuleSeverity.NOTE,
+        _FILE,
+        'Calibration keys have values',
+        'empty values and zeros count as absent: nothing to do for sensors that do not exist',
+        _find_placeholders,
+    ),
+    Rule(
+        'calib-day',
+        _WARNING,
+        _FILE,
+        'The calibration is of the day of the drive, by its calib_time (raw)',
+        'give the calibration of the day in the name of the drive',
+        _find_another_day,
     ),
     Rule(
         'calib-rotation',

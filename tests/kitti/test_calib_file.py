@@ -155,7 +155,7 @@ def break_line(key: str, line: str) -> str:
         ),
         (break_line('P2', 'P2: a b'), 'P2', '2 values'),
         (break_line('P2', 'P2: ' + 'x ' * 12), 'P2', "'x' is no number"),
-        (break_line('P2', 'P2: ' + '0 ' * 12), 'P2', 'singular'),
+        (break_line('P2', 'P2: ' + '1 ' * 12), 'P2', 'singular'),
         (break_line('R0', 'R0_rect: ' + '1 ' * 9), 'R0_rect', 'holds no rotation'),
         (break_line('Tr_velo', 'Tr_velo_to_cam: ' + '1 ' * 12), 'Tr_velo_to_cam', 'no rotation'),
         (GOOD[: GOOD.index('Tr_velo') + 30], 'Tr_velo_to_cam', 'expected 12 numbers'),
@@ -167,6 +167,84 @@ def test_a_bad_part_costs_that_part_only(text, part, said):
     assert said in calibration.missing[part]
     others = {0, 1, 2, 3} - ({2} if part == 'P2' else set())
     assert set(calibration.cameras) == others
+
+
+@pytest.mark.parametrize(
+    'value', ['', ' ', '0', '0 ' * 12, '0.0e+00 ' * 12, '-0 ' * 12, 'nan ' * 12]
+)
+@pytest.mark.parametrize('key', ['P0', 'P2', 'Tr_imu_to_velo', 'Tr_velo_to_cam'])
+def test_a_placeholder_counts_as_absent(key, value):
+    text = break_line(key, f'{key}: {value}')
+    found = parse_calibration(text, PATH, PATH.name)
+    without = parse_calibration(break_line(key, ''), PATH, PATH.name)
+    assert set(found.cameras) == set(without.cameras)
+    assert found.nominal == without.nominal
+    assert found.notes == (f'{key}: empty or zeros in the calibration, taken as absent',)
+    # That there is no such camera is known; that the scanner has no place costs projections.
+    assert set(found.missing) == ({key} if key == 'Tr_velo_to_cam' else set())
+
+
+@pytest.mark.parametrize(
+    ('key', 'value'),
+    [
+        ('P2', '0 0 0'),
+        ('R0_rect', '0 ' * 8),
+        ('Tr_velo_to_cam', 'nan 0 0 1 ' * 3),
+        ('P2', '- ' * 12),
+    ],
+)
+def test_what_is_no_placeholder(key, value):
+    found = parse_calibration(break_line(key, f'{key}: {value}'), PATH, PATH.name)
+    assert found.missing
+    assert not found.notes
+
+
+def test_vectors_of_zeros_are_values():
+    """Camera 0 has T = 0; a rectified camera has D = 0."""
+    calibration = Calibration(
+        {0: camera(700.0, 600.0, 170.0, 0.0)}, np.eye(3), Transform.identity(), Transform.identity()
+    )
+    found = parse_raw_calibration(format_raw(calibration), Path('d'), rectified=False)
+    assert not found.missing
+    assert not found.notes
+
+
+@pytest.mark.parametrize(
+    ('texts', 'missing', 'notes'),
+    [
+        ({'calib_imu_to_velo.txt': 'R: \nT: \n'}, set(), ('R, T',)),
+        (
+            {'calib_velo_to_cam.txt': f'R: {"0 " * 9}\nT: 0 0 0\n'},
+            {'calib_velo_to_cam.txt'},
+            ('R',),
+        ),
+    ],
+)
+def test_placeholders_of_raw_files(texts, missing, notes):
+    calibration = Calibration(
+        {0: camera(700.0, 600.0, 170.0, 0.0)}, np.eye(3), Transform.identity(), Transform.identity()
+    )
+    found = parse_raw_calibration({**format_raw(calibration), **texts}, Path('d'), rectified=True)
+    assert set(found.missing) == missing
+    assert tuple(note.partition(':')[0] for note in found.notes) == notes
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'said'),
+    [
+        ('calib.txt', GOOD[: GOOD.index('R0')], 'no Tr; SOURCE'),
+        (
+            'calib.txt',
+            GOOD[: GOOD.index('R0')] + 'Tr: \n',
+            'no Tr (line 5 is empty or zeros); SOURCE',
+        ),
+        ('0000.txt', GOOD[: GOOD.index('R0')] + 'R_rect 1 0 0 0 1 0 0 0 1\n', 'no Tr_velo_cam; '),
+        ('000000.txt', GOOD[: GOOD.index('Tr_velo')], 'no Tr_velo_to_cam; '),
+    ],
+)
+def test_a_missing_scanner_is_named_by_the_key_of_its_layout(name, text, said):
+    found = parse_calibration(text, Path(name), name, 'SOURCE')
+    assert found.missing['Tr_velo_to_cam'].startswith(f'{name}: {said}')
 
 
 @pytest.mark.parametrize('text', ['', '\n\n', '1 2 3\n', '\x00\x01'])

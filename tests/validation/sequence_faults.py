@@ -230,6 +230,8 @@ _RAW = (
     ('tracklets cut', 'data-unusable', whole('tracklet_labels.xml', cut, 400), (), True),
     ('tracklet of negative height', 'tracklet-size', negative_height),
     ('file of calibration missing', 'calib-missing', dated('calib_imu_to_velo.txt', gone)),
+    ('calibration of another day', 'calib-day',
+     dated('calib_cam_to_cam.txt', add_line, 'calib_time: 09-Jan-2012 14:00:15')),
     ('K is text', 'calib-value', dated('calib_cam_to_cam.txt', set_key, 'K_02', first_word('x'))),
     ('P_rect of another calibration', 'calib-contradiction',
      other_place),
