@@ -82,11 +82,6 @@ class Rigging:
         point_labels = plan.layout.traits.point_labels
         self.scans = ScanConversion(plan.scan, survey, self._tree, base, point_labels=point_labels)
         self.images = ImageConversion(plan, survey, self._models)
-        self._changing = [
-            f'{camera.info} changes within the bag; the first that can be read counts'
-            for camera in plan.cameras.values()
-            if camera.info and topic_of(survey, camera.info).changes
-        ]
         self._swapped = swapped_sizes(plan, survey, self._models)
         self.imu_t_topic = self._unit_transforms(survey)
         self._lever_arm = list(self._lever_arm_notes(survey))
@@ -186,7 +181,7 @@ class Rigging:
         found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
         found += self._nominal_places() if first is None else ()
         found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
-        found += [*self._lever_arm, *self._changing, *self._swapped]
+        found += [*self._lever_arm, *self._swapped]
         return [*found, *self.calibrations.notes]
 
     def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:

@@ -109,9 +109,6 @@ def make_calibrations(
         straightened=straightened if is_extract(plan) else (),
         others=others,
     )
-    if survey.changing:
-        links = ', '.join(f'{parent} -> {child}' for parent, child in survey.changing)
-        notes += (f'static transforms change within the bag ({links}); the last ones count',)
     return Calibrations((0,), (calibration,), notes)
 
 
@@ -219,4 +216,5 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
             f' rectify: false where its images are rectified)'
         ) from None
     model = of_images(model, topic_of(survey, camera.topic))
-    return replace(model, frame=optical_name(camera.frame or model.frame, camera.forward))
+    frame = optical_name(camera.frame or model.frame, camera.forward)
+    return replace(model, frame=frame, turned=camera.rectify)

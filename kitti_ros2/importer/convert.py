@@ -14,7 +14,6 @@ from ..kitti.layout_files import make_writer
 from ..kitti.write_object import WriteOptions
 from ..model.errors import UnsynchronisedError
 from ..model.streams import Stream
-from .apply_calibration import Rigging
 from .clocks import clocked
 from .excerpt import numbered
 from .frames import NO_FRAME, NO_PACKET, choose_frames, frame_topics
@@ -22,6 +21,7 @@ from .oxts_poses import UnitPoses
 from .oxts_stream import PacketMaker
 from .poses import read_motion
 from .report import ImportReport, LossTally, damage
+from .riggings import Riggings
 from .sample_writer import SampleWriter
 from .set_builder import SetBuilder, Target, carry_out
 
@@ -60,7 +60,8 @@ def build(
         raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
     if target.excerpt is not None:
         frames = target.excerpt.of(frames)
-    rigging = Rigging(plan, survey, motion.tree)
+    riggings = Riggings(plan, survey, frames, motion.tree)
+    rigging = riggings.first
     unit = UnitPoses(plan, survey, frames, rigging, motion)
     for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (unit.lost_ns, NO_PACKET)):
         for stamp_ns in stamps_ns.tolist():
@@ -68,7 +69,7 @@ def build(
     packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        samples = SampleWriter(plan, frames, rigging, writer, target.first)
+        samples = SampleWriter(plan, frames, riggings, writer, target.first)
         builder = SetBuilder(samples, packets, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:

@@ -40,7 +40,6 @@ class DepthMaps:
     ) -> None:
         wanted = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
         self._unrectified = rigging.scans.are_depth and unrectified
-        self._rigging = rigging
         self._writer = writer
         self.folders = {
             camera: writer.depth_folder(camera)
@@ -48,11 +47,11 @@ class DepthMaps:
             if wanted and writer.depth_folder(camera) and rigging.images.size(camera)
         }
 
-    def write(self, number: int, stamp_ns: int, points: Float32Array) -> None:
-        """Write the maps of a scan, (N, 4) in velo_link."""
-        calibration = self._rigging.calibrations.at(stamp_ns)
+    def write(self, number: int, stamp_ns: int, points: Float32Array, rigging: Rigging) -> None:
+        """Write the maps of a scan, (N, 4) in velo_link, by the rigging of its frame."""
+        calibration = rigging.calibrations.at(stamp_ns)
         for camera in self.folders:
-            size = self._rigging.images.size(camera)
+            size = rigging.images.size(camera)
             if calibration is not None and size is not None:
                 pixels = make_depth_map(points, calibration, camera, size)
                 self._writer.write_depth(camera, number, encode_png(pixels))

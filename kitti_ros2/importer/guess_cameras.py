@@ -175,7 +175,7 @@ def _has_lens(camera: RigCamera) -> bool:
     if not looks or 'rect' in leaf(camera.topic.name):
         return False
     message = looks[0]
-    return needs_rectifying(message.k, message.d, message.r, message.p)
+    return needs_rectifying(message.k, message.d, message.p)
 
 
 def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .apply_calibration import Rigging
     from .frames import Frames
     from .plan import Plan
+    from .riggings import Riggings
 
 
 class SampleWriter:
@@ -32,21 +33,22 @@ class SampleWriter:
     Attributes:
         plan: The rules.
         frames: Those to write.
-        rigging: Converts messages to samples.
+        riggings: Convert messages to samples.
         writer: Of the layout.
         first: The number of the first frame.
         empty_labels: Number of frames without a box so far.
     """
 
     def __init__(
-        self, plan: Plan, frames: Frames, rigging: Rigging, writer: LayoutWriter, first: int
+        self, plan: Plan, frames: Frames, riggings: Riggings, writer: LayoutWriter, first: int
     ) -> None:
         self.plan = plan
         self.frames = frames
-        self.rigging = rigging
+        self.riggings = riggings
         self.writer = writer
         self.first = first
         self.empty_labels = 0
+        rigging = riggings.first
         labels_t_velo = rigging.labels.standing.frame_T_velo
         if labels_t_velo is not None:
             writer.place_labels(labels_t_velo)
@@ -61,7 +63,7 @@ class SampleWriter:
         if not self.plan.layout.traits.calibration_per_frame:
             del stamps_ns[1:]
         for number, stamp_ns in enumerate(stamps_ns, self.first):
-            calibration = self.rigging.calibrations.at(stamp_ns)
+            calibration = self._rigging(number).calibrations.at(stamp_ns)
             if calibration is not None:
                 self.writer.write_calibration(number, calibration)
                 count += 1
@@ -74,19 +76,20 @@ class SampleWriter:
             ValueError: No point is left of it.
         """
         stamp_ns = self._stamp_ns(number, topic, place)
-        scan, dropped = self.rigging.scans.scan(cloud, self._own_ns(topic, place), place)
+        rigging = self._rigging(number)
+        scan, dropped = rigging.scans.scan(cloud, self._own_ns(topic, place), place)
         with self._lock:
             self._points_dropped.update(dropped)
         if not len(scan.points):
             reasons = ', '.join(reason for reason, count in dropped.items() if count)
             raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
         self.writer.write_scan(number, stamp_ns, scan)
-        self._depth_maps.write(number, stamp_ns, scan.points)
+        self._depth_maps.write(number, stamp_ns, scan.points, rigging)
         return scan.points.nbytes
 
     def write_image(self, camera: int, number: int, topic: str, place: int, image: Any) -> int:  # noqa: ANN401 - of the bag
         """Write an image, by its place in its topic; return its bytes."""
-        png = self.rigging.images.png(camera, image)
+        png = self._rigging(number).images.png(camera, image)
         self.writer.write_image(camera, number, self._stamp_ns(number, topic, place), png)
         return len(png)
 
@@ -101,7 +104,7 @@ class SampleWriter:
         frame = number - self.first
         times = times_of_boxes(self.plan, self.frames, frame)
         stamp_ns = int(self.frames.stamps_ns[frame])
-        boxes = self.rigging.labels.boxes(joined(solid), stamp_ns, times, flat)
+        boxes = self._rigging(number).labels.boxes(joined(solid), stamp_ns, times, flat)
         self.writer.write_labels(number, boxes)
         self.empty_labels += not boxes
         return 0
@@ -109,7 +112,7 @@ class SampleWriter:
     def write_poses(self, track: Track) -> int:
         """Write the poses of the frames, each of which must have one; return how many."""
         stamps_ns = self.frames.stamps_ns
-        poses = camera_poses(track, stamps_ns, self.rigging.body_t_rect())
+        poses = camera_poses(track, stamps_ns, self.riggings.first.body_t_rect())
         known = [pose for pose in poses if pose is not None]
         for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
             self.writer.write_pose(number, stamp_ns, pose)
@@ -121,6 +124,9 @@ class SampleWriter:
         if self.plan.scan is not None:
             notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
         return notes
+
+    def _rigging(self, number: int) -> Rigging:
+        return self.riggings.of(number - self.first)
 
     def _stamp_ns(self, number: int, topic: str, place: int) -> int:
         """Return a sample's own stamp where the layout stores it, else the frame's."""

@@ -212,8 +212,8 @@ class SetBuilder:
 
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion, after the writer is closed."""
-        plan, frames, rigging = self._samples.plan, self._samples.frames, self._samples.rigging
-        notes = [*survey.notes, *frames.notes, *rigging.notes(), *self._packets.notes()]
+        plan, frames, riggings = self._samples.plan, self._samples.frames, self._samples.riggings
+        notes = [*survey.notes, *frames.notes, *riggings.notes(), *self._packets.notes()]
         notes += self._samples.notes()
         if not self._target.first and self._target.excerpt is None:
             files = self.counts[Stream.LABELS.value]
@@ -233,7 +233,7 @@ class SetBuilder:
                 *frames.losses,
                 *unit_losses(survey, plan, frames.stamps_ns),
                 *self._packets.losses,
-                *rigging.losses(),
+                *riggings.losses(),
             ),
             notes=tuple(notes),
         )

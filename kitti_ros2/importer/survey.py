@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ..bags.pieces import StoredChannel
     from ..bags.reader import BagMessage, BagMessages, BagSource
     from ..model.boxes import Cuboid
+    from ..model.geometry import Transform
     from ..model.losses import Loss
     from ..model.samples import TextFile
     from ..rig.tf_tree import Link
@@ -66,7 +67,8 @@ class Survey:
         static: Static transforms (parent, child, parent_T_child), including those of /tf that never
             move.
         moving: (parent, child) of the others.
-        changing: (parent, child) of static links that were published again with another value.
+        changes: The static links that were published again with another value, by (parent, child):
+            all values, each with the stamp from which it is valid.
         calibrations: The calibration files in a bag written by to-bag, each with the stamp from
             which it is valid, in order.
         notes: Non-fatal remarks of the bag's reader.
@@ -80,7 +82,7 @@ class Survey:
     topics: Mapping[str, TopicSurvey]
     static: Sequence[Link]
     moving: Sequence[tuple[str, str]]
-    changing: Sequence[tuple[str, str]] = ()
+    changes: Mapping[tuple[str, str], Sequence[tuple[int, Transform]]] = field(default_factory=dict)
     calibrations: Sequence[tuple[int, TextFile]] = ()
     notes: Sequence[str] = ()
     losses: Mapping[str, int | None] = field(default_factory=dict)
@@ -163,6 +165,7 @@ class _Pass:
     def __init__(self, messages: BagMessages) -> None:
         self._decode = Decoder(messages.typestore)
         self._bodies: dict[str, bytes] = {}
+        self._contents: dict[tuple[str, bytes], Any] = {}
         self._known: dict[str, set[tuple[int, int]]] = defaultdict(set)
         self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self._links = LinkTally()
@@ -202,7 +205,8 @@ class _Pass:
             for (parent, child), count in self._links.invalid().items()
         }
         losses = {**losses, **invalid}
-        found = *self._links.sorted(), self._calibrations, notes, losses, left_out
+        static, moving, _ = self._links.sorted()
+        found = static, moving, self._links.changes(), self._calibrations, notes, losses, left_out
         return Survey(self._topics, *found, self._links.clashes)
 
     def _take(self, message: BagMessage) -> None:
@@ -212,7 +216,9 @@ class _Pass:
         if topic.msgtype in TF_TYPES:
             decoded = self._decoded(topic, message)
             if decoded is not None:
-                self._links.add(decoded, still='static' in topic.name, topic=topic.name)
+                self._links.add(
+                    decoded, still='static' in topic.name, topic=topic.name, log_ns=message.stamp_ns
+                )
             first_ns = stamp_ns_of(decoded.transforms[0].header) if _has_links(decoded) else 0
             topic.links_ns.append(first_ns or message.stamp_ns)
         elif topic.msgtype in READ:
@@ -237,18 +243,16 @@ class _Pass:
         if topic.msgtype in HEADED:
             _enter_header(topic, message)
             self._enter_copy(topic, message)
+            self._enter_content(topic, message)
         elif topic.msgtype == MARKERS:
             _enter_first_stamp(topic, message)
         if isinstance(message.data, MessageStart):
             return
-        is_due = _is_look(topic, topic.count)
-        changed = topic.msgtype == CAMERA_INFO and self._is_news(topic, message)
-        look = None
-        if is_due or changed or _is_sampled(topic):
+        is_due, look = _is_look(topic, topic.count), None
+        if is_due or _is_sampled(topic):
             look = self._decoded(topic, message)
         if look is not None:
-            if is_due or changed:
-                topic.changes += changed and bool(topic.looks)
+            if is_due:
                 topic.looks = [*topic.looks, look][:_LOOKS]
             _count_classes(topic, look)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(look))
@@ -272,12 +276,18 @@ class _Pass:
         if topic.spans_ns and topic.looks and topic.name in self._turns and not topic.failures:
             topic.spans_ns[0] = self._turns[topic.name].span_ns(topic.looks[0])
 
-    def _is_news(self, topic: TopicSurvey, message: BagMessage) -> bool:
-        """Whether a message differs from the one before, header apart."""
+    def _enter_content(self, topic: TopicSurvey, message: BagMessage) -> None:
+        """Enter the content of a CameraInfo if it differs from the one before, header apart."""
+        if topic.msgtype != CAMERA_INFO:
+            return
         body = body_after_header(message.data)
-        known = self._bodies.get(topic.name)
+        if body == self._bodies.get(topic.name):
+            return
         self._bodies[topic.name] = body
-        return body != known
+        look = self._contents.get((topic.name, body)) or self._decoded(topic, message)
+        if look is not None:
+            self._contents[topic.name, body] = look
+            topic.contents.append((topic.count - 1, look))
 
     def _enter_copy(self, topic: TopicSurvey, message: BagMessage) -> None:
         """Enter a message with boxes that is the same as an earlier one."""

@@ -35,7 +35,8 @@ class TopicSurvey:
         failures: Number of messages that failed to decode.
         failure: The reason of the first failure, empty without one.
         headless: Indices of the messages without a readable header.
-        changes: Of CameraInfo: number of changes of its content.
+        contents: Of CameraInfo: its content where that differs from the message before, each with
+            the index of its message.
         size_bytes: Of its messages as CDR.
         links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
         places: Of NavSatFix: latitude, longitude and altitude of each, NaN without a fix.
@@ -61,7 +62,7 @@ class TopicSurvey:
     failures: int = 0
     failure: str = ''
     headless: list[int] = field(default_factory=list)
-    changes: int = 0
+    contents: list[tuple[int, Any]] = field(default_factory=list)
     size_bytes: int = 0
     links_ns: list[int] = field(default_factory=list)
     places: array[float] = field(default_factory=lambda: array('d'))

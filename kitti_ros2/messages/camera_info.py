@@ -50,6 +50,7 @@ _PAIRED = frozenset(LEFT_OF) | frozenset(LEFT_OF.values())
 _SINGULAR = 1e-9
 _ROTATION = 1e-3
 _LARGEST = 1e9
+_SAME_PIXEL = 1e-3
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
 LENS_MODELS = (PLUMB_BOB, RATIONAL, EQUIDISTANT)
@@ -157,6 +158,7 @@ class CameraModel:
         r: (3, 3) optical to rectified frame.
         p: (3, 4), projects points of the rectified frame.
         model: Name of the distortion model.
+        turned: Whether its images are rectified by a plan, so that R counts.
     """
 
     frame: str
@@ -166,6 +168,13 @@ class CameraModel:
     r: Float64Array
     p: Float64Array
     model: str = PLUMB_BOB
+    turned: bool = False
+
+    @property
+    def is_as_rectified(self) -> bool:
+        """Whether its images are rectified as they are: D is 0 and K that of P."""
+        plain = self.model in {PLUMB_BOB, RATIONAL} and not self.d.any()
+        return plain and not self.turned and has_k_of_p(self.k, self.p)
 
     @property
     def offset(self) -> Float64Array:
@@ -216,6 +225,11 @@ def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's ty
         p=to_published @ p,
         model=lens_model(message.distortion_model, d),
     )
+
+
+def has_k_of_p(k: Any, p: Any) -> bool:  # noqa: ANN401 - lists or arrays
+    """Whether K, 9 numbers, is the left (3, 3) of P, 12 numbers, to 1e-3 pixels."""
+    return np.allclose(_matrix(k, 3), _matrix(p, 4)[:, :3], rtol=0, atol=_SAME_PIXEL)
 
 
 def lens_model(name: str, d: Float64Array) -> str:

@@ -26,6 +26,7 @@ from ..importer.plan import Incomplete
 from ..importer.planned_topics import topic_of
 from ..importer.poses import read_moving
 from ..importer.report import LossTally, damage
+from ..importer.riggings import Riggings
 from ..importer.sample_writer import times_of_boxes
 from ..importer.scan_needs import without_unreadable_scans
 from ..importer.sync import NONE
@@ -90,7 +91,7 @@ class BagFrames:
         survey = clocked(survey, plan)
         moving = read_moving([bag], plan, survey, losses)
         notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-        self._plan, self._rigging, self._no_calibration = _rigged(plan, survey, moving, assumptions)
+        self._plan, self._no_calibration = _rigged(plan, survey, moving, assumptions)
         if self._plan.calibration == NO_CALIBRATION:
             assumptions += _turned(self._plan.scan)
         assumptions.append(BY_POSITION)
@@ -102,6 +103,7 @@ class BagFrames:
         self.base_t_imu = self._find_unit(survey)
         frames = choose_frames(self._plan, survey, None)
         self._frames = frames
+        self._riggings = Riggings(self._plan, survey, frames, moving)
         self.stamps_ns = frames.stamps_ns
         self.numbers: Int64Array = np.arange(len(frames), dtype=np.int64)
         self.cameras: Mapping[int, str] = {
@@ -158,7 +160,7 @@ class BagFrames:
                 continue
             if one is not None:
                 made[stream] = one
-        calibration = self._rigging.calibrations.at(stamp_ns)
+        calibration = self.calibration(number)
         labels = made.get(Stream.LABELS, FrameLabels())
         scan = made.get(Stream.SCAN)
         missing |= {f'labels {row}': reason for row, reason in labels.missing.items()}
@@ -183,7 +185,7 @@ class BagFrames:
         if stream is Stream.POSE:
             return self._pose(int(self.stamps_ns[number]))
         if stream.camera is not None:
-            return self._converted(stream, number, partial(self._image, stream.camera))
+            return self._converted(stream, number, partial(self._image, stream.camera, number))
         if stream is Stream.LABELS:
             return self._labels_of(number)
         return self._converted(stream, number, partial(self._scan, number))
@@ -196,13 +198,20 @@ class BagFrames:
 
     def pixels(self, camera: int, number: int) -> Pixels | None:
         """See FrameSource."""
-        decode = partial(self._rigging.images.pixels, camera)
+        decode = partial(self._rigging(number).images.pixels, camera)
         pixels = self._converted(IMAGE_STREAMS[camera], number, decode)
         return None if pixels is None else colour_pixels(pixels)
 
     def calibration(self, number: int) -> Calibration | None:
         """See FrameSource."""
-        return self._rigging.calibrations.at(int(self.stamps_ns[number]))
+        return self._rigging(number).calibrations.at(int(self.stamps_ns[number]))
+
+    def _rigging(self, number: int) -> Rigging:
+        """Return the rigging of a frame; that of the first where its own is invalid."""
+        try:
+            return self._riggings.of(number)
+        except ValueError:
+            return self._riggings.first
 
     def _converted(self, stream: Stream, number: int, convert: Callable[[Any], T]) -> T | None:
         """Read and convert the message of a frame; None if the frame has none."""
@@ -215,7 +224,7 @@ class BagFrames:
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         place = self._frames.samples[Stream.SCAN][number]
         stamps_ns = self._frames.stamps[frame_topics(self._plan)[Stream.SCAN]]
-        scan, _ = self._rigging.scans.scan(message, int(stamps_ns[place]))
+        scan, _ = self._rigging(number).scans.scan(message, int(stamps_ns[place]))
         return scan
 
     def _labels_of(self, number: int) -> FrameLabels | None:
@@ -230,7 +239,7 @@ class BagFrames:
         if self._own_lines:
             return labels_of_text(decode_text(messages[0]))
         times = times_of_boxes(self._plan, self._frames, number)
-        cuboids, left_out = self._rigging.labels.all_cuboids(joined(messages), times)
+        cuboids, left_out = self._rigging(number).labels.all_cuboids(joined(messages), times)
         topic = frame_topics(self._plan)[Stream.LABELS]
         lost = [
             f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
@@ -240,8 +249,8 @@ class BagFrames:
         missing = {'boxes': '; '.join(lost)} if lost else {}
         return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
 
-    def _image(self, camera: int, message: Any) -> Image:  # noqa: ANN401 - of the bag's types
-        return parse_image(self._rigging.images.png(camera, message), 'the message')
+    def _image(self, camera: int, number: int, message: Any) -> Image:  # noqa: ANN401 - as _scan
+        return parse_image(self._rigging(number).images.png(camera, message), 'the message')
 
     def _path(self, stamp_ns: int) -> Float64Array | None:
         """Return (N, 3) positions up to a time, None without any."""
@@ -271,15 +280,15 @@ def _to_look_at(plan: Plan) -> Plan:
 
 def _rigged(
     plan: Plan, survey: Survey, moving: MovingTree | None, assumptions: list[str]
-) -> tuple[Plan, Rigging, dict[str, str]]:
-    """Return plan and rigging, without calibration and labels if it is missing, and the reason."""
+) -> tuple[Plan, dict[str, str]]:
+    """Return the plan, without calibration and labels if it is missing, and the reason."""
     try:
-        return plan, Rigging(plan, survey, moving), {}
+        Rigging(plan, survey, moving)
     except KittiRos2Error as error:
         assumptions.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
-    plan = replace(plan, calibration=NO_CALIBRATION, labels=None)
-    return plan, Rigging(plan, survey, moving), missing
+        return replace(plan, calibration=NO_CALIBRATION, labels=None), missing
+    return plan, {}
 
 
 def _turned(scan: ScanPlan | None) -> list[str]:

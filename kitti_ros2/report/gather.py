@@ -156,7 +156,7 @@ def _of_transforms(
 ) -> Iterator[Finding]:
     """Yield warnings about changing or invalid static transforms; object sets span several days."""
     if own is None or not own.layout.traits.calibration_per_frame:
-        for parent, child in survey.changing:
+        for parent, child in survey.changes:
             text = f'the static transform {parent} -> {child} changes within the bag'
             yield Finding(Severity.WARNING, '/tf_static', text)
     for link in overview.links:

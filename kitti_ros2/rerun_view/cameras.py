@@ -95,7 +95,7 @@ def is_rectified(image: str, model: CameraModel) -> bool:
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
     turned = np.abs(model.r - np.eye(3)).max() > _SAME
-    plain = not (model.d.any() or turned)
+    plain = model.is_as_rectified or not (model.d.any() or turned)
     return 'rect' in name or plain or has_lens_of_larger_image(model)
 
 

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..messages.header import stamp_ns_of
 from ..messages.ros_types import TFMessage
 from ..messages.transforms import decode_static
 from .heading import FIXED_FRAMES
@@ -32,18 +34,19 @@ class LinkTally:
         self._seen: dict[tuple[str, str], int] = defaultdict(int)
         self._moving: set[tuple[str, str]] = set()
         self._static: set[tuple[str, str]] = set()
-        self._changing: set[tuple[str, str]] = set()
+        self._values: dict[tuple[str, str], list[tuple[int, int, Transform]]] = defaultdict(list)
         self._invalid: Counter[tuple[str, str]] = Counter()
         self._topics: dict[tuple[str, str], str] = {}
         self.clashes: dict[tuple[str, str], tuple[str, str]] = {}
         """Links that topics of two namespaces have otherwise, with these: see add."""
 
-    def add(self, message: Any, *, still: bool, topic: str = '') -> None:  # noqa: ANN401
+    def add(self, message: Any, *, still: bool, topic: str = '', log_ns: int = 0) -> None:  # noqa: ANN401
         """Add the transforms of a TFMessage of the bag's types.
 
         Args:
             message: The message.
             still: Whether it is of /tf_static.
+            log_ns: When it was recorded, nanoseconds.
             topic: Its topic. Those of robots with the same names of frames differ by a namespace.
         """
         for stamped in message.transforms:
@@ -63,8 +66,11 @@ class LinkTally:
             self._topics.setdefault(key, topic)
             if still:
                 # The last value of a static link is valid, as for late subscribers.
-                if first is not transform and differ(first, transform, _STILL_M):
-                    self._changing.add(key)
+                changed = first is not transform and differ(first, transform, _STILL_M)
+                if changed or key not in self._values:
+                    entry = stamp_ns_of(stamped.header), log_ns, transform
+                    self._values[key].append(entry)
+                if changed:
                     self._check_robot(key, topic)
                 self._first[key] = transform
                 self._static.add(key)
@@ -86,7 +92,20 @@ class LinkTally:
         moving = {key for key in self._moving if key not in self._static}
         moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
         still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
-        return still, sorted(moving), sorted(self._changing)
+        return still, sorted(moving), sorted(self.changes())
+
+    def changes(self) -> dict[tuple[str, str], list[tuple[int, Transform]]]:
+        """Return the values of static links that change, each with the stamp it is valid from.
+
+        Log times count where the stamps do not ascend.
+        """
+        found = {}
+        for key, values in sorted(self._values.items()):
+            if len(values) > 1:
+                headers = [header_ns for header_ns, _, _ in values]
+                ascend = headers[0] > 0 and all(a < b for a, b in pairwise(headers))
+                found[key] = [(own if ascend else log, pose) for own, log, pose in values]
+        return found
 
 
 def _still(parent: str) -> float:

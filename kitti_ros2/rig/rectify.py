@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.camera_info import EQUIDISTANT, PLUMB_BOB, RATIONAL
+from ..messages.camera_info import EQUIDISTANT, PLUMB_BOB, RATIONAL, has_k_of_p
 from ..model.samples import MOST_PIXELS
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ _OF_OPENCV = (4, 5, 8, 12, 14)
 _COUNTS = {PLUMB_BOB: _OF_OPENCV, RATIONAL: _OF_OPENCV, EQUIDISTANT: (4,)}
 """Numbers of D; image_geometry of ROS, too, passes those of both pinhole models on to OpenCV."""
 _SAME_ROTATION = 1e-9
-_SAME_PIXEL = 1e-6
 _LARGEST = 32767
 _GRID = (64, 48)
 _LARGER = 1.05
@@ -38,22 +37,19 @@ _MORE_FILLED = 0.15
 _FILLED = 0.9
 
 
-def needs_rectifying(
-    k: npt.ArrayLike, d: npt.ArrayLike, r: npt.ArrayLike, p: npt.ArrayLike
-) -> bool:
-    """Whether a camera's images are not rectified: False where D is 0, R is I and P has K.
+def needs_rectifying(k: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> bool:
+    """Whether a camera's images are not rectified: False where D is 0 and K is that of P.
+
+    K and D describe the images as they are, in the camera's frame; P the rectified ones. Where both
+    are the same, there is nothing to rectify, whatever R is: bags of kitti2mcap and others that are
+    made from pykitti have rectified images with R_rect in R.
 
     Args:
         k: (3, 3) or 9 numbers.
         d: Any count, also 0.
-        r: (3, 3) or 9 numbers.
         p: (3, 4) or 12 numbers.
     """
-    if np.any(np.asarray(d, np.float64)):
-        return True
-    k_rect = np.reshape(p, (3, 4))[:, :3]
-    turned = not np.allclose(np.reshape(r, (3, 3)), np.eye(3), rtol=0, atol=_SAME_ROTATION)
-    return turned or not np.allclose(np.reshape(k, (3, 3)), k_rect, rtol=0, atol=_SAME_PIXEL)
+    return bool(np.any(np.asarray(d, np.float64))) or not has_k_of_p(k, p)
 
 
 def has_lens_of_larger_image(camera: CameraModel) -> bool:

@@ -19,6 +19,9 @@ R). This is detected where the frames of two cameras are parallel and apart, and
 
 - their R differ: the tree includes R.
 - their baseline in the tree is that of P to 0.1 mm without R, and not with R.
+
+It is detected for a single camera, too, where D is 0 and K is that of P: K describes the images in
+the camera's frame, and P the rectified ones, so that frame is the rectified one, and its own.
 """
 
 from __future__ import annotations
@@ -47,6 +50,8 @@ _BASELINE_M = 0.02
 _BASELINE_SHARE = 0.1
 _PLAUSIBLE = 0.5
 _PARALLEL = 'frames of cameras are parallel while their R differ'
+_NO_LENS = 'D is 0 and K is that of P, so that R is applied neither to images nor to points'
+_NO_LEFT = 'no left camera is there to compare with'
 _SAME_BASELINE = 'the baseline in them is that of P where R is not applied'
 
 
@@ -81,12 +86,14 @@ def viewpoints(
         index: replace(model, r=np.eye(3)) if why[index] else model for index, model in rig.items()
     }
     found, notes = {}, []
-    for reason in (_PARALLEL, _SAME_BASELINE):
+    for reason in (_NO_LENS, _PARALLEL, _SAME_BASELINE):
         frames = dict.fromkeys(cameras[each].frame for each in cameras if why[each] == reason)
         if frames:
             notes.append(f'{", ".join(frames)}: taken as rectified frames, for {reason}')
     for index, model in sorted(cameras.items()):
         view, note = _viewpoint(tree, index, unturned, frozenset(cameras))
+        if why[index] == _NO_LENS and note.endswith(_NO_LEFT):
+            view, note = replace(view, p=_without_offset(model)), ''
         if why[index]:
             back = Transform(model.r.T.copy(), np.zeros(3))
             view = replace(view, cam_T_frame=back @ view.cam_T_frame)
@@ -107,6 +114,8 @@ def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) 
     reason = ''
     if angle_of(model.r) <= _PARALLEL_RAD:
         return reason
+    if model.is_as_rectified:
+        return _NO_LENS
     for other in rig.values():
         place = tree.find(model.frame, other.frame)
         if place is None or _is_same(place) or angle_of(place.rotation) > _PARALLEL_RAD:
@@ -219,7 +228,7 @@ def _doubtful(
     baseline = float(np.linalg.norm(model.offset))
     said = f'camera {index}: P has a baseline of {baseline:.3f} m'
     if not joined:
-        return own, f'{said}, taken as from {model.frame}: no left camera is there to compare with'
+        return own, f'{said}, taken as from {model.frame}: {_NO_LEFT}'
     left, place = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
     said += (
         f' but {model.frame} is {np.linalg.norm(place):.3f} m from {left.frame} by the static'

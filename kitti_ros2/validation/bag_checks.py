@@ -4,16 +4,21 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from ..bags.bag_files import OpenBag
 from ..bags.decoding import Decoder
 from ..bags.message_source import BagMessages
 from ..bags.ros1_messages import ros1_to_cdr
-from ..messages.header import peek_header
+from ..messages.header import peek_header, stamp_ns_of
+from ..messages.moment import Origin
 from ..messages.pixels import size_of
+from ..messages.source import RECORDING
+from ..messages.topics import decoders
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error
+from ..model.layouts import Layout
 from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
 from ..rig.link_tally import LinkTally
 from ..rig.tf_tree import FrameTree
@@ -160,8 +165,14 @@ class _BagPass:
         if message.msgtype in TF_TYPES:
             self._links.add(value, still=message.topic.endswith('tf_static'))
         elif message.msgtype == CAMERA_INFO:
-            self._facts.cameras[message.topic] = int(value.width), int(value.height)
-        elif message.msgtype in {IMAGE, COMPRESSED} and message.topic not in self._facts.images:
-            size = size_of(value)
-            if size is not None:
-                self._facts.images[message.topic] = size
+            size = int(value.width), int(value.height)
+            self._facts.sizes.add_info(message.topic, stamp_ns_of(value.header), size)
+        elif message.msgtype in {IMAGE, COMPRESSED}:
+            found = size_of(value)
+            if found is not None:
+                self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), found)
+        elif message.topic == RECORDING:
+            with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti says what is wrong
+                described = decoders()[RECORDING](value, Origin(self._bag.path))
+                layout = Layout(described.values['layout'])
+                self._facts.per_frame = layout.traits.calibration_per_frame

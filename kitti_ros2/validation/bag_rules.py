@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TYPE_CHECKING
 
 from ..bags.locate import METADATA
@@ -18,10 +20,71 @@ if TYPE_CHECKING:
     from ..rig.tf_tree import FrameTree
 
 Size = tuple[int, int]
+_MOST_UNPAIRED = 64
+"""Sizes that are kept of a topic, to be compared with the other one of the same stamp."""
 _UNDEFINED = 'it is copied as it is'
 _GROUND_TRUTH = '/kitti/ground_truth/'
 """Topics of to-bag, whose frames may be a tree of their own."""
 _FIXED = frozenset({'', 'map', 'odom', 'world', 'earth'})
+
+
+class CameraSizes:
+    """Sizes of images and of the CameraInfo beside them, paired by their stamps.
+
+    Both may change within a bag: the frames of an object set have several sizes.
+    """
+
+    def __init__(self) -> None:
+        self._latest: dict[str, dict[int, Size]] = defaultdict(dict)
+        self._all: dict[str, set[Size]] = defaultdict(set)
+        self._infos: dict[str, set[str]] = defaultdict(set)
+        self._images: dict[str, set[str]] = defaultdict(set)
+        self._paired: dict[tuple[str, str], tuple[Size, Size] | None] = {}
+
+    def add_info(self, topic: str, stamp_ns: int, size: Size) -> None:
+        """Enter the size of a CameraInfo."""
+        namespace = topic.rpartition('/')[0]
+        if namespace:
+            self._infos[namespace].add(topic)
+            self._enter(topic, stamp_ns, size)
+            for image in self._images[namespace]:
+                self._compare(topic, image, stamp_ns)
+
+    def add_image(self, topic: str, stamp_ns: int, size: Size) -> None:
+        """Enter the size of an image."""
+        namespace, image, _ = topic.rpartition('/image')
+        if image and namespace:
+            self._images[namespace].add(topic)
+            self._enter(topic, stamp_ns, size)
+            for info in self._infos[namespace]:
+                self._compare(info, topic, stamp_ns)
+
+    def _enter(self, topic: str, stamp_ns: int, size: Size) -> None:
+        latest = self._latest[topic]
+        latest[stamp_ns] = size
+        if len(latest) > _MOST_UNPAIRED:
+            del latest[next(iter(latest))]
+        if len(self._all[topic]) < _MOST_UNPAIRED:
+            self._all[topic].add(size)
+
+    def _compare(self, info: str, image: str, stamp_ns: int) -> None:
+        sizes = self._latest[info].get(stamp_ns), self._latest[image].get(stamp_ns)
+        if sizes[0] is not None and sizes[1] is not None and not self._paired.get((info, image)):
+            self._paired[info, image] = None if sizes[0] == sizes[1] else (sizes[0], sizes[1])
+
+    def differences(self) -> Iterator[tuple[str, Size, str, Size]]:
+        """Yield topics of CameraInfo and images whose sizes differ, with the first of these.
+
+        Without equal stamps they differ if no size is that of both.
+        """
+        for namespace, infos in sorted(self._infos.items()):
+            for info, image in product(sorted(infos), sorted(self._images[namespace])):
+                sizes = self._paired.get((info, image))
+                apart = self._all[info].isdisjoint(self._all[image])
+                if (info, image) not in self._paired and apart:
+                    sizes = min(self._all[info]), min(self._all[image])
+                if sizes is not None:
+                    yield info, sizes[0], image, sizes[1]
 
 
 @dataclass(eq=False)
@@ -37,8 +100,8 @@ class BagFacts:
         tree: Its frames; None without transforms.
         changing: Static links that were published with two values.
         frames: Frames of the headers, each with a topic that has it.
-        cameras: Size by topic of each CameraInfo.
-        images: Size by topic of each image.
+        sizes: Of CameraInfo and images.
+        per_frame: Whether the bag is an object set of to-bag, with a calibration a frame.
     """
 
     path: Path
@@ -49,8 +112,8 @@ class BagFacts:
     tree: FrameTree | None = None
     changing: Sequence[tuple[str, str]] = ()
     frames: dict[str, str] = field(default_factory=dict)
-    cameras: dict[str, Size] = field(default_factory=dict)
-    images: dict[str, Size] = field(default_factory=dict)
+    sizes: CameraSizes = field(default_factory=CameraSizes)
+    per_frame: bool = False
 
     def breach(self, text: str) -> Breach:
         """Return a breach in the bag, or in its file that a text begins with."""
@@ -92,7 +155,7 @@ def _find_tree_faults(bag: BagFacts) -> Iterator[Breach]:
 
 
 def _find_changing(bag: BagFacts) -> Iterator[Breach]:
-    for parent, child in bag.changing:
+    for parent, child in () if bag.per_frame else bag.changing:
         yield Breach(f'{parent} -> {child} was published with two values', bag.path)
 
 
@@ -114,13 +177,9 @@ def _find_unknown_frames(bag: BagFacts) -> Iterator[Breach]:
 
 
 def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
-    for topic, size in sorted(bag.cameras.items()):
-        namespace = topic.rpartition('/')[0]
-        for image, shape in sorted(bag.images.items()):
-            ours = image.startswith(f'{namespace}/image') and namespace
-            if ours and shape != size:
-                text = f'{topic} is for {size[0]}x{size[1]}, {image} has {shape[0]}x{shape[1]}'
-                yield Breach(text, bag.path)
+    for info, size, image, shape in bag.sizes.differences():
+        text = f'{info} is for {size[0]}x{size[1]}, {image} has {shape[0]}x{shape[1]}'
+        yield Breach(text, bag.path)
 
 
 _BAG = RuleScope.BAG
@@ -180,7 +239,8 @@ BAG_RULES: tuple[Rule[BagFacts], ...] = (
         _WARNING,
         _BAG,
         'Static transforms do not change',
-        'subscribers use the last value: stop one of the publishers',
+        'subscribers use the last value: stop one of two publishers; to-kitti --layout object'
+        ' writes the calibration of each frame',
         _find_changing,
     ),
     Rule(

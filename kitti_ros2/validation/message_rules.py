@@ -34,6 +34,7 @@ from ..model.msgtypes import (
     TWIST,
     VELODYNE,
 )
+from ..rig.stereo import angle_of
 from .rule import Breach, Rule, RuleScope, RuleSeverity
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ _COEFFICIENTS = {
     'fisheye': {0, 4},
 }
 """Numbers of D by distortion model (sensor_msgs/distortion_models.hpp, and OpenCV)."""
+_PARALLEL_RAD = 1e-5
 _NORM_OFF = 0.01  # tf2 refuses quaternions whose squared norm is off by 1 %
 
 
@@ -116,6 +118,19 @@ def _find_distortion(message: CheckedMessage) -> Iterator[Breach]:
         yield Breach(f'{message.topic}: {text}', message.bag)
     elif known is not None and count not in known:
         text = f'D has {count} numbers; {model} has {max(known)}'
+        yield Breach(f'{message.topic}: {text}', message.bag)
+
+
+def _find_idle_rotation(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype != CAMERA_INFO or message.value is None:
+        return
+    try:
+        camera = camera_model(message.value)
+    except ValueError:  # camera-info
+        return
+    if camera.is_as_rectified and angle_of(camera.r) > _PARALLEL_RAD:
+        degrees = np.degrees(angle_of(camera.r))
+        text = f'D is 0 and K is that of P, but R turns by {degrees:.2g} degrees'
         yield Breach(f'{message.topic}: {text}', message.bag)
 
 
@@ -198,6 +213,14 @@ MESSAGE_RULES: tuple[Rule[CheckedMessage], ...] = (
         'D has as many numbers as its distortion model',
         'set distortion_model to that of the calibration: plumb_bob has 5 numbers',
         _find_distortion,
+    ),
+    Rule(
+        'camera-rotation',
+        _WARNING,
+        _BAG,
+        'R of CameraInfo is the identity where D is 0 and K is that of P',
+        'programs that rectify turn such images once more: write R = I; to-kitti turns none',
+        _find_idle_rotation,
     ),
     Rule(
         'cloud-layout',

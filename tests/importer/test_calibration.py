@@ -68,13 +68,28 @@ def pinhole(fx, fy, cx=320.0, cy=240.0):
 
 
 def model(frame='left', p=None, **values) -> CameraModel:
+    """A camera; one with R has a K of its own: with that of P it would be rectified."""
     p = np.column_stack([K, np.zeros(3)]) if p is None else p
-    kept = {'size': SIZE, 'k': p[:, :3], 'd': np.zeros(5), 'r': np.eye(3)} | values
+    k = np.diag([1.1, 1.1, 1.0]) @ p[:, :3] if 'r' in values else p[:, :3]
+    kept = {'size': SIZE, 'k': k, 'd': np.zeros(5), 'r': np.eye(3)} | values
     return CameraModel(frame=frame, p=p, **kept)
 
 
 def right_model(frame, baseline=BASELINE, k=K, **values) -> CameraModel:
     return model(frame, np.column_stack([k, k @ [-baseline, 0, 0]]), **values)
+
+
+def test_a_pinhole_that_is_turned_by_r_is_in_its_rectified_frame():
+    """As bags made from pykitti have it: D = 0, K of P, R_rect in R, and P's column in the tree."""
+    links = [('left', 'lidar', LEFT_T_LIDAR)]
+    camera = displaced('left', 0.06, k=K, r=rotation_from_rpy(0.01, 0.002, -0.01))
+    true = project(np.column_stack([K, np.zeros(3)]), LEFT_T_LIDAR.apply(POINTS))
+    made, notes = make(links, {2: camera})
+    np.testing.assert_allclose(pixels_of(made, 2), true, rtol=1e-9)
+    assert 'D is 0 and K is that of P' in notes[0]
+    np.testing.assert_array_equal(made.r0_rect, camera.r)
+    turned, _ = make(links, {2: replace(camera, turned=True)})
+    assert np.abs(pixels_of(turned, 2) - true).max() > 1
 
 
 def message(**values) -> CameraInfo:

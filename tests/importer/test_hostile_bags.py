@@ -377,13 +377,24 @@ def test_calib_stands_in_for_a_camera_that_was_never_calibrated(tmp_path):
     assert made.read_text() == calib.read_text()
 
 
-def test_a_camera_info_that_changes_is_told(tmp_path):
+@pytest.mark.parametrize(('place', 'frame'), [(12, 6), (13, None)])
+def test_a_camera_info_that_changes_is_of_its_own_frame(tmp_path, place, frame):
+    """The images of this camera come twice as often as frames: that of message 13 has none."""
+
     def zoom(message):
         return replace(message, k=message.k * 2, p=message.p * 2)
 
-    path = hostile(tmp_path, '/cam/left/camera_info', 13, zoom)
+    path = hostile(tmp_path, '/cam/left/camera_info', place, zoom)
     report = convert(path, tmp_path / 'out')
-    assert any('camera_info changes within the bag' in note for note in report.notes)
+    said = any('each frame has the one valid at its stamp' in note for note in report.notes)
+    assert said == (frame is not None)
+    lines = [
+        (tmp_path / f'out/training/calib/{number:06d}.txt').read_text().splitlines()[2]
+        for number in range(foreign.FRAMES)
+    ]
+    assert [number for number, line in enumerate(lines) if line != lines[0]] == (
+        [] if frame is None else [frame]
+    )
 
 
 @pytest.mark.parametrize(

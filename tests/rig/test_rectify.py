@@ -223,20 +223,19 @@ class TestNeedsRectifying:
     @pytest.mark.parametrize('d', [[], [0.0] * 4, [0.0] * 5, np.zeros(8)])
     def test_a_rectified_camera_does_not(self, d):
         p = np.column_stack([K, [-380.0, 0, 0]])
-        assert not needs_rectifying(K, d, np.eye(3), p)
-        assert not needs_rectifying(K.ravel(), d, np.eye(3).ravel(), p.ravel())
+        assert not needs_rectifying(K, d, p)
+        assert not needs_rectifying(K.ravel(), d, p.ravel())
 
     @pytest.mark.parametrize(
-        ('d', 'r', 'p'),
+        ('d', 'p'),
         [
-            ([0, 0, 0, 0, 1e-6], np.eye(3), np.column_stack([K, np.zeros(3)])),
-            ([], rotation_from_rpy(0, 0, 1e-6), np.column_stack([K, np.zeros(3)])),
-            ([], np.eye(3), P),
-            ([], np.eye(3), np.zeros((3, 4))),
+            ([0, 0, 0, 0, 1e-6], np.column_stack([K, np.zeros(3)])),
+            ([], P),
+            ([], np.zeros((3, 4))),
         ],
     )
-    def test_any_other_does(self, d, r, p):
-        assert needs_rectifying(K, d, r, p)
+    def test_any_other_does(self, d, p):
+        assert needs_rectifying(K, d, p)
 
 
 def lens_at(x: float, y: float) -> np.ndarray:

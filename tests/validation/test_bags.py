@@ -32,7 +32,7 @@ from kitti_ros2.messages.ros_types import (
 )
 from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.validation.message_rules import CHECKED_TYPES
 from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
@@ -182,6 +182,8 @@ FAULTS = (
     ('K with NaN', 'camera-info', changed(INFO, lambda m: replace(m, k=m.k * math.nan))),
     ('size of other images', 'camera-size',
      changed(INFO, lambda m: replace(m, width=16, height=12))),
+    ('rectified images with R', 'camera-rotation',
+     changed(INFO, lambda m: replace(m, r=rotation_from_rpy(0, 0, 0.01).ravel()))),
     ('three coefficients', 'camera-distortion', changed(INFO, lambda m: replace(m, d=m.d[:3]))),
     ('unknown distortion model', 'camera-distortion',
      changed(INFO, lambda m: replace(m, distortion_model='plum_bob'))),

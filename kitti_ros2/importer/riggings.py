@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The riggings of a recording whose CameraInfo or static transforms change: one for each state.
+
+What is valid at a frame is the last CameraInfo of each camera and the last static transforms up to
+its images; before the first, the first. Layouts with a calibration a frame are written so; the
+others have one place, which gets the calibration of the first frame.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import Counter
+from dataclasses import replace
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..messages.camera_info import camera_model
+from ..model.errors import KittiRos2Error
+from ..model.geometry import Transform
+from ..model.losses import Loss, format_numbers
+from ..model.stamps import format_stamp
+from ..model.streams import Stream
+from ..rig.tf_tree import differ
+from .apply_calibration import Rigging
+from .plan import TF
+from .planned_topics import topic_of
+from .sync import NONE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration
+    from ..rig.moving_tree import MovingTree
+    from .frames import Frames
+    from .plan import Plan
+    from .survey import Survey
+
+_LATE_NS = 5_000_000
+"""A CameraInfo may be stamped so much later than its image."""
+_SAME = 1e-6
+_MOST_KEPT = 32
+"""Riggings: those that rectify have maps of the size of an image."""
+_State = tuple[int, ...]
+
+
+class Riggings:
+    """The rigging of each frame; thread-safe.
+
+    Args:
+        plan: The plan.
+        survey: Of its bags.
+        frames: Their frames.
+        moving: As of Rigging.
+
+    Raises:
+        KittiRos2Error: As Rigging, for the first frame.
+    """
+
+    def __init__(
+        self, plan: Plan, survey: Survey, frames: Frames, moving: MovingTree | None = None
+    ) -> None:
+        self._plan = plan
+        self._survey = survey
+        self._moving = moving
+        self._series = [
+            *(_contents(plan, survey, name) for name in _info_topics(plan, survey)),
+            *survey.changes.values(),
+        ]
+        self._stamps_ns = [[stamp for stamp, _ in series] for series in self._series]
+        self._places = [_first_places([value for _, value in series]) for series in self._series]
+        self._frames_ns = frames.stamps_ns
+        self._moments_ns = _moments(plan, frames) + _LATE_NS
+        self._made: dict[_State, Rigging] = {}
+        self._notes: dict[str, None] = {}
+        self._lost: Counter[tuple[str, str]] = Counter()
+        self._states: set[_State] = set()
+        self._lock = Lock()
+        self.first = self._rigging(self._state(0))
+
+    def of(self, frame: int) -> Rigging:
+        """Return the rigging of a frame, by its position.
+
+        Raises:
+            ValueError: Its calibration is invalid.
+        """
+        if not self._plan.layout.traits.calibration_per_frame:
+            return self.first
+        with self._lock:
+            try:
+                return self._rigging(self._state(frame))
+            except KittiRos2Error as error:
+                raise ValueError(str(error)) from None
+
+    def _state(self, frame: int) -> _State:
+        """Return the first place of the valid value in each series."""
+        if not len(self._moments_ns):
+            return tuple(0 for _ in self._series)
+        moment_ns = int(self._moments_ns[frame])
+        valid = (max(bisect_right(stamps, moment_ns) - 1, 0) for stamps in self._stamps_ns)
+        return tuple(places[at] for places, at in zip(self._places, valid, strict=True))
+
+    def _rigging(self, state: _State) -> Rigging:
+        known = self._made.pop(state, None)
+        if known is None:
+            known = Rigging(self._plan, self._survey_of(state), self._moving)
+            self._states.add(state)
+        if len(self._made) >= _MOST_KEPT:
+            self._account(self._made.pop(next(iter(self._made))))
+        self._made[state] = known
+        return known
+
+    def _survey_of(self, state: _State) -> Survey:
+        """Return the survey as if nothing changed."""
+        if not self._series:
+            return self._survey
+        topics = dict(self._survey.topics)
+        static = {(parent, child): pose for parent, child, pose in self._survey.static}
+        values = [series[place][1] for place, series in zip(state, self._series, strict=True)]
+        infos = _info_topics(self._plan, self._survey)
+        for name, look in zip(infos, values, strict=False):
+            topics[name] = replace(topics[name], looks=[] if look is None else [look])
+        static.update(zip(self._survey.changes, values[len(infos) :], strict=True))
+        return replace(
+            self._survey, topics=topics, static=[(*link, pose) for link, pose in static.items()]
+        )
+
+    def _account(self, rigging: Rigging) -> None:
+        """Take the notes and losses of a rigging that is not kept."""
+        if rigging is not self.first:
+            self._notes.update(dict.fromkeys(rigging.notes()))
+            self._count(rigging, self._lost)
+
+    def _count(self, rigging: Rigging, counts: Counter[tuple[str, str]]) -> None:
+        for loss in rigging.losses():
+            counts[loss.stream, loss.message] += loss.count
+
+    @property
+    def _kept(self) -> list[Rigging]:
+        return [self.first, *(each for each in self._made.values() if each is not self.first)]
+
+    def notes(self) -> list[str]:
+        """Return the notes of all riggings, each once."""
+        found = [note for rigging in self._kept for note in rigging.notes()]
+        return [*dict.fromkeys([*found, *self._notes]), *self._on_changes()]
+
+    def _on_changes(self) -> Iterator[str]:
+        if self._plan.layout.traits.calibration_per_frame and len(self._states) > 1:
+            yield (
+                f'CameraInfo or static transforms change within the bag: {len(self._states)}'
+                f' calibrations, each frame has the one valid at its stamp'
+            )
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the losses of all riggings, and the frames whose calibration has no place."""
+        counts = self._lost.copy()
+        for rigging in self._kept:
+            self._count(rigging, counts)
+        found = [Loss(stream, count, message) for (stream, message), count in counts.items()]
+        return (*found, *self._without_place())
+
+    def _without_place(self) -> Iterator[Loss]:
+        plan, calibration = self._plan, self.first.calibrations.first
+        if plan.layout.traits.calibration_per_frame or plan.calibration != TF or not self._series:
+            return
+        same: dict[_State, bool] = {}
+        others = []
+        for frame in range(len(self._frames_ns)):
+            state = self._state(frame)
+            if state not in same:
+                same[state] = self._is_same(state, calibration)
+            if not same[state]:
+                others.append(frame)
+        if others:
+            held = [frame for frame in range(len(self._frames_ns)) if frame not in {*others}]
+            since, until = (format_stamp(int(self._frames_ns[held[at]])) for at in (0, -1))
+            yield Loss(
+                Stream.CALIBRATION.value,
+                len(others),
+                f'CameraInfo or static transforms change within the bag: the calibration that is'
+                f' written holds for frames {format_numbers(held)}, {since} to {until} UTC; layout'
+                f' {plan.layout.value} has a place for one (--layout object has one a frame;'
+                f' --start and --end select)',
+                tuple(others),
+            )
+
+    def _is_same(self, state: _State, calibration: Calibration | None) -> bool:
+        try:
+            other = self._rigging(state).calibrations.first
+        except KittiRos2Error:
+            return False
+        if calibration is None or other is None:
+            return calibration is other
+        return all(
+            np.allclose(one, two, rtol=_SAME, atol=_SAME)
+            for one, two in zip(_numbers(calibration), _numbers(other), strict=True)
+        )
+
+
+def _numbers(calibration: Calibration) -> list[Float64Array]:
+    """Return the matrices of a calibration that projections and mounts are made of."""
+    found = [calibration.velo_T_imu.matrix()]
+    if calibration.cam0_T_velo is not None:
+        found.append(calibration.cam0_T_velo.matrix())
+    if calibration.r0_rect is not None:
+        found.append(calibration.r0_rect)
+    for _, camera in sorted(calibration.cameras.items()):
+        found += [camera.p_rect, np.zeros(1) if camera.d is None else camera.d]
+    return found
+
+
+def _first_places(values: Sequence[Any]) -> list[int]:
+    """Return for each value of a series the first place of the same one."""
+    distinct: list[int] = []
+    found = []
+    for place, value in enumerate(values):
+        known = (each for each in distinct[-_MOST_KEPT:] if _is_equal(values[each], value))
+        first = next(known, place)
+        if first == place:
+            distinct.append(place)
+        found.append(first)
+    return found
+
+
+def _is_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - contents of CameraInfo or transforms
+    if isinstance(one, Transform) and isinstance(other, Transform):
+        return not differ(one, other, _SAME)
+    return one is other
+
+
+def _info_topics(plan: Plan, survey: Survey) -> list[str]:
+    """Return the CameraInfo topics of a plan, and the others that change."""
+    planned = {camera.info for camera in plan.cameras.values() if camera.info in survey.topics}
+    return sorted(planned | {name for name, each in survey.topics.items() if each.contents[1:]})
+
+
+def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
+    """Return the contents of a CameraInfo topic, each with the stamp from which it is valid."""
+    topic = survey.topics[name]
+    images = [each.topic for each in plan.cameras.values() if each.info == name]
+    stamps = topic.stamps()[0] + (topic_of(survey, images[0]).offset_ns if images else 0)
+    found = [(int(stamps[place]), look) for place, look in topic.contents if _is_valid(look)]
+    found.sort(key=lambda entry: entry[0])
+    return found or [(0, topic.looks[0] if topic.looks else None)]
+
+
+def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether a CameraInfo is calibrated: drivers begin with zeros."""
+    try:
+        camera_model(info)
+    except (ValueError, AttributeError):
+        return False
+    return True
+
+
+def _moments(plan: Plan, frames: Frames) -> Any:  # noqa: ANN401 - Int64Array
+    """Return (N,) the stamps of the latest image of each frame; its own without any."""
+    latest = np.full(len(frames), np.iinfo(np.int64).min)
+    for index, camera in plan.cameras.items():
+        places = frames.samples.get(Stream(f'image_{index}'))
+        stamps = frames.stamps.get(camera.topic)
+        if places is not None and stamps is not None and len(stamps):
+            there = places != NONE
+            latest[there] = np.maximum(latest[there], stamps[places[there]])
+    return np.where(latest > np.iinfo(np.int64).min, latest, frames.stamps_ns)
