@@ -15,6 +15,7 @@ from enum import Enum
 from itertools import count, pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
@@ -41,6 +42,7 @@ from kitti_ros2.model.streams import Stream
 
 OLD = (3, 7)  # with a hole, and not from 0
 NEW = (8, 9)
+POINT = np.float32([4, 2, -1, 0.5]).tobytes()
 STREAMS = ('velodyne/{:06d}.bin', 'calib/{:06d}.txt')
 APPENDED = (*STREAMS, 'image_3/{:06d}.png')
 
@@ -63,7 +65,7 @@ def build(stage: Path, first: int) -> None:
     for number in numbers:
         for name in APPENDED:
             path = stage / 'training' / name.format(number)
-            STORE.write(path, b'\1' * 16 if path.suffix == '.bin' else f'new {number}\n'.encode())
+            STORE.write(path, POINT if path.suffix == '.bin' else f'new {number}\n'.encode())
     listed = ''.join(f'{number:06d}\n' for number in numbers)
     for name, text in {'train': listed, 'trainval': listed, 'val': '', 'test': ''}.items():
         STORE.write_text(stage / f'ImageSets/{name}.txt', text)
