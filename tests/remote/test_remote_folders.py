@@ -43,4 +43,5 @@ def test_folders_are_listed_once_and_files_read_once(recording_path: Path, tmp_p
     assert CountedStore.requests['info'] < len(url.names)  # of the marks of uploads
     read = [key for key, _ in CountedStore.read]
     twice = {key for key in read if read.count(key) > 1}
-    assert all(key.endswith('0000.png') for key in twice)  # the size in the first image's header
+    # The size in the first image's header, and the columns by the beginning of the first scan.
+    assert all(key.endswith(('0000.png', '0000.bin')) for key in twice)
