@@ -18,10 +18,13 @@ class Decoder:
 
     Args:
         typestore: The types as the bags define them.
+        lent: Whether arrays of large messages may be views of the chunks of the bag; only where
+            all of these are dropped before many more messages are read.
     """
 
-    def __init__(self, typestore: Typestore) -> None:
+    def __init__(self, typestore: Typestore, *, lent: bool = False) -> None:
         self._typestore = typestore
+        self._lent = lent
         self._missing: dict[str, str] = {}
 
     def __call__(self, message: BagMessage, expected: str = '') -> Any:  # noqa: ANN401 - of the bag's types
@@ -45,7 +48,8 @@ class Decoder:
                 f'cannot be decoded (the bag defines {msgtype} without {self._missing[msgtype]},'
                 f' or as another kind of value)'
             )
+        data = message.data if self._lent else bytes(message.data)
         try:
-            return self._typestore.deserialize_cdr(message.data, msgtype)
+            return self._typestore.deserialize_cdr(data, msgtype)
         except Exception as error:  # generated code may raise anything
             raise ValueError(f'cannot be decoded ({error})') from error

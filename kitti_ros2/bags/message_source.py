@@ -21,7 +21,7 @@ from .foxglove_channels import (
     types_of,
     why_unread,
 )
-from .reading import BagMessage, Reading
+from .reading import LENT_FROM, BagMessage, Reading
 from .summary import LAST_NS
 from .time_order import in_time_order
 from .to_cdr import READ, ToCdr, is_stored_as_cdr
@@ -188,6 +188,8 @@ class BagMessages:
             except Exception as error:  # noqa: BLE001 - converters may raise anything
                 self._lose(reading, stamp_ns, error)
                 continue
+            if isinstance(cdr, memoryview) and len(cdr) < LENT_FROM:
+                cdr = bytes(cdr)
             channel = reading.channel
             yield BagMessage(channel.topic, channel.msgtype, min(stamp_ns, self._last_ns), cdr)
 

@@ -77,7 +77,9 @@ def build(
             if target.excerpt is not None:
                 read = target.excerpt.read(messages, survey, frames, frame_topics(plan))
             outcomes = ordered_map(
-                carry_out, builder.jobs(read, Decoder(messages.typestore)), worker_count()
+                carry_out,
+                builder.jobs(read, Decoder(messages.typestore, lent=True)),
+                worker_count(),
             )
             with closing(outcomes):
                 for count, (job, outcome) in enumerate(outcomes, 1):

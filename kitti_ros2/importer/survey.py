@@ -20,11 +20,12 @@ from ..bags.pieces import MessageStart, size_of
 from ..bags.reader import open_messages, opened
 from ..messages.header import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.oxts import has_motion, place_of
+from ..messages.pixels import size_of as image_size
 from ..messages.point_spans import TurnTimes, has_times
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.solid_boxes import boxes_in
 from ..messages.source import CALIBRATION, RECORDING, decode_text
-from ..model.channels import LARGE_TYPES
+from ..model.channels import LARGE_TYPES, PICTURES
 from ..model.msgtypes import (
     CAMERA_INFO,
     CLOUD,
@@ -330,8 +331,11 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
 
 
 def _is_look(topic: TopicSurvey, count: int) -> bool:
-    """Whether the message of a count, from 1, is one to decode."""
-    return not topic.looks or (count.bit_count() == 1 and len(topic.looks) < _LOOKS)
+    """Whether the message of a count, from 1, is one to decode; of images one with a size does."""
+    if not topic.looks:
+        return True
+    due = count.bit_count() == 1 and len(topic.looks) < _LOOKS
+    return due and not (topic.msgtype in PICTURES and any(map(image_size, topic.looks)))
 
 
 def _is_sampled(topic: TopicSurvey) -> bool:

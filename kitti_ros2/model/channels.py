@@ -8,13 +8,10 @@ from dataclasses import dataclass, field
 
 from ..model.msgtypes import CLOUD, COMPRESSED, IMAGE
 
-LARGE_TYPES = frozenset(
-    {
-        COMPRESSED,
-        IMAGE,
-        CLOUD,
-    }
-)
+PICTURES = frozenset({COMPRESSED, IMAGE})
+"""Types of images."""
+
+LARGE_TYPES = PICTURES | {CLOUD}
 """Types of messages of a megabyte and more."""
 
 

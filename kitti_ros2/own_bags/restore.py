@@ -160,7 +160,7 @@ class _Writer:
 
     def files(self) -> Iterator[_File]:
         """Yield the files in the messages, in their order."""
-        decode = Decoder(self._messages.typestore)
+        decode = Decoder(self._messages.typestore, lent=True)
         for message in self._messages:
             row = own_topics()[message.topic]
             try:

@@ -82,7 +82,7 @@ class BagImages:
         self, message: BagMessage, names: Sequence[str], typestore: Typestore
     ) -> list[bytes | ValueError]:
         """Make the CDR of each of the named topics from a message, or the error."""
-        self._decoder = self._decoder or Decoder(typestore)
+        self._decoder = self._decoder or Decoder(typestore, lent=True)
         try:
             image = self._decoder(message)
             pixels = pixels_of(image)

@@ -114,7 +114,7 @@ class _BagPass:
         )
 
     def _read(self, messages: BagMessages, progress: Callable[[int, int], None]) -> None:
-        decode = Decoder(messages.typestore)
+        decode = Decoder(messages.typestore, lent=True)
         has_qos = CONTAINERS[self._bag.located.storage].in_rosbag2
         expected = messages.expected
         for done, message in enumerate(messages, 1):

@@ -7,6 +7,9 @@
 It prints the CPU time of each command for N and for 2 N, above that for none, in seconds.
 Marked are * a time that grows faster, ! one above what docs/reliability.md allows, which does not
 count what frames cost, and ? a command that refuses the input.
+
+Of the kinds named memory it prints the most memory of each command for N and for 4 N frames, in MB.
+Marked are * memory that grows by more than 20 MB, and ?.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(_TESTS)]
 from larger_bags import KINDS, write_larger  # noqa: E402 - after the path
 from larger_sets import enlarge, kinds_of, write_small  # noqa: E402
 from marks import judge  # noqa: E402
+from peaks import PeakCase, peak_cases  # noqa: E402
 
 from kitti_ros2.model.layouts import Layout  # noqa: E402
 
@@ -170,9 +174,8 @@ def main() -> int:
     parser.add_argument('--list', action='store_true', help='print the names')
     parser.add_argument('--shrink', type=int, default=1, help='divide all numbers by it')
     given = parser.parse_args()
-    chosen = [
-        case for case in cases() if not given.kinds or any(k in case.name for k in given.kinds)
-    ]
+    every = [*cases(), *peak_cases()]
+    chosen = [case for case in every if not given.kinds or any(k in case.name for k in given.kinds)]
     if not chosen:
         parser.error('no such kind; see --list')
     if given.list:
@@ -181,7 +184,10 @@ def main() -> int:
     costs: dict[tuple[str, str], float] = {}
     marked = 0
     for case in chosen:
-        line = measure(case, costs, given.shrink)
+        if isinstance(case, PeakCase):
+            line = case.measure(given.shrink)
+        else:
+            line = measure(case, costs, given.shrink)
         marked += '*' in line
         print(line, flush=True)
     return min(marked, 1)

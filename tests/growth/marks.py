@@ -7,6 +7,14 @@ FASTER = 3.0
 SEEN_S = 0.5
 """Below it the difference is noise."""
 
+MOST_GROWTH_MB = 20.0
+"""Above it memory grows with the number of frames."""
+
+
+def judge_peaks(first_mb: float, second_mb: float) -> str:
+    """Return * if a command takes more memory on more frames."""
+    return '*' * (second_mb - first_mb > MOST_GROWTH_MB)
+
 
 def judge(first_s: float, second_s: float, size: int) -> str:
     """Mark what N, and 2 N with so many bytes, cost above none.
