@@ -55,7 +55,12 @@ def make_bag(source, folder, storage='mcap', selection=None, images=Images.COMPR
     return path
 
 
-def rerecord(path, out, late_ns):
+def unchanged(message):
+    """The bytes of a message."""
+    return bytes(message.data)
+
+
+def rerecord(path, out, late_ns, change=unchanged):
     """The bag as a recorder logs it from a player: later, every message with its own header."""
     with open_messages(path) as messages, open_bag(out, BagOptions(), TYPESTORE) as writer:
         ids = {
@@ -65,6 +70,5 @@ def rerecord(path, out, late_ns):
             for topic, msgtype in messages.channels
         }
         for message in messages:
-            data = bytes(message.data)
-            writer.write(ids[message.topic], message.stamp_ns + late_ns, [data])
+            writer.write(ids[message.topic], message.stamp_ns + late_ns, [change(message)])
     return out

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from .plan import CameraPlan, Plan
     from .survey import Survey
 
+_UNIT_FRAME = 'imu_link'
+_AHEAD = 0.7  # cosine: KITTI's unit has the axes of the scanner, but for a degree
+
 
 @dataclass(frozen=True)
 class Calibrations:
@@ -93,7 +96,7 @@ def make_calibrations(
             f' rectify: false, or name a drive that ends in _sync'
         )
     if plan.calibration == SOURCE:
-        return _from_source(plan, survey)
+        return _from_source(plan, survey, tree)
     if plan.calibration != TF:
         given = _from_path(plan.calibration, plan)
         return Calibrations((0,), (given,), given.notes)
@@ -104,7 +107,7 @@ def make_calibrations(
         tree,
         scan_frame,
         cameras,
-        plan.imu_frame or None,
+        plan.imu_frame or _unit_frame(tree, scan_frame),
         rectified=not is_extract(plan),
         straightened=straightened if is_extract(plan) else (),
         others=others,
@@ -112,7 +115,30 @@ def make_calibrations(
     return Calibrations((0,), (calibration,), notes)
 
 
-def _from_source(plan: Plan, survey: Survey) -> Calibrations:
+def _unit_frame(tree: FrameTree, scan_frame: str | None) -> str | None:
+    """Return the frame of a GPS/IMU unit without a topic: imu_link beside the scans, if x is ahead.
+
+    Of several none is known to be that of the unit.
+    """
+    if scan_frame is None:
+        return None
+    found = [each for each in tree.frames if each.rpartition('/')[2] == _UNIT_FRAME]
+    places = {each: place for each in found if (place := tree.find(scan_frame, each)) is not None}
+    near = [each for each, place in places.items() if place.rotation.diagonal().min() > _AHEAD]
+    return near[0] if len(places) == len(near) == 1 else None
+
+
+def _with_unit(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
+    """Return a calibration with the place of the unit in the static transforms if it has none."""
+    frame = None if plan.scan is None else plan.scan.frame
+    unit = _unit_frame(tree, frame) if 'velo_T_imu' in calibration.nominal else None
+    if frame is None or unit is None:
+        return calibration
+    nominal = tuple(part for part in calibration.nominal if part != 'velo_T_imu')
+    return replace(calibration, velo_T_imu=tree.transform(frame, unit), nominal=nominal)
+
+
+def _from_source(plan: Plan, survey: Survey, tree: FrameTree) -> Calibrations:
     """Read the files in a bag written by to-bag: one a frame, one a sequence, or the raw three."""
     if not survey.calibrations:
         raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
@@ -128,6 +154,7 @@ def _from_source(plan: Plan, survey: Survey) -> Calibrations:
         values = [
             parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
         ]
+    values = [_with_unit(each, plan, tree) for each in values]
     for value in values:
         lacking = _lacking(value, plan)
         if lacking:

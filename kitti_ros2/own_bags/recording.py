@@ -36,7 +36,7 @@ from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
 from .places import PlacedMessages, places_of
-from .stamp_numbers import tracklets_of
+from .stamp_numbers import absent_frames, tracklets_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -82,7 +82,8 @@ class BagRecording:
         self.deskew = bag.blueprint.deskew
         self.period_ns = bag.blueprint.period_ns
         self.start: Start | None = None  # poses are in the bag's map as they are
-        self.losses: tuple[Loss, ...] = damage(survey.losses, self.root.name)
+        damaged = damage(survey.losses, self.root.name)
+        self.losses: tuple[Loss, ...] = (*damaged, *absent_frames(bag.blueprint))
         self.notes: tuple[str, ...] = tuple(survey.notes)
         self._survey = survey
         folders = [*self._blueprint.folders.values()]

@@ -15,7 +15,8 @@ from ..kitti import names
 from ..kitti.layout_files import LAYOUTS
 from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..model.errors import BadFileError
-from ..model.streams import Stream
+from ..model.losses import Loss
+from ..model.streams import Clock, Stream
 from .folders import Folder
 
 if TYPE_CHECKING:
@@ -106,6 +107,43 @@ def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, C
                     each.track_id: each for each in boxes[number] if each.track_id is not None
                 }
     return found
+
+
+def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
+    """Return the frames that the recording has no file of, as its folder reports them.
+
+    They are those that the stream's file of stamps lists, or without one those that other streams
+    have. Of a bag of a part of the recording they are those within that part.
+    """
+    folders = blueprint.folders
+    carried = [number for folder in folders.values() for number in folder.carried]
+    if blueprint.times is not None or not carried:
+        return ()
+    partial = any(folder.carried != folder.numbers for folder in folders.values())
+    span = range(min(carried), max(carried) + 1) if partial else None
+    lines = blueprint.layout.traits.line_streams - {Stream.LABELS}
+    common = {n for stream in lines for n in _lines(blueprint, stream)}
+    common.update(*(folder.numbers for folder in folders.values()))
+    losses = []
+    for stream, folder in folders.items():
+        listed = _listed(blueprint, stream)
+        found = sorted((common if listed is None else listed).difference(folder.numbers))
+        absent = tuple(found if span is None else (number for number in found if number in span))
+        if absent and folder.carried:
+            text = f'{folder.path}: no {stream.value} for frames {{}}, which other streams have'
+            if listed is not None:
+                name = blueprint.stamps_path(stream).name
+                text = f'{folder.path}: no file for frames {{}}, which {name} lists'
+            losses.append(Loss(stream.value, len(absent), text, absent))
+    return tuple(losses)
+
+
+def _listed(blueprint: Blueprint, stream: Stream) -> set[int] | None:
+    """Return the numbers that a stream's file of stamps lists; None without the file."""
+    path = blueprint.stamps_path(stream)
+    if blueprint.layout.traits.clock is Clock.NOMINAL or path not in blueprint.texts:
+        return None
+    return {*(blueprint.file_stamps(stream) or ())}
 
 
 def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:

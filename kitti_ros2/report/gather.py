@@ -13,6 +13,7 @@ import numpy as np
 
 from ..bags.open_source import open_source
 from ..bags.reader import OpenBag, bag_stamps
+from ..datasets.route_statistics import RouteTrace
 from ..model.errors import KittiRos2Error
 from ..model.geometry import Transform
 from ..model.losses import format_numbers
@@ -202,6 +203,7 @@ def _look_through(
     stamps: list[int] = []
     poses: list[Pose] = []
     altitude_m = None
+    trace = RouteTrace(source)
     for number in source.numbers.tolist():
         frame = source.frame(number, _TEXT)
         missing.add(frame)
@@ -209,6 +211,7 @@ def _look_through(
         if frame.pose is not None:
             stamps.append(frame.stamp_ns)
             poses.append(frame.pose)
+            trace.add(number, frame.pose)
             if len(poses) == 1:
                 altitude_m = _altitude(source, frame.pose, number)
         steps.step()
@@ -217,10 +220,13 @@ def _look_through(
     steps.step()
     findings += missing.findings()
     classes = tally.statistics()
+    route, driven = route_of(stamps, poses, altitude_m), trace.statistics()
+    if route is not None and driven is not None:  # of the sensor that KITTI's tools count
+        route = replace(route, length_m=driven.length_m)
     return replace(
         report,
         frames=len(source.numbers),
-        route=route_of(stamps, poses, altitude_m),
+        route=route,
         classes=classes if classes.classes or classes.dont_care else None,
         projections=projections,
         scenes=scenes,

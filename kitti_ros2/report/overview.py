@@ -15,6 +15,7 @@ from ..model.streams import Clock
 from ..model.text import format_count
 from ..own_bags.numbering import number_bag
 from ..own_bags.recorded_layout import read_blueprint
+from ..own_bags.stamp_numbers import absent_frames
 from .glances import bag_calibration, calibration_of
 
 if TYPE_CHECKING:
@@ -130,6 +131,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     blueprint, losses = read_blueprint(bag, counts)
     numbered = None
     if blueprint is not None:
+        losses += absent_frames(blueprint)
         numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
     cameras, links, notes = bag_calibration(bag, summary)
     clock = Clock.UTC if numbered is None else numbered.clock

@@ -5,15 +5,23 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from folder_and_bag import rerecord
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.plan import TF as FROM_TF
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.messages.cdr import deserialize, join, serialize
+from kitti_ros2.messages.transforms import decode_static, encode_static
+from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.labels import cuboids_of, rect_from_velo
 from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.msgtypes import TF
+from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.importing import ImportOptions
 from kitti_ros2.options.read import ReadOptions
@@ -95,6 +103,45 @@ def test_each_frame_keeps_the_calibration_of_its_day(recordings, tmp_path):
             assert np.allclose(made.calibration(number).cameras[2].p_rect, expected)
         said = any('the calibration changes 3 times' in note for note in report.notes)
         assert said is (target is Layout.TRACKING)
+
+
+UNIT = Transform(rotation_from_rpy(0.01, -0.02, 0.03), np.array([0.7, -0.2, 0.6]))
+"""velo_link in imu_link of some robot."""
+
+
+@pytest.mark.parametrize(
+    ('imu_t_velo', 'is_taken'),
+    [
+        pytest.param(UNIT, True, id='as the scanner'),
+        pytest.param(
+            UNIT @ Transform(rotation_from_rpy(0, 0, np.pi), np.zeros(3)), False, id='backward'
+        ),
+    ],
+)
+@pytest.mark.parametrize('own', [True, False])
+def test_the_unit_is_where_the_static_transforms_of_an_odometry_bag_have_it(
+    bags, tmp_path, own, imu_t_velo, is_taken
+):
+    def moved(message):
+        if message.topic != '/tf_static':
+            return bytes(message.data)
+        links = [
+            (parent, child, imu_t_velo if (parent, child) == ('imu_link', 'velo_link') else place)
+            for parent, child, place in decode_static(deserialize(message.data, TF))
+        ]
+        return join(serialize(encode_static(links, message.stamp_ns)))
+
+    bag = tmp_path / 'bag.mcap'
+    rerecord(bags[Layout.ODOMETRY], bag, 0, moved)
+    options = ImportOptions(layout=Layout.OBJECT)
+    survey = look([bag])
+    plan = guess([bag], survey, options).plan
+    plan = plan if own else replace(plan, calibration=FROM_TF)
+    report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
+    found = open_recording(tmp_path / 'out').calibration(0).velo_T_imu
+    expected = imu_t_velo.inverse() if is_taken else NOMINAL_VELO_T_IMU
+    np.testing.assert_allclose(found.matrix(), expected.matrix(), atol=1e-9)
+    assert any(note.startswith('velo_T_imu: not in the bag') for note in report.notes) != is_taken
 
 
 def distance(one, other):

@@ -69,6 +69,24 @@ def assert_same_report(there, here):
     assert there.projections == here.projections
 
 
+def absent_in(report):
+    """The frames of which a recording has no file, by stream, as its report names them."""
+    losses = report.overview.losses
+    return {(each.stream, each.numbers, each.text().partition(': ')[2]) for each in losses}
+
+
+def test_a_bag_tells_which_frames_its_folder_has_no_files_of(bag, told):
+    assert absent_in(told)
+    assert absent_in(gather(bag, ANY)) == absent_in(told)
+
+
+def test_a_bag_of_a_part_tells_what_is_absent_from_that_part(holed, told, tmp_path):
+    numbers = [number for _, found, _ in absent_in(told) for number in found]
+    last = SelectionOptions(end=Bound(frame=min(numbers)))
+    found = absent_in(gather(make_bag(holed, tmp_path / 'part', selection=last), ANY))
+    assert {number for _, few, _ in found for number in few} <= {min(numbers)}
+
+
 def assert_same_classes(there, here):
     assert (there is None) == (here is None)
     if here is None:
