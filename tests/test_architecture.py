@@ -34,13 +34,8 @@ _IMPORTS = {
     'own_bags': 'model files options kitti messages bags exporter importer',
     'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
     'player': 'model files options kitti messages bags exporter importer own_bags',
-<<<<<<< HEAD
     'report': 'model options drawing kitti messages bags exporter importer own_bags pictures'
-    ' evaluation',
-=======
-    'report': 'model files options drawing kitti messages bags exporter importer own_bags pictures'
     ' datasets evaluation',
->>>>>>> f834c244 (Report: the length of the route is that of stats, frames without files are named for bags too; the unit of a bag is where its static transforms have it)
     'bridge': 'model options messages player',
     'node': 'model options messages player',
     'rerun_view': 'model drawing messages rig player',

@@ -165,6 +165,7 @@ class _Pass:
 
     def __init__(self, messages: BagMessages) -> None:
         self._decode = Decoder(messages.typestore)
+        self._decode_lent = Decoder(messages.typestore, lent=True)
         self._bodies: dict[str, bytes] = {}
         self._contents: dict[tuple[str, bytes], Any] = {}
         self._known: dict[str, set[tuple[int, int]]] = defaultdict(set)
@@ -254,7 +255,7 @@ class _Pass:
             look = self._decoded(topic, message)
         if look is not None:
             if is_due:
-                topic.looks = [*topic.looks, look][:_LOOKS]
+                _keep(topic, look)
             _count_classes(topic, look)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(look))
         if topic.msgtype == FIX:
@@ -266,7 +267,7 @@ class _Pass:
         """Enter the times of the first and last point of a message; look is it decoded, or None."""
         if topic.name in self._turns and look is None:
             with suppress(ValueError):  # the conversion enters it as a loss
-                look = self._decode(message)
+                look = self._decode_lent(message)
         elif look is not None and has_times(look):
             self._turns.setdefault(topic.name, TurnTimes())
         timed = look is not None and topic.name in self._turns
@@ -331,11 +332,14 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
 
 
 def _is_look(topic: TopicSurvey, count: int) -> bool:
-    """Whether the message of a count, from 1, is one to decode; of images one with a size does."""
-    if not topic.looks:
-        return True
-    due = count.bit_count() == 1 and len(topic.looks) < _LOOKS
-    return due and not (topic.msgtype in PICTURES and any(map(image_size, topic.looks)))
+    """Whether the message of a count, from 1, is one to decode."""
+    return not topic.looks or (count.bit_count() == 1 and len(topic.looks) < _LOOKS)
+
+
+def _keep(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
+    """Keep a decoded message; of images, which are large, those up to the first with a size."""
+    if topic.msgtype not in PICTURES or not any(map(image_size, topic.looks)):
+        topic.looks = [*topic.looks, look][:_LOOKS]
 
 
 def _is_sampled(topic: TopicSurvey) -> bool:

@@ -25,6 +25,7 @@ from kitti_ros2.pictures.facts import facts_of
 from kitti_ros2.pictures.modes import MODES
 from kitti_ros2.pictures.panel import draw_panel
 from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.report.contents import Severity
 from kitti_ros2.report.gather import gather
 
 ANY = ReadOptions()
@@ -177,19 +178,20 @@ def test_predictions_are_drawn_on_the_frame_of_their_number(object_bag, tmp_path
 
 
 def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys):
-    assert main(['view', str(object_bag), '-o', str(tmp_path / 'out'), '--frames', '9:20']) == 0
+    assert main(['view', str(object_bag), '-o', str(tmp_path / 'out'), '--frames', '9:20']) == 1
+    assert 'training/image_2: no image_2 for frames 16, which' in capsys.readouterr().err
     assert sorted(each.name for each in (tmp_path / 'out').iterdir()) == [
         '000010.png', '000015.png', '000016.png'
     ]  # fmt: skip
+    assert main(['view', str(object_bag), '-o', str(tmp_path / 'b.png'), '--frame', '10']) == 0
     assert BY_POSITION not in capsys.readouterr().out
     assert main(['view', str(object_bag), '-o', str(tmp_path / 'a.png'), '--frame', '0']) == 2
     assert 'has no frame 0; it has 5 frames, 8 to 30 with gaps' in capsys.readouterr().err
 
 
-def test_an_object_set_of_several_days_has_no_findings_in_its_bag(object_bag):
+def test_the_days_of_an_object_set_are_no_findings_in_its_bag(object_bag):
     report = gather(object_bag, ANY)
-    assert report.sound
-    assert report.findings == ()
+    assert [(each.severity, each.where) for each in report.findings] == [(Severity.LOSS, 'image_2')]
     assert report.clock is Clock.NOMINAL
     assert [scene.number for scene in report.scenes][:2] == list(OBJECT_NUMBERS[:2])
 
