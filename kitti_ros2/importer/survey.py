@@ -7,6 +7,7 @@ Of large messages only the header is parsed, so the pass is as fast as reading t
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -259,6 +260,7 @@ class _Pass:
             _count_classes(topic, look)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(look))
         if topic.msgtype == FIX:
+            topic.places = topic.places or array('d')
             topic.places.extend(place_of(look))
         elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
             self._enter_turn(topic, message, look)
@@ -271,6 +273,7 @@ class _Pass:
         elif look is not None and has_times(look):
             self._turns.setdefault(topic.name, TurnTimes())
         timed = look is not None and topic.name in self._turns
+        topic.spans_ns = topic.spans_ns or []
         topic.spans_ns.append(self._turns[topic.name].span_ns(look) if timed else None)
 
     def _end_turns(self, topic: TopicSurvey) -> None:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from .survey_types import BOXES
 from .sync import late_ns, unset_stamps, usable_stamps
 
 if TYPE_CHECKING:
+    from array import array
     from collections.abc import Iterator, Mapping
 
     from ..model.geometry import Float64Array
@@ -65,14 +65,14 @@ class TopicSurvey:
     contents: list[tuple[int, Any]] = field(default_factory=list)
     size_bytes: int = 0
     links_ns: list[int] = field(default_factory=list)
-    places: array[float] = field(default_factory=lambda: array('d'))
+    places: array[float] | None = None
     moves: bool = False
     markers_ns: list[int] = field(default_factory=list)
     copies: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
     has_tracks: bool = False
-    spans_ns: list[tuple[int, int] | None] = field(default_factory=list)
+    spans_ns: list[tuple[int, int] | None] | None = None
     by_log: bool = False
     offset_ns: int = 0
     middles_ns: Int64Array | None = None
@@ -93,7 +93,7 @@ class TopicSurvey:
 
         The altitude is NaN where it is not known, and all three without a fix.
         """
-        return np.frombuffer(self.places, np.float64).reshape(-1, 3)
+        return np.array(self.places or (), np.float64).reshape(-1, 3)
 
     @property
     def has_fix(self) -> bool:
@@ -120,7 +120,7 @@ class TopicSurvey:
     @property
     def turn_ns(self) -> tuple[int, int] | None:
         """When the first and the last point were measured, nanoseconds from the stamp: medians."""
-        known = [span for span in self.spans_ns if span is not None]
+        known = [span for span in self.spans_ns or () if span is not None]
         if not known:
             return None
         start, end = (int(each) for each in np.median(np.array(known), axis=0))
@@ -129,7 +129,7 @@ class TopicSurvey:
     def turns_ns(self) -> Int64Array | None:
         """Return (N, 2) the same of each message, the medians of those that do not say."""
         usual = self.turn_ns
-        if usual is None or len(self.spans_ns) != self.count:
+        if usual is None or self.spans_ns is None or len(self.spans_ns) != self.count:
             return None
         return np.array([usual if span is None else span for span in self.spans_ns], np.int64)
 

@@ -235,7 +235,7 @@ def find_numbered(
         elif not name.startswith('.'):
             rest.append(name)
     if rest or frames.stems:
-        beside = bool(usual) and suffixes == (TXT,)
+        beside = bool(usual) and suffixes == (TXT,) and digits != SEQUENCE_DIGITS
         return _find_unusual(entries, suffixes, frames, beside_sequences=beside)
     return NumberedNames(usual, FileNames(digits, suffixes[0]))
 

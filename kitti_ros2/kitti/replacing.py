@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..files.remote import is_remote
@@ -16,8 +16,9 @@ from .layout_files import LAYOUTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
+    from pathlib import PurePath
 
-_ENDINGS = (*names.IMAGE_SUFFIXES, names.BIN, names.TXT, names.LABEL, '.xml')
+_ENDINGS = (names.BIN, names.TXT, names.LABEL, '.xml')
 
 
 def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
@@ -62,12 +63,20 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 
 
 def _is_plain(folder: Path) -> bool:
-    """Whether a folder holds files of KITTI's endings only, and no symbolic links."""
+    """Whether a folder holds files of KITTI's endings at their places only, and no links."""
     if is_remote(folder):
-        return all(name.lower().endswith(_ENDINGS) for name in objects_at(folder))
+        return all(map(_is_of_data_set, map(PurePosixPath, objects_at(folder))))
     for root, folders, files in os.walk(folder):
-        if not all(name.lower().endswith(_ENDINGS) for name in files):
+        if not all(_is_of_data_set(Path(root, name).relative_to(folder)) for name in files):
             return False
         if any(Path(root, name).is_symlink() for name in (*folders, *files)):
             return False
     return True
+
+
+def _is_of_data_set(path: PurePath) -> bool:
+    """Whether a data set has such a file, by its path in the folder; images are a camera's."""
+    suffix = path.suffix.lower()
+    if suffix in names.IMAGE_SUFFIXES:
+        return any(part.startswith('image_') for part in path.parts[:-1])
+    return suffix in _ENDINGS

@@ -47,6 +47,7 @@ _COLUMNS = 4
 _NUMBERS = range(3, 21)
 _LEAST_LABELS = 16
 _FEWEST_VALUES = 128
+_FEWEST_DOUBLES = 32
 
 _LIMITS = (0.25, 1.0, 4.0, 16.0)
 _KINDS = 12  # 5 magnitudes of either sign, zero, NaN
@@ -177,7 +178,7 @@ def _other_format(head: bytes) -> Mismatch | None:
     for start, what, remedy in _STARTS:
         if head.startswith(start):
             return Mismatch(f'it is {what}', remedy or _TO_FLOAT32)
-    if not head.translate(None, _DIGITS):
+    if not head.translate(None, _DIGITS) and head.split()[1:]:
         return Mismatch('it is a text file of numbers', _TO_FLOAT32)
     return None
 
@@ -186,7 +187,8 @@ def _doubles(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
     """Return the mismatch if the values are float64."""
     doubles = [_values(head, np.dtype('<f8')) for head in heads]
     every = np.concatenate(doubles)
-    if not len(every) or any(size % 8 for size in sizes) or _nonsense_share(heads) < _FEW:
+    few = len(every) < _FEWEST_DOUBLES
+    if few or any(size % 8 for size in sizes) or _nonsense_share(heads) < _FEW:
         return None
     magnitude = np.abs(every)
     rows = _rows(doubles, _best(doubles, sizes))
@@ -216,7 +218,7 @@ def _floats(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
     columns = _best(values, sizes)
     if columns != _COLUMNS and _is_proved(values, columns):
         return _of_columns(columns, 'float32')
-    if _nonsense_share(heads) > _SHARE_OF_NONSENSE:
+    if sum(map(len, values)) >= _FEWEST_VALUES and _nonsense_share(heads) > _SHARE_OF_NONSENSE:
         return Mismatch('most values cannot be float32 of a scan', _TO_FLOAT32)
     return None
 

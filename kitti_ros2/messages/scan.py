@@ -179,6 +179,8 @@ def _kinds_of(fields: Sequence[PointField]) -> dict[str, str]:
         own = _KINDS.get(field.name)
         is_own = own is not None and _DATATYPES[own] == field.datatype
         kinds[field.name] = own if own and is_own else _COLUMN_KINDS.get(field.datatype, '<f4')
+    if kinds.get('ring') == _KINDS['ring']:  # lasers and times are no columns of the file
+        kinds.update((name, _KINDS[name]) for name in kinds.keys() & _KINDS.keys() - _OF_LABELS)
     return kinds
 
 
