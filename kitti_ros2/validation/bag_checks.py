@@ -19,7 +19,7 @@ from ..messages.topics import decoders
 from ..model.containers import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.layouts import Layout
-from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, TF_TYPES
+from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, STRING, TF_TYPES
 from ..rig.link_tally import LinkTally
 from ..rig.tf_tree import FrameTree
 from .bag_metadata import find_differences
@@ -171,7 +171,7 @@ class _BagPass:
             found = size_of(value)
             if found is not None:
                 self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), found)
-        elif message.topic == RECORDING:
+        elif message.topic == RECORDING and message.msgtype == STRING:
             with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti says what is wrong
                 described = decoders()[RECORDING](value, Origin(self._bag.path))
                 layout = Layout(described.values['layout'])
