@@ -19,7 +19,7 @@ def topic(name, msgtype, *looks, frame='', count=5):
     stamps = [(index + 1) * 100_000_000 for index in range(count)]
     found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
     if msgtype == types.FIX:
-        found.places.extend((49.0, 8.4, 110.0) * found.count)
+        found.places = array('d', (49.0, 8.4, 110.0) * found.count)
     return found
 
 
