@@ -23,15 +23,15 @@ FRAMES, FACTOR = 100, 4
 
 _API = (
     'import kitti_ros2; recording = kitti_ros2.open({!r}); recording.trajectory();'
-    ' [frame.points for frame in recording]'
+    ' sum(len(frame.points) for frame in recording)'
 )
 _ODOMETRY = 'eval odometry IN IN --topic /kitti/ground_truth/odometry'
 _OF_ALL = ('info IN', 'validate IN', 'report IN -o OUT.html', 'stats IN', 'stats IN --points',
            'view IN -o OUT.png', 'view IN -o OUT.mp4 --mode bev', 'API')  # fmt: skip
-_OF_BAGS = ('to-kitti IN OUT', 'to-kitti IN OUT --layout object', 'recover IN OUT')
+_OF_BAGS = ('to-kitti IN OUT --layout object', 'to-kitti IN OUT --layout raw', 'recover IN OUT')
 _COMMANDS = {
     'folder': (*_OF_ALL, 'to-bag IN OUT', 'crop IN OUT --range 0:50'),
-    'own': (*_OF_ALL, *_OF_BAGS, _ODOMETRY),
+    'own': (*_OF_ALL, 'to-kitti IN OUT', *_OF_BAGS, _ODOMETRY),
     'foreign': (*_OF_ALL, *_OF_BAGS, f'{_ODOMETRY} --gt-topic /kitti/ground_truth/odometry'),
 }
 # Its own memory is counted in that of its child, so it must be small.
