@@ -54,8 +54,9 @@ def run(recordings, monkeypatch):
     """Run a node on the synthetic drive."""
     scored = []
 
-    def score(task, source, bag, _, found):
+    def score(task, source, bag, _, found, align):
         scored.append((task, source, bag, found.topic))
+        assert align == 'first'
         return NoScores()
 
     def run(behaviour, **options):
