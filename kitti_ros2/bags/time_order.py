@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _AHEAD = 4
 _LEAST_FETCHED = 2**16  # handing over a smaller piece costs as much as reading it
-_MOST_FETCHED = 2**23  # bounds the memory of the pieces ahead
+_MOST_FETCHED = 2**23  # bytes of all pieces ahead: they are the larger part of the memory
 
 
 def in_time_order(
@@ -88,7 +88,8 @@ class _Turns:
         """Read the next piece: the number of its file, its position, and its messages."""
         number, piece = self._waiting.popleft()
         ahead = self._ahead.popleft() if self._ahead else None
-        self._most_ahead = min(self._most_ahead + 1, _AHEAD)
+        fitting = max(1, _MOST_FETCHED // max(1, piece.length))
+        self._most_ahead = min(self._most_ahead + 1, _AHEAD, fitting)
         while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
         file, wanted = self._files[number]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,8 +16,7 @@ from .survey_types import BOXES
 from .sync import late_ns, unset_stamps, usable_stamps
 
 if TYPE_CHECKING:
-    from array import array
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
@@ -55,8 +55,8 @@ class TopicSurvey:
 
     name: str
     msgtype: str
-    log_ns: list[int] = field(default_factory=list)
-    header_ns: list[int] = field(default_factory=list)
+    log_ns: array[int] = field(default_factory=lambda: array('q'))
+    header_ns: array[int] = field(default_factory=lambda: array('q'))
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     looks: list[Any] = field(default_factory=list)
     failures: int = 0
@@ -64,10 +64,10 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     contents: list[tuple[int, Any]] = field(default_factory=list)
     size_bytes: int = 0
-    links_ns: list[int] = field(default_factory=list)
+    links_ns: array[int] = field(default_factory=lambda: array('q'))
     places: array[float] | None = None
     moves: bool = False
-    markers_ns: list[int] = field(default_factory=list)
+    markers_ns: array[int] = field(default_factory=lambda: array('q'))
     copies: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
@@ -161,7 +161,7 @@ class TopicSurvey:
 
         Copies are alone: where a recorder writes all messages twice, scans are copied, too.
         """
-        stamps_ns = self.markers_ns
+        stamps_ns: Sequence[int] = self.markers_ns
         if self.msgtype in BOXES:
             alone = {*self.copies, *self.headless}
             stamps_ns = [
