@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from array import array
 from collections import Counter
 from contextlib import suppress
 from operator import itemgetter
@@ -15,8 +16,7 @@ from .pieces import BagFile, FetchedPiece
 from .record_walk import Head
 
 if TYPE_CHECKING:
-    from array import array
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     import numpy as np
     import numpy.typing as npt
@@ -121,11 +121,11 @@ class ChunkedFile(BagFile, Generic[Head]):
         """Close the file."""
         self._file.close()
 
-    def _all_stamps(self) -> list[tuple[int, npt.ArrayLike]]:
+    def _all_stamps(self) -> Iterable[tuple[int, npt.ArrayLike]]:
         """Return the stamps by channel from the file's index, or from a scan if that is damaged."""
-        found: list[tuple[int, npt.ArrayLike]] = []
         if self._stamps is not None:
-            return list(self._stamps.items())
+            return self._stamps.items()
+        joined: dict[int, array[int]] = {}  # thousands of chunks have one or two of a channel
         for number, piece in enumerate(self.pieces):
             if self._file.waits:
                 self._expect_indexes(self.pieces[number : number + _INDEXES_AHEAD])
@@ -134,9 +134,10 @@ class ChunkedFile(BagFile, Generic[Head]):
             except ValueError:
                 stamps = {}
             if piece.counts != {channel_id: len(each) for channel_id, each in stamps.items()}:
-                return list(self._scanned().items())
-            found += stamps.items()
-        return found
+                return self._scanned().items()
+            for channel_id, each in stamps.items():
+                joined.setdefault(channel_id, array('Q')).frombytes(each.astype('u8').tobytes())
+        return joined.items()
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
         """Yield the recoverable messages of a damaged piece in file order; enter the losses."""
