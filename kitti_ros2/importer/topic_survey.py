@@ -64,10 +64,10 @@ class TopicSurvey:
     headless: list[int] = field(default_factory=list)
     contents: list[tuple[int, Any]] = field(default_factory=list)
     size_bytes: int = 0
-    links_ns: array[int] = field(default_factory=lambda: array('q'))
+    links_ns: list[int] = field(default_factory=list)
     places: array[float] | None = None
     moves: bool = False
-    markers_ns: array[int] = field(default_factory=lambda: array('q'))
+    markers_ns: list[int] = field(default_factory=list)
     copies: list[int] = field(default_factory=list)
     forward_ns: Mapping[int, int] = field(default_factory=dict)
     classes: Counter[str] = field(default_factory=Counter)
