@@ -145,10 +145,9 @@ def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, 
     return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
 
-def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, bool, int]:
-    """Rank a NavSatFix: with a fix, not raw, not at 0, 0, of most messages."""
-    placed = any(each.latitude or each.longitude for each in topic.looks)
-    return topic.has_fix, 'raw' not in topic.name, placed, topic.count
+def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Rank a NavSatFix: with a fix, not raw, of most messages."""
+    return topic.has_fix, 'raw' not in topic.name, topic.count
 
 
 def _velocity_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:

@@ -260,10 +260,14 @@ def has_orientation(imu: Imu) -> bool:
 
 
 def has_fix(fix: NavSatFix) -> bool:
-    """Whether a NavSatFix has a position (status below 0 is no fix) within KITTI's limits."""
+    """Whether a NavSatFix has a position (status below 0 is no fix) within KITTI's limits.
+
+    Many receivers say 0, 0 with any status until they have a fix.
+    """
     # Comparisons with NaN are false: a NaN latitude is refused, a NaN altitude accepted.
     on_earth = abs(fix.latitude) <= _MAX_LAT_DEG and abs(fix.longitude) <= _MAX_LON_DEG
-    return bool(fix.status.status >= 0 and on_earth and not abs(fix.altitude) > _MAX_ALT_M)
+    placed = fix.status.status >= 0 and on_earth and (fix.latitude or fix.longitude)
+    return bool(placed and not abs(fix.altitude) > _MAX_ALT_M)
 
 
 def place_of(fix: NavSatFix | None) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from array import array
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from kitti_ros2.importer.guess import guess_plan
 from kitti_ros2.importer.passed_over import passed_over
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
+from kitti_ros2.messages.oxts import place_of
 from kitti_ros2.messages.ros_types import TFMessage
 from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model import msgtypes as types
@@ -211,6 +213,7 @@ def test_a_unit_that_measures_goes_before_one_that_does_not():
     for name, value in (('/a', 0.0), ('/z', 9.8)):
         topics.append(topic(f'{name}/imu', types.IMU, imu_with(value), frame='lidar'))
         topics.append(topic(f'{name}/fix', types.FIX, fix_at(value), frame='lidar'))
+        topics[-1].places = array('d', place_of(fix_at(value)))
     plan = guess(*topics, layout=Layout.RAW).plan
     assert (plan.imu, plan.fix) == ('/z/imu', '/z/fix')
 

@@ -66,7 +66,7 @@ PACKETS = st.builds(
     roll=ANGLES, pitch=st.floats(-1.5, 1.5), yaw=ANGLES,
     ve=SMALL, vn=SMALL, vu=SMALL, ax=SMALL, ay=SMALL, az=SMALL, wx=SMALL, wy=SMALL, wz=SMALL,
     pos_accuracy=st.floats(0, 100), posmode=st.sampled_from((3, 4, 7)),
-)  # fmt: skip
+).filter(lambda each: abs(each.lat) + abs(each.lon) > 1e-3)  # fmt: skip
 
 PACKET = packet(
     lat=49.0, lon=8.4, alt=116.0, roll=0.03, pitch=-0.02, yaw=2.6, vn=-7.0, ve=-11.0, vu=0.1,
@@ -262,6 +262,7 @@ def test_a_velocity_that_is_no_number_is_0():
         {'longitude': -361.0},
         {'altitude': np.inf},
         {'altitude': -1e6},
+        {'latitude': 0.0, 'longitude': 0.0},
     ],
 )
 def test_a_position_that_is_none_makes_no_packet(changes):
