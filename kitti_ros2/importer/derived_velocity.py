@@ -26,7 +26,10 @@ SLOWEST_POSE_M_S = 0.02
 
 _WINDOW_NS = NS_PER_S // 2
 _WINDOW_PERIODS = 1.5
+_WIDENINGS = (1, 2, 4)
 _SIGMAS = 5.0
+_CLEAR_M_S = 0.5
+"""Where scatter looks faster, a wider window tells a slow vehicle from a standing one."""
 _PARABOLA = 2
 _DIFFERENCES = 3
 _EVEN = 1.2
@@ -84,20 +87,26 @@ class DerivedVelocities:
         run = int(np.searchsorted(self._starts, nearest, 'right'))
         begin = int(self._starts[run - 1])
         end = int(self._starts[run]) if run < len(self._starts) else len(stamps)
-        since_ns = stamps[begin:end] - (moment_ns - self._window_ns)
-        first, last = (begin + each for each in _near(since_ns, 2 * self._window_ns))
-        if last - first < _PARABOLA or abs(int(stamps[nearest]) - moment_ns) > self._most_ns:
+        if end - begin < _PARABOLA or abs(int(stamps[nearest]) - moment_ns) > self._most_ns:
             return None
-        seconds = (stamps[first:last] - moment_ns) / NS_PER_S
-        return _slope(seconds, self._places[first:last], self._slowest, self._scatter)
+        seconds = (stamps[begin:end] - moment_ns) / NS_PER_S
+        for times in _WIDENINGS:
+            first, last = _near(seconds, times * self._window_ns / NS_PER_S)
+            places = self._places[begin + first : begin + last]
+            velocity, blur = _slope(seconds[first:last], places, self._scatter)
+            if np.hypot(*velocity[:2]) > max(self._slowest, blur):
+                return velocity
+            if blur <= _CLEAR_M_S:
+                break
+        return np.zeros(3)
 
 
-def _near(since_ns: Int64Array, length_ns: int) -> tuple[int, int]:
-    """Return the first, and the end, of the stamps of a window; at least two where there are."""
-    first, last = np.searchsorted(since_ns, [0, length_ns + 1]).tolist()
+def _near(seconds: Float64Array, window: float) -> tuple[int, int]:
+    """Return the first, and the end, of the times around 0 s; at least two."""
+    first, last = np.searchsorted(seconds, [-window, window + 1e-9]).tolist()
     if last - first < _PARABOLA:
-        first = max(min(first - 1, len(since_ns) - _PARABOLA), 0)
-        last = min(first + _PARABOLA, len(since_ns))
+        first = max(min(first - 1, len(seconds) - _PARABOLA), 0)
+        last = first + _PARABOLA
     return first, last
 
 
@@ -115,9 +124,9 @@ def _scatter_of(places: Float64Array, steps: Int64Array) -> float:
 
 
 def _slope(
-    seconds: Float64Array, places: Float64Array, slowest: float, known_scatter: float
-) -> Float64Array:
-    """Return (3,) the velocity at 0 s; 0 where it is within the scatter of the places."""
+    seconds: Float64Array, places: Float64Array, known_scatter: float
+) -> tuple[Float64Array, float]:
+    """Return (3,) the velocity at 0 s, and the speed up to which it is scatter of the places."""
     degree = min(_PARABOLA, len(seconds) - 1)
     powers = np.vander(seconds, degree + 1, increasing=True)
     middle = places.mean(axis=0)  # maps may be far from their origin
@@ -126,7 +135,4 @@ def _slope(
     rest = places - middle - powers @ parts
     freedom = 2 * max(len(seconds) - degree - 1, 1)
     scatter = max(known_scatter, float(np.sqrt((rest[:, :2] ** 2).sum() / freedom)))
-    sigma = scatter * float(np.linalg.norm(inverse[1]))
-    if np.hypot(*parts[1, :2]) <= max(slowest, _SIGMAS * sigma):
-        return np.zeros(3)
-    return np.asarray(parts[1])
+    return parts[1], _SIGMAS * scatter * float(np.linalg.norm(inverse[1]))

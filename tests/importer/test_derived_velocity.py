@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Velocities from places that scatter: a moving vehicle has one at each moment, a standing none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kitti_ros2.importer.derived_velocity import SLOWEST_FIX_M_S, DerivedVelocities
+
+SECONDS, START_NS = 12, 1_690_000_000_000_000_000
+MOST_NS = 2_500_000_000
+
+
+def velocities(rate_hz, scatter_m, speed):
+    """East and north, each 0.1 s to the last fix, of a vehicle that drives to the east."""
+    times = np.arange(0, SECONDS, 1 / rate_hz)
+    places = np.column_stack([speed * times, 0 * times, 0 * times])
+    places += np.random.default_rng(7).normal(0, scatter_m, places.shape)
+    stamps = START_NS + (times * 1e9).astype(np.int64)
+    made = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
+    moments = range(START_NS, int(stamps[-1]) + 1, 100_000_000)
+    return np.array([made.at(moment)[:2] for moment in moments])
+
+
+@pytest.mark.parametrize(
+    ('rate_hz', 'scatter_m', 'speed', 'off'),
+    [(1, 1.0, 8.0, 4.0), (10, 0.3, 8.0, 2.5), (10, 0.1, 1.5, 0.8), (5, 0.5, 5.0, 2.6)],
+)
+def test_a_vehicle_that_drives_never_stands(rate_hz, scatter_m, speed, off):
+    made = velocities(rate_hz, scatter_m, speed)
+    assert made.any(axis=1).all()
+    assert np.linalg.norm(made - [speed, 0], axis=1).max() < off
+
+
+@pytest.mark.parametrize(('rate_hz', 'scatter_m'), [(1, 1.0), (10, 0.3), (100, 0.1)])
+def test_one_that_stands_has_none(rate_hz, scatter_m):
+    assert not velocities(rate_hz, scatter_m, 0.0).any()
