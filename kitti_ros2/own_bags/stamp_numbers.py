@@ -120,7 +120,7 @@ def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
     if blueprint.times is not None or not carried:
         return ()
     partial = any(folder.carried != folder.numbers for folder in folders.values())
-    span = range(min(carried), max(carried) + 1) if partial else None
+    span = {*range(min(carried), max(carried) + 1)} if partial else None
     lines = blueprint.layout.traits.line_streams - {Stream.LABELS}
     common = {n for stream in lines for n in _lines(blueprint, stream)}
     common.update(*(folder.numbers for folder in folders.values()))
@@ -129,7 +129,9 @@ def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
         listed = _listed(blueprint, stream)
         found = sorted((common if listed is None else listed).difference(folder.numbers))
         absent = tuple(found if span is None else (number for number in found if number in span))
-        if absent and folder.carried:
+        # A stream that has files here, and none in the bag, was not selected.
+        none = listed is not None and not (span or listed).intersection(folder.numbers)
+        if absent and (folder.carried or none):
             text = f'{folder.path}: no {stream.value} for frames {{}}, which other streams have'
             if listed is not None:
                 name = blueprint.stamps_path(stream).name

@@ -88,6 +88,28 @@ def test_a_bag_of_a_part_tells_what_is_absent_from_that_part(holed, told, tmp_pa
     assert {number for _, few, _ in found for number in few} <= {min(numbers)}
 
 
+@pytest.mark.parametrize('leave_folder', [True, False])
+@pytest.mark.parametrize(
+    ('layout', 'gone'),
+    [
+        (Layout.RAW, 'image_03/data'),
+        (Layout.RAW, 'velodyne_points/data'),
+        (Layout.ODOMETRY, 'sequences/00/image_3'),
+        (Layout.ODOMETRY, 'sequences/00/velodyne'),
+    ],
+)
+def test_a_stream_without_any_file_is_absent_from_both(
+    layout, gone, leave_folder, recordings, tmp_path
+):
+    source = make_holes(recordings[layout], layout, tmp_path)
+    data = source / gone
+    shutil.rmtree(data)
+    if leave_folder:
+        data.mkdir()
+    told = absent_in(gather(source, ANY))
+    assert absent_in(gather(make_bag(source, tmp_path / 'bag'), ANY)) == told
+
+
 def assert_same_classes(there, here):
     assert (there is None) == (here is None)
     if here is None:
