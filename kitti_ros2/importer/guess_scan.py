@@ -41,7 +41,7 @@ _LIDAR = re.compile(
 )
 _MAP = re.compile(r'(?:^|[/_])map(?:$|[/_])', re.IGNORECASE)
 _AHEAD = 0.7  # the cosine of 45 degrees
-_SHARED = 0.1  # of the most points that a lidar has in the image
+_SHARED = 0.5  # of the most points that a lidar has in the image
 
 
 def guess_scan(survey: Survey, rig: Sequence[RigCamera], notes: list[str]) -> ScanPlan | None:

@@ -68,6 +68,7 @@ def guessed(path: Path, lidars: dict[str, tuple[np.ndarray, float]], *, joined: 
         ({'lidar_rear': (AHEAD, 900, 180), 'lidar_front': (AHEAD, 60, 0)}, 'lidar_front'),
         ({'lidar_left': (AHEAD, 900, 110), 'lidar_top': (AROUND, 200, 0)}, 'lidar_top'),
         ({'lidar_bumper': (AHEAD, 100, 0), 'lidar_top': (AROUND, 200, 90)}, 'lidar_top'),
+        ({'lidar_side': (AHEAD, 70, 80), 'lidar_front': (AHEAD, 60, 0)}, 'lidar_front'),
         ({'lidar_back': (AHEAD, 100, 180), 'lidar_side': (AHEAD, 70, 120)}, 'lidar_back'),
     ],
 )
