@@ -20,7 +20,7 @@ from .calib_archives import describe_source
 from .calib_file import parse_calibration
 from .names import FRAME_NAMES, TXT, describe_names
 from .recording_poses import RecordingPoses
-from .scan_check import check_scans
+from .scan_check import check_scans, doubt_columns
 from .scan_file import parse_points
 from .store import STORE
 
@@ -133,6 +133,8 @@ class KittiRecording(RecordingPoses):
             self.notes.append(f'{listing.folder}: {columns.describe_skipped()} left out (-)')
         if columns.reflectance is None:
             self.notes.append(f'{listing.folder}: no column of intensity, which is 0 then')
+        doubt = doubt_columns(self, columns, labelled=self.layout.traits.point_labels)
+        self.notes += [doubt] if doubt else []
 
     def read(self, stream: Stream, number: int) -> Sample:
         """Read the sample of a stream with a file number; see model.recording."""

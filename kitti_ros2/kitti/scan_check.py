@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from ..model.scan_columns import ScanColumns
     from .recording_index import RecordingIndex
 
     Values = npt.NDArray[np.floating[Any]]
@@ -44,7 +45,7 @@ HEAD_BYTES = 1 << 16
 _ENOUGH_BYTES = 1 << 13
 _MOST_SCANS = 8  # small ones, until there is enough
 _COLUMNS = 4
-_NUMBERS = range(3, 21)
+_NUMBERS = range(3, 33)
 _LEAST_LABELS = 16
 _FEWEST_VALUES = 128
 _FEWEST_DOUBLES = 32
@@ -62,6 +63,7 @@ _NEAR_M = 1.0
 _FEW = 0.02
 _MOST = 0.98
 _SHARE_OF_NONSENSE = 0.25
+_MOST_OF_A_COLUMN = 0.9
 
 _STARTS = (
     (b'version https://git-lfs', 'a pointer of Git LFS', 'fetch the file itself: git lfs pull'),
@@ -87,20 +89,36 @@ class Mismatch(NamedTuple):
     Attributes:
         found: A sentence without its subject.
         remedy: What to do.
+        point_bytes: Bytes of a point, 0 if points are not bare; None if it is not known.
     """
 
     found: str
     remedy: str
+    point_bytes: int | None = None
 
 
 def check_scans(recording: RecordingIndex, *, labelled: bool) -> BadFileError | None:
-    """Return the error if the scans of a recording are not KITTI's; only first bytes are read.
+    """Return the error if the scans of a recording are not KITTI's, and no columns are given."""
+    found = None if recording.options.columns else _find_in(recording, labelled=labelled)
+    return None if found is None else mismatch_error(*found)
+
+
+def doubt_columns(recording: RecordingIndex, columns: ScanColumns, *, labelled: bool) -> str | None:
+    """Return the note that the given columns are not those of the scans; None if they may be."""
+    path, found = _find_in(recording, labelled=labelled) or (None, None)
+    if found is None or found.point_bytes in {None, columns.point_bytes}:
+        return None
+    return f'{path}: {found.found}, not those of --columns; check what is read'
+
+
+def _find_in(recording: RecordingIndex, *, labelled: bool) -> tuple[Path, Mismatch] | None:
+    """Return a scan of a recording and what it is, if not KITTI's; only first bytes are read.
 
     One other scan must agree, as a single file may be damaged. If it is labelled, SemanticKITTI's
     labels beside the first scan count its points.
     """
     listing = recording.listings.get(Stream.SCAN)
-    if listing is None or recording.options.columns is not None:
+    if listing is None:
         return None
     paths = [listing.path(number) for number in listing.numbers.tolist()]
     paths = [path for path in paths if path.suffix.lower() != names.TXT]
@@ -112,10 +130,10 @@ def check_scans(recording: RecordingIndex, *, labelled: bool) -> BadFileError | 
     others, _ = _first_heads(paths[len(paths) // 2 :][:1]) if len(paths) > len(used) else ([], [])
     if others and find_mismatch(others) is None:
         return None
-    return mismatch_error(used[0], found)
+    return used[0], found
 
 
-def mismatch_error(path: Path, found: Mismatch) -> BadFileError:
+def mismatch_error(path: Path | str, found: Mismatch) -> BadFileError:
     """Return the error of a scan."""
     return BadFileError(path, found.found, _EXPECTED, remedy=found.remedy)
 
@@ -174,12 +192,12 @@ def _other_format(head: bytes) -> Mismatch | None:
     if head.startswith(_NUMPY):
         match = _NUMPY_HEADER.search(head[:256])
         shape = f' of {match[1].decode()} ({match[2].decode()})' if match else ''
-        return Mismatch(f'it is a NumPy file (.npy){shape}', _TO_FLOAT32)
+        return Mismatch(f'it is a NumPy file (.npy){shape}', _TO_FLOAT32, 0)
     for start, what, remedy in _STARTS:
         if head.startswith(start):
-            return Mismatch(f'it is {what}', remedy or _TO_FLOAT32)
+            return Mismatch(f'it is {what}', remedy or _TO_FLOAT32, 0)
     if not head.translate(None, _DIGITS) and head.split()[1:]:
-        return Mismatch('it is a text file of numbers', _TO_FLOAT32)
+        return Mismatch('it is a text file of numbers', _TO_FLOAT32, 0)
     return None
 
 
@@ -218,19 +236,27 @@ def _floats(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
     columns = _best(values, sizes)
     if columns != _COLUMNS and _is_proved(values, columns):
         return _of_columns(columns, 'float32')
-    if sum(map(len, values)) >= _FEWEST_VALUES and _nonsense_share(heads) > _SHARE_OF_NONSENSE:
+    if sum(map(len, values)) < _FEWEST_VALUES:
+        return None
+    if _nonsense_share(heads) > _SHARE_OF_NONSENSE:
         return Mismatch('most values cannot be float32 of a scan', _TO_FLOAT32)
+    fourth = np.concatenate([row[:, 3] for row in _rows(values, _COLUMNS)])
+    wrong = _is_nonsense(fourth)
+    if wrong.mean() > _MOST_OF_A_COLUMN:
+        found = f'the fourth value of most points is no reflectance, such as {fourth[wrong][0]:g}'
+        return Mismatch(found, "leave it out: --columns 'x y z -'; a name in place of - keeps it")
     return None
 
 
 def _of_columns(columns: int, kind: str) -> Mismatch:
-    suffix = ':f8' if kind == 'float64' else ''
+    suffix, width = (':f8', 8) if kind == 'float64' else ('', 4)
     known = KITTI_COLUMNS.names[:columns]
     text = ' '.join(f'{name}{suffix}' for name in (*known, *['-'] * (columns - len(known))))
     keeps = '; a name in place of - keeps a column' if columns > _COLUMNS else ''
     return Mismatch(
         f'size and values are those of {columns} {kind} a point',
         f"read them with --columns '{text}'{keeps}",
+        columns * width,
     )
 
 
@@ -240,12 +266,19 @@ def _values(head: bytes, kind: np.dtype) -> Values:
 
 
 def _nonsense_share(heads: Sequence[bytes]) -> float:
-    """Return the share of float32 that are no coordinate: tiny, huge, or NaN of odd bits."""
-    bits = np.concatenate([_values(head, np.dtype('<u4')) for head in heads]) & 0x7FFFFFFF
+    wrong = _is_nonsense(np.concatenate([_values(head, np.dtype('<f4')) for head in heads]))
+    return float(wrong.mean()) if len(wrong) else 0.0
+
+
+def _is_nonsense(values: Values) -> npt.NDArray[np.bool_]:
+    """Return which float32 are no coordinate: tiny, above 2^24, or NaN of odd bits."""
+    bits = values.view('<u4') & 0x7FFFFFFF
     exponent, mantissa = bits >> 23, bits & 0x7FFFFF
     odd_nan = (exponent == 255) & (mantissa != 0) & (mantissa != 0x400000)
-    wrong = odd_nan | ((exponent > 143) & (exponent < 255)) | ((exponent < 107) & (bits != 0))
-    return float(wrong.mean()) if len(wrong) else 0.0
+    wrong: npt.NDArray[np.bool_] = (
+        odd_nan | ((exponent > 150) & (exponent < 255)) | ((exponent < 107) & (bits != 0))
+    )
+    return wrong
 
 
 def _best(values: Sequence[Values], sizes: Sequence[int]) -> int:
@@ -290,10 +323,15 @@ def _rows(values: Sequence[Values], columns: int) -> list[Values]:
 
 
 def _is_proved(values: Sequence[Values], columns: int) -> bool:
-    """Whether nothing speaks for 4 columns, and x y z of the others are lengths."""
+    """Whether nothing speaks for 4 columns, and x y z of the others are lengths.
+
+    Two points of 18 bytes, as of the fields x y z intensity ring, have the size of 9 columns.
+    """
     reflectance = np.concatenate([row[:, 3] for row in _rows(values, _COLUMNS)])
     rows = np.concatenate(_rows(values, columns))
     if not len(rows) or (np.abs(rows[:, :3]) < _FARTHEST_M).mean() < _MOST:
+        return False
+    if (_is_nonsense(rows).mean(axis=0) > _SHARE_OF_NONSENSE).mean() > 1 / 2:
         return False
     if columns % _COLUMNS:
         return not bool(((reflectance >= 0) & (reflectance <= 1)).all())
@@ -304,13 +342,28 @@ def _is_proved(values: Sequence[Values], columns: int) -> bool:
 
 
 def _is_other(group: Values, points: Values) -> bool:
-    """Whether columns are no points of the scanner of others: seen elsewhere, small, or whole."""
+    """Whether columns are no points of the scanner of others: seen elsewhere, small, or whole.
+
+    Lasers that look into the sky have zeros or NaN for points: those tell nothing, unless all are.
+    """
+    seen = _is_seen(group)
+    if not seen.any():
+        return True
+    seen &= _is_seen(points)
+    group, points = group[seen], points[seen]
+    if not len(points):
+        return False
     apart = float(np.hypot(*(_mean_direction(group) - _mean_direction(points))))
     if apart > _OTHER_DIRECTION + 2 / np.sqrt(len(points)):
         return True
     return any(
         share(group) > _MOST and share(points) < 1 / 2 for share in (_share_near, _share_whole)
     )
+
+
+def _is_seen(points: Values) -> npt.NDArray[np.bool_]:
+    seen: npt.NDArray[np.bool_] = (points != 0).any(axis=1) & np.isfinite(points).all(axis=1)
+    return seen
 
 
 def _share_near(points: Values) -> float:

@@ -76,6 +76,7 @@ OTHERS = {
         )
     ],
     '12 float32': [lambda rng, n: with_columns(street(rng, n), *rng.random((8, n)))],
+    '24 float32': [lambda rng, n: with_columns(street(rng, n), *rng.dirichlet([0.3] * 20, n).T)],
     '3 float64': [lambda rng, n: street(rng, n)[:, :3].astype('<f8')],
     '4 float64': [
         lambda rng, n: street(rng, n).astype('<f8'),
@@ -156,6 +157,47 @@ def test_lasers_in_turn_are_no_columns(lasers):
         points = np.stack([*place, z, values], -1).reshape(-1, 4).astype('<f4')
         for start in (0, 1, 1500):
             assert look(points[start:]) is None
+
+
+@pytest.mark.parametrize('missing', [0, np.nan])
+@pytest.mark.parametrize('share', [0.7, 0.9, 0.99])
+@pytest.mark.parametrize('upper', [0, 1])
+def test_lasers_that_look_into_the_sky_are_no_columns(missing, share, upper):
+    """Of a scanner that fires high and low lasers in turn, with a row for each shot."""
+    rng = np.random.default_rng(0)
+    azimuth, sky = np.radians(np.arange(0, 360, 0.2))[:, None], np.arange(16) % 2 == upper
+    elevation = np.radians(np.where(sky, 1, -1) * np.arange(1, 17))
+    distance = np.where(sky, 20, 1.8 / np.sin(np.abs(elevation))) * rng.uniform(0.9, 1, (1800, 1))
+    place = [distance * np.cos(azimuth), distance * np.sin(azimuth), distance * np.tan(elevation)]
+    points = np.stack([*place, rng.integers(0, 255, place[0].shape)], -1).astype('<f4')
+    points[sky & (rng.random((1800, 16)) < share)] = missing
+    assert look(points.reshape(-1, 4)) is None
+
+
+def test_coordinates_of_a_map_are_left_alone():
+    rng = np.random.default_rng(0)
+    points = street(rng, 4000) + np.float32([4.5e5, 5.4e6, 110, 0])
+    assert look(points.astype('<f4')) is None
+
+
+@pytest.mark.parametrize('fields', [{'ring': '<u2'}, {'ring': '<u2', 'time': '<f4'}])
+def test_records_of_other_types_are_no_columns(fields):
+    """Every second point would be read: those of NumPy's records of 18 and 22 bytes."""
+    rng = np.random.default_rng(0)
+    records = np.zeros(4000, [*((name, '<f4') for name in 'xyzi'), *fields.items()])
+    for name, values in zip('xyzi', street(rng, 4000, 255).T, strict=True):
+        records[name] = values
+    records['ring'] = rng.integers(0, 64, 4000)
+    assert 'cannot be float32' in look(records).found
+
+
+def test_a_fourth_column_that_is_no_reflectance_is_named():
+    """Such as colours packed into a float, or times."""
+    rng = np.random.default_rng(0)
+    points = street(rng, 4000)
+    for fourth in (rng.integers(0, 1 << 24, 4000).astype('<u4').view('<f4'), 1.6e9):
+        points[:, 3] = fourth
+        assert 'fourth value of most points is no reflectance' in look(points).found
 
 
 def test_what_cannot_be_known_is_left_alone():
