@@ -179,3 +179,50 @@ def test_a_cut_scan_is_measured_by_its_columns(waymo, tmp_path, capfd):
 def test_a_column_named_as_a_field_of_the_cloud_is_refused():
     with pytest.raises(KittiRos2Error, match='points xyzirt has a field ring of its own'):
         make_settings({'points': 'xyzirt', 'columns': 'x y z intensity ring'})
+
+
+@pytest.mark.parametrize('columns', ['x y z', 'x y z intensity', DOUBLES])
+def test_columns_that_others_explain_better_are_doubted(waymo, tmp_path, columns, capfd):
+    """The sizes of the files fit: each point would become two, or a part of one."""
+    for path in waymo.rglob('*.bin'):
+        data = path.read_bytes()
+        path.write_bytes(data[: len(data) // 96 * 96])
+    main(['to-bag', str(waymo), str(tmp_path / 'bag'), '--columns', columns])
+    said = capfd.readouterr()
+    assert 'those of 6 float32 a point, not those of --columns' in said.out + said.err
+    assert not [n for n in kitti_ros2.open(waymo, columns=WAYMO).notes if '--columns' in n]
+
+
+def test_columns_do_not_make_points_of_a_header(waymo):
+    for path in waymo.rglob('*.bin'):
+        with path.open('wb') as file:
+            np.save(file, np.zeros((40, 4), '<f4'))
+    notes = kitti_ros2.open(waymo, columns='x y z intensity').notes
+    assert any('NumPy file (.npy) of f4 (40, 4), not those of --columns' in note for note in notes)
+
+
+@pytest.fixture
+def odd(recordings, tmp_path):
+    """A set whose last scan has five columns."""
+    root = tmp_path / 'in'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    path = max(root.rglob('*.bin'))
+    points = np.fromfile(path, '<f4').reshape(-1, 4)
+    rings = np.arange(len(points), dtype='<f4')[:, None] % 64
+    return path, np.concatenate([points, rings], 1)
+
+
+def test_an_odd_scan_that_looks_cut_is_named(odd, tmp_path, capfd):
+    path, points = odd
+    points[: len(points) // 4 * 4 - 1].tofile(path)
+    assert main(['to-bag', str(tmp_path / 'in'), str(tmp_path / 'bag')]) == 1
+    said = capfd.readouterr().err
+    assert f'{path.name}: size and values are those of 5 float32 a point' in said
+    assert 'copy the file again' not in said
+
+
+def test_validate_names_an_odd_scan(odd, tmp_path, capfd):
+    path, points = odd
+    points[: len(points) // 4 * 4].tofile(path)
+    main(['validate', str(tmp_path / 'in')])
+    assert f'{path.name}: size and values are those of 5 float32 a point' in capfd.readouterr().out

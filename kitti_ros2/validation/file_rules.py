@@ -79,7 +79,7 @@ def _is_empty(file: DataFile) -> bool:
 
 
 def _is_cut(file: DataFile) -> bool:
-    return file.path.suffix == names.BIN and file.size % file.point_bytes != 0
+    return file.path.suffix.lower() == names.BIN and file.size % file.point_bytes != 0
 
 
 def _find_unreadable(file: DataFile) -> Iterator[Breach]:

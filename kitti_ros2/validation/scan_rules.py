@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..kitti.scan_check import HEAD_BYTES, find_mismatch
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _FARTHEST_M = 250.0
 _NOT_METRES = 10_000.0
 _COLUMNS = 4
+_LOOKED_AT = HEAD_BYTES // 16
 _FOLDED = 4096
 """Values that are reduced side by side: numpy reduces columns of four ten times slower."""
 
@@ -92,7 +94,9 @@ def _find_constant(scan: ScanFile) -> Iterator[Breach]:
 def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
     low, high = (ends[3] for ends in scan.bounds)
     if low < 0 or 1 < high < _NOT_METRES:
-        yield Breach(f'reflectances from {low:g} to {high:g}', scan.path)
+        found = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
+        text = found.found if found else f'reflectances from {low:g} to {high:g}'
+        yield Breach(text, scan.path)
 
 
 def _find_point_labels(scan: ScanFile) -> Iterator[Breach]:
@@ -132,7 +136,7 @@ SCAN_RULES: tuple[Rule[ScanFile], ...] = (
         RuleSeverity.WARNING,
         _FILE,
         'Reflectances are 0 to 1',
-        'divide intensities by their full scale, such as 255',
+        'divide intensities by their full scale, such as 255; check the columns of the scan',
         _find_reflectance,
     ),
     Rule(
