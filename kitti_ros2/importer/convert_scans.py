@@ -72,6 +72,7 @@ class ScanConversion:
         self._lock = Lock()
         self._point_labels = point_labels
         self._unplaced = 0  # scans whose labels have no file
+        self._unlabelled = 0  # scans without labels
         self._classes = np.zeros(1 << 16, np.bool_)  # of points, those seen
         self._notes: list[str] = []
         self._turns: Int64Array | None = None  # (N, 2) of each message, from its stamp
@@ -126,7 +127,11 @@ class ScanConversion:
         if found.lost:
             with self._lock:
                 self._lost.update(found.lost)
-        points, dropped, labels = found.points, Counter(found.dropped), self._labels(found.labels)
+        points, dropped, labels = (
+            found.points,
+            Counter(found.dropped),
+            self._labels(found.labels, len(found.points)),
+        )
         if self._plan is not None and self._plan.unit_m != 1:
             points = points * np.array([*[self._plan.unit_m] * 3, 1], np.float32)
         if velo_t_cloud is not None:
@@ -142,9 +147,13 @@ class ScanConversion:
         start_ns, end_ns = self._turns[place].tolist()
         return Scan(points, stamp_ns + start_ns, stamp_ns + end_ns, labels), dropped
 
-    def _labels(self, labels: npt.NDArray[np.uint32] | None) -> npt.NDArray[np.uint32] | None:
-        """Return the labels that are written of those of a message, and count the others."""
+    def _labels(
+        self, labels: npt.NDArray[np.uint32] | None, count: int
+    ) -> npt.NDArray[np.uint32] | None:
+        """Return the labels that are written of those of a message's points, and count the others."""
         if labels is None:
+            with self._lock:
+                self._unlabelled += count > 0
             return None
         seen = np.bincount(labels & np.uint32(0xFFFF), minlength=len(self._classes)) > 0
         with self._lock:
@@ -180,6 +189,8 @@ class ScanConversion:
         lost = dict(self._lost)
         if self._unplaced:
             lost['labels of points, for which layout odometry alone has files'] = self._unplaced
+        if self._unlabelled and self._classes.any():
+            lost['no labels of points, which other clouds have'] = self._unlabelled
         return tuple(Loss(topic, count, f'{topic}: {reason}') for reason, count in lost.items())
 
 

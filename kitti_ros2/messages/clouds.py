@@ -42,15 +42,16 @@ _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
 _RANGE = 'range'
 _LEAST_AT_ONE_PLACE = 2
-_CLASSES = frozenset({
+_CLASSES = (
     'label', 'labels', 'labelid', 'pointlabel', 'class', 'classid', 'classlabel', 'category',
     'categoryid', 'semantic', 'semanticid', 'semanticlabel', 'semanticclass', 'semlabel',
     'semclass', 'objtag',
-})  # fmt: skip
-_INSTANCES = frozenset({
+)  # fmt: skip
+_INSTANCES = (
     'instance', 'instances', 'instanceid', 'instancelabel', 'inst', 'instid', 'objectid', 'objid',
     'objidx',
-})  # fmt: skip
+)  # fmt: skip
+"""Fields with labels of points, SemanticKITTI's own names before others."""
 _MOST_LABEL = 0xFFFF
 _NO_LABEL = -1  # of programs in which 0 is a class or an instance
 NOT_FINITE = 'x y z not finite'
@@ -296,7 +297,7 @@ def label_fields(message: PointCloud2) -> tuple[str, ...]:
     """
     names = {field.name.lower().replace('_', ''): field.name for field in reversed(message.fields)}
     found = [
-        next((own for name, own in names.items() if name in known), '')
+        next((names[name] for name in known if name in names), '')
         for known in (_CLASSES, _INSTANCES)
     ]
     return tuple(filter(None, found)) if found[0] else ()

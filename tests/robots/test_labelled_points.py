@@ -183,3 +183,21 @@ def test_the_layout_that_has_files_for_them_is_preferred(tmp_path):
         outlook = make_outlook([opened], ImportOptions(), any_layout=True)
     assert outlook.plan.layout is Layout.ODOMETRY
     assert outlook.reason == 'the points have labels'
+
+
+def test_clouds_without_the_labels_of_others_are_a_loss(tmp_path, capsys):
+    """Loaders of SemanticKITTI pair the sorted files."""
+
+    def make(number: int) -> np.ndarray:
+        return points_of(number, *([('label', '<u2', classes)] if number % 2 else []))
+
+    bag = base.write_clouds(tmp_path / 'bag', make)
+    assert convert(bag, tmp_path / 'out', 'odometry') == 1
+    assert 'no labels of points, which other clouds have' in capsys.readouterr().err
+
+
+def test_semantickitti_s_own_names_go_before_others(tmp_path):
+    fields = ('label', '<u2', classes), ('class_id', '<u2', 7), ('semantic', '<u2', 9)
+    bag = base.write_clouds(tmp_path / 'bag', lambda number: points_of(number, *fields))
+    assert convert(bag, tmp_path / 'out', 'odometry') == 0
+    assert set(np.concatenate(labels_of(tmp_path / 'out')).tolist()) == {0, 10, 40, 50, 252}
