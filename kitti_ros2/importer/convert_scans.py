@@ -127,11 +127,8 @@ class ScanConversion:
         if found.lost:
             with self._lock:
                 self._lost.update(found.lost)
-        points, dropped, labels = (
-            found.points,
-            Counter(found.dropped),
-            self._labels(found.labels, len(found.points)),
-        )
+        points, dropped = found.points, Counter(found.dropped)
+        labels = self._labels(found.labels, len(points))
         if self._plan is not None and self._plan.unit_m != 1:
             points = points * np.array([*[self._plan.unit_m] * 3, 1], np.float32)
         if velo_t_cloud is not None:
@@ -150,7 +147,7 @@ class ScanConversion:
     def _labels(
         self, labels: npt.NDArray[np.uint32] | None, count: int
     ) -> npt.NDArray[np.uint32] | None:
-        """Return the labels that are written of those of a message's points, and count the others."""
+        """Return the labels that are written of those of a message, and count the others."""
         if labels is None:
             with self._lock:
                 self._unlabelled += count > 0
