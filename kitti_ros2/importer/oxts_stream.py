@@ -137,7 +137,7 @@ class PacketMaker:
                 self._frames_of.setdefault(part, []).append(frame)
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
-        self._levelled = False
+        self._lying: list[int] = []
         self._checks = UnitChecks()
 
     def _find_velocities(
@@ -215,9 +215,20 @@ class PacketMaker:
             )
         if self._lacking and not self._gapless:
             told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
-        attitude = self._topics['imu'] if self._unit.poses is None and not self._levelled else ''
+        if self._lying:
+            told.append(self._without_orientation())
+        attitude = self._topics['imu'] if self._unit.poses is None and not self._lying else ''
         told += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
         return [*self._notes, *told]
+
+    def _without_orientation(self) -> str:
+        """Return the note on packets whose Imu has no orientation, by frames unless all are."""
+        packets = sum(parts is not None for parts in self._wanted)
+        some = len(self._lying) < packets
+        where = f' near frames {format_numbers(sorted(self._lying))}, where' if some else ';'
+        fix = self._topics['fix']
+        places = f', and the places those of {fix}' if fix else ''
+        return f'{self._topics["imu"]}: no orientation{where} roll, pitch and yaw are 0{places}'
 
     def _metres(self, topic: str) -> str:
         """Return how far the places of fixes were carried on."""
@@ -344,13 +355,8 @@ class PacketMaker:
             for topic, between in zip(self._topics.values(), _BETWEEN, strict=True)
         )
         pose = None if self._unit.poses is None else self._unit.poses[frame]
-        lying = imu is not None and pose is None and not has_orientation(imu)
-        if lying and not self._levelled:
-            self._levelled = True
-            places = f', and the places those of {self._topics["fix"]}' if fix else ''
-            self._notes.append(
-                f'{self._topics["imu"]}: no orientation; roll, pitch and yaw are 0{places}'
-            )
+        if imu is not None and pose is None and not has_orientation(imu):
+            self._lying.append(frame)
         packet = make_packet(
             imu,
             fix,

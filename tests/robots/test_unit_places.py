@@ -363,6 +363,20 @@ def test_velocities_that_stop_go_on_by_the_places(tmp_path):
     assert note.startswith('oxts: the velocities of 29 packets')
 
 
+@pytest.mark.parametrize(('known_s', 'where'), [(0.4, ' near frames 0-3, where'), (99, ';')])
+def test_an_orientation_that_comes_late_is_said_by_its_frames(known_s, where, tmp_path):
+    def late(stamp_ns):
+        said = imu(stamp_ns)
+        if since(stamp_ns) < known_s:
+            said.values['orientation'] = dict.fromkeys('xyzw', 0.0)
+        return said
+
+    notes, _, packets = convert(tmp_path, every(50, fix), every(10, late))
+    told = f'/imu: no orientation{where} roll, pitch and yaw are 0, and the places those of /fix'
+    assert told in notes
+    assert sum(each.yaw == 0 for each in packets.values()) == (4 if known_s < 1 else len(packets))
+
+
 def test_an_imu_alone_has_no_velocity(tmp_path):
     notes, _, packets = convert(tmp_path, every(10, imu))
     assert all(each.ve == each.vn == 0 for each in packets.values())
