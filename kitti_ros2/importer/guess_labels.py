@@ -15,7 +15,7 @@ from ..messages.solid_boxes import boxes_in
 from ..messages.source import LABEL_LINES
 from ..messages.topics import own_topics, prediction_topics
 from ..model import msgtypes as types
-from ..model.class_names import kitti_class
+from ..model.class_names import OTHERS, kitti_class
 from .guess_cameras import main_camera
 from .guess_names import is_truth
 from .label_classes import default_classes, is_own, others_note, others_of
@@ -74,6 +74,12 @@ def guess_labels(
         nearest = max(flat, key=lambda each: _rank(each, {}, tracks=False))
         notes += pass_over('2D boxes of labels', nearest, flat)
         boxes_2d = nearest.name
+    sane, _, boxes = _plausible(best)
+    if boxes and not sane:
+        notes.append(
+            f'labels: most boxes of {best.name} are smaller than {_LEAST_M} m, or larger than what'
+            f' drives or walks; are they metres, and objects?'
+        )
     plan = LabelPlan(best.name, main_camera(cameras), boxes_2d=boxes_2d)
     if is_own(survey, best.name):
         return plan
@@ -87,9 +93,9 @@ _LEAST_M, _MOST_M = 0.05, (45.0, 8.0, 8.0)
 
 def _rank(
     topic: TopicSurvey, order: Mapping[str, int], *, tracks: bool
-) -> tuple[bool, bool, bool, bool, bool, int, int]:
+) -> tuple[bool, bool, bool, bool, bool, int, int, int]:
     """Rank: of sane sizes, ground truth, of known classes, with tracks and classes, of most."""
-    sane, known = _plausible(topic)
+    sane, known, boxes = _plausible(topic)
     return (
         sane,
         is_truth(topic.name),
@@ -97,12 +103,13 @@ def _rank(
         tracks and topic.has_tracks,
         any(topic.classes),
         order.get(topic.name, 0),
+        boxes,
         topic.count,
     )
 
 
-def _plausible(topic: TopicSurvey) -> tuple[bool, bool]:
-    """Whether most boxes of a topic have a size of things on a road, and a class of KITTI."""
+def _plausible(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Whether most boxes have a size of things on a road, and a class but Misc; how many."""
     sizes, names = [], []
     for look in topic.looks:
         if topic.msgtype == types.DETECTIONS_2D:
@@ -114,8 +121,8 @@ def _plausible(topic: TopicSurvey) -> tuple[bool, bool]:
             names += [each.class_name for each in boxes]
     names = [*topic.classes.elements()] or names
     sane = sum(min(size) > _LEAST_M and bool((np.array(size) <= _MOST_M).all()) for size in sizes)
-    known = sum(kitti_class(name) is not None for name in names)
-    return bool(names) and 2 * sane >= len(sizes), 2 * known > len(names)
+    known = sum(kitti_class(name) not in {None, OTHERS} for name in names)
+    return bool(names) and 2 * sane >= len(sizes), 2 * known > len(names), len(names)
 
 
 def _of_camera(

@@ -392,6 +392,7 @@ _CAR = (4.0, 1.7, 1.5)
         ('/a/zones', types.MARKERS, 'zone', (5.0, 5.0, 2.0), 500),
         ('/a/boxes', types.DETECTIONS_3D, 'zone', (5.0, 5.0, 2.0), 500),
         ('/a/boxes', types.DETECTIONS_3D, 'car', (500.0, 5.0, 2.0), 500),
+        ('/a/clusters', types.DETECTIONS_3D, 'UNKNOWN', (1.0, 1.0, 1.0), 500),
     ],
 )
 @pytest.mark.parametrize('msgtype', [types.MARKERS, types.DETECTIONS_3D])
@@ -402,12 +403,21 @@ def test_labels_are_of_known_classes_and_sane_sizes(msgtype, other, layout):
     assert plan.labels.topic == '/perception'
 
 
+def test_of_equal_topics_the_one_with_most_boxes_is_taken():
+    camera = image('/c/image_raw'), info('/c/camera_info')
+    few, most = (boxes_on(name, types.MARKERS, 'car', _CAR) for name in ('/a', '/b'))
+    most.classes['pedestrian'] = 5
+    assert guess(few, most, *camera).plan.labels.topic == '/b'
+
+
 def test_boxes_of_other_classes_are_labels_where_there_are_no_better_ones():
     camera = image('/c/image_raw'), info('/c/camera_info')
     roi = boxes_on('/debug/roi', types.MARKERS, 'roi', (60.0, 40.0, 4.0))
     forklifts = boxes_on('/forklifts', types.MARKERS, 'forklift', _CAR)
     assert guess(roi, forklifts, *camera).plan.labels.topic == '/forklifts'
-    assert guess(roi, *camera).plan.labels.topic == '/debug/roi'
+    found = guess(roi, *camera)
+    assert found.plan.labels.topic == '/debug/roi'
+    assert 'are they metres, and objects?' in ' '.join(found.notes)
     truth = boxes_on('/ground_truth/boxes', types.MARKERS, 'forklift', _CAR)
     cars = boxes_on('/boxes', types.MARKERS, 'car', _CAR)
     assert guess(cars, truth, *camera).plan.labels.topic == '/ground_truth/boxes'
