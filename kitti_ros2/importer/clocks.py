@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.point_spans import tells_another_time, time_field
 from ..model.nearest import nearest_stamps
 from ..model.stamps import NS_PER_S
 from .plan import StampSource
@@ -201,6 +202,11 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         yield from topic.oddities()
     scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
     turns = None if scan is None else scan.turns_ns()
+    if scan is not None and not scan.turn_ns and any(map(tells_another_time, scan.looks)):
+        yield (
+            f'{scan.name}: the times of its points ({time_field(scan.looks[0])}) are not used, for'
+            f' they are not those of a turn around the stamp; are they of another clock?'
+        )
     if scan is not None and scan.turn_ns and turns is not None and scan.moved_ns().any():
         start, end = scan.turn_ns
         text = (

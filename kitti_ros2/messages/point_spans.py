@@ -98,6 +98,14 @@ def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
     return _timed_points(cloud, 0)[1]
 
 
+def tells_another_time(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether the points of a cloud have times that differ, and are not those of a turn."""
+    if not hasattr(message, 'fields') or point_span_ns(message) is not None:
+        return False
+    limits = _least_and_greatest(message)
+    return limits is not None and limits[0] < limits[1]
+
+
 def _timed_points(cloud: PointCloud2, unit_ns: int) -> tuple[int, tuple[int, int] | None]:
     """Return the unit of the times of points, and their span; see point_span_ns.
 

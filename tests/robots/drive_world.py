@@ -201,7 +201,7 @@ def odometry(
     ]
 
 
-_TYPES = {'f4': 7, 'u4': 6, 'u2': 4, 'u1': 2}
+_TYPES = {'f4': 7, 'f8': 8, 'u4': 6, 'u2': 4, 'u1': 2}
 
 
 def cloud(stamp_ns: int, frame: str, rows: np.ndarray, height: int = 1) -> dict:

@@ -132,3 +132,17 @@ def test_rings_that_are_measured_at_once_keep_their_stamps(tmp_path):
     ]
     _, found = converted(bags.write(tmp_path / 'bag', said))
     assert found[:, 0].tolist() == STAMPS_NS
+
+
+@pytest.mark.parametrize(('later_s', 'told'), [(37.0, 1), (0.0, 0)])
+def test_times_of_another_clock_are_said_to_be_unused(later_s, told, tmp_path):
+    """Scanners have TAI by PTP, 37 s ahead of the UTC of stamps."""
+    said = []
+    for at in range(START_NS, START_NS + 10**9, 100 * MS):
+        rows = drive_world.rows_of(np.full((90, 3), 9.0), ('timestamp', '<f8'))
+        rows['timestamp'] = at / 1e9 + later_s + np.linspace(0, 0.1, len(rows))
+        found = drive_world.cloud(at, 'lidar', rows)
+        said.append(bags.Said('/points', at + 100 * MS, 'sensor_msgs/msg/PointCloud2', found))
+    report, found = converted(bags.write(tmp_path / 'bag', said))
+    assert sum('(timestamp) are not used' in note for note in report.notes) == told
+    assert (int(found[0, 0]) == START_NS) == bool(told)
