@@ -89,8 +89,10 @@ def _align(estimate: Any, reference: Any, alignment: Alignment) -> float:  # noq
             *_, scale = estimate.align(reference, correct_scale=alignment is Alignment.SIM3)
             return float(scale)
     except EvoException as error:
+        other = Alignment.SCALE if alignment is Alignment.SIM3 else Alignment.FIRST
         raise UsageError(
-            f'--align {alignment.value} is not possible ({error}); give --align first'
+            f'--align {alignment.value} is not possible (positions on a line, or at one place, do'
+            f' not tell the rotation); give --align {other.value}'
         ) from error
     return 1.0
 

@@ -294,13 +294,14 @@ def test_a_scale_of_a_result_that_stays_is_refused(root, tmp_path, run):
     assert err.startswith('kitti-ros2: --align scale is not possible (the result does not move')
 
 
-def test_an_alignment_of_a_straight_way_is_refused(tmp_path, run):
+@pytest.mark.parametrize(('align', 'other'), [('se3', 'first'), ('sim3', 'scale')])
+def test_an_alignment_of_a_straight_way_is_refused(align, other, tmp_path, run):
     straight = write_poses(tmp_path / '01.txt', drive(300, bend=0))
-    code, _, err = run(straight, straight, '--align', 'se3')
+    code, _, err = run(straight, straight, '--align', align)
     assert code == 2
-    assert err.startswith('kitti-ros2: --align se3 is not possible')
-    assert one_line(err).endswith('give --align first')
-    assert run(straight, straight)[0] == 0
+    assert err.startswith(f'kitti-ros2: --align {align} is not possible (positions on a line')
+    assert one_line(err).endswith(f'give --align {other}')
+    assert run(straight, straight, '--align', other)[0] == 0
 
 
 def test_a_short_way_has_null(tmp_path, run):
