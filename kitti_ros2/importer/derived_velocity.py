@@ -17,6 +17,8 @@ from ..model.geographic import EARTH_RADIUS_M
 from ..model.stamps import NS_PER_S
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
 
@@ -30,6 +32,7 @@ _WIDENINGS = (1, 2, 4)
 _SIGMAS = 5.0
 _CLEAR_M_S = 0.5
 """Where scatter looks faster, a wider window tells a slow vehicle from a standing one."""
+_GLITCH, _GLITCH_M = 10.0, 2.0  # of the usual distance, and metres more
 _PARABOLA = 2
 _DIFFERENCES = 3
 _EVEN = 1.2
@@ -66,6 +69,8 @@ class DerivedVelocities:
     def __init__(
         self, stamps_ns: Int64Array, places: Float64Array, most_ns: int, slowest: float
     ) -> None:
+        kept = ~_glitches(stamps_ns, places)
+        stamps_ns, places = stamps_ns[kept], places[kept]
         self._stamps_ns = stamps_ns
         self._places = places
         self._most_ns = most_ns
@@ -99,6 +104,20 @@ class DerivedVelocities:
             if blur <= _CLEAR_M_S:
                 break
         return np.zeros(3)
+
+
+def _glitches(stamps_ns: Int64Array, places: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return (N,) which single places lie far off the way between their neighbours."""
+    aside = np.zeros(len(places))
+    if len(places) > _DIFFERENCES:
+        there = places[:, :2]
+        share = (np.diff(stamps_ns)[:-1] / np.maximum(stamps_ns[2:] - stamps_ns[:-2], 1))[:, None]
+        way = there[:-2] + share * (there[2:] - there[:-2])
+        aside[1:-1] = np.linalg.norm(there[1:-1] - way, axis=1)
+    most = np.lib.stride_tricks.sliding_window_view(np.pad(aside, 1), _DIFFERENCES).max(axis=1)
+    limit = _GLITCH_M + _GLITCH * float(np.median(aside)) if len(aside) else 0.0
+    far: npt.NDArray[np.bool_] = (aside > limit) & (aside == most)
+    return far
 
 
 def _near(seconds: Float64Array, window: float) -> tuple[int, int]:

@@ -37,3 +37,15 @@ def test_a_vehicle_that_drives_never_stands(rate_hz, scatter_m, speed, off):
 @pytest.mark.parametrize(('rate_hz', 'scatter_m'), [(1, 1.0), (10, 0.3), (100, 0.1)])
 def test_one_that_stands_has_none(rate_hz, scatter_m):
     assert not velocities(rate_hz, scatter_m, 0.0).any()
+
+
+@pytest.mark.parametrize('speed', [0.0, 8.0])
+def test_a_place_far_off_its_neighbours_is_passed_over(speed):
+    times = np.arange(0, SECONDS, 0.1)
+    places = np.column_stack([speed * times, 0 * times, 0 * times])
+    places[30, 1] += 300.0
+    kept = [*range(60), *range(75, len(times))]
+    stamps = START_NS + (times[kept] * 1e9).astype(np.int64)
+    made = DerivedVelocities(stamps, places[kept], MOST_NS, SLOWEST_FIX_M_S)
+    found = np.array([made.at(stamp)[:2] for stamp in stamps.tolist()])
+    np.testing.assert_allclose(found, np.tile([speed, 0], (len(kept), 1)), atol=1e-6)
