@@ -216,7 +216,7 @@ def _in_view(
     rig: Sequence[RigCamera],
     notes: list[str],
 ) -> list[TopicSurvey]:
-    """Return the lidars with points in the image of camera 2, and note a choice; all if none has.
+    """Return the lidars with half of the most points in the image of camera 2; all if none has any.
 
     Args:
         source: Decodes their messages.
@@ -233,7 +233,9 @@ def _in_view(
     others = [each for each in lidars if each not in found]
     if others:
         names = ', '.join(each.name for each in others)
-        notes.append(f'scans: the camera sees points of {found[0].name}, and hardly any of {names}')
+        notes.append(
+            f'scans: the camera sees less than half as many points of {names} as of others'
+        )
     elif not most and rig:
         why = (
             'the camera sees points of none' if seen else 'no transforms tell what the camera sees'
