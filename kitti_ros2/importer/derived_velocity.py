@@ -109,13 +109,14 @@ class DerivedVelocities:
 def _glitches(stamps_ns: Int64Array, places: Float64Array) -> npt.NDArray[np.bool_]:
     """Return (N,) which single places lie far off the way between their neighbours."""
     aside = np.zeros(len(places))
-    if len(places) > _DIFFERENCES:
-        there = places[:, :2]
-        share = (np.diff(stamps_ns)[:-1] / np.maximum(stamps_ns[2:] - stamps_ns[:-2], 1))[:, None]
-        way = there[:-2] + share * (there[2:] - there[:-2])
-        aside[1:-1] = np.linalg.norm(there[1:-1] - way, axis=1)
+    if len(places) <= _DIFFERENCES:
+        return aside > 0
+    there = places[:, :2]
+    share = (np.diff(stamps_ns)[:-1] / np.maximum(stamps_ns[2:] - stamps_ns[:-2], 1))[:, None]
+    way = there[:-2] + share * (there[2:] - there[:-2])
+    aside[1:-1] = np.linalg.norm(there[1:-1] - way, axis=1)
     most = np.lib.stride_tricks.sliding_window_view(np.pad(aside, 1), _DIFFERENCES).max(axis=1)
-    limit = _GLITCH_M + _GLITCH * float(np.median(aside)) if len(aside) else 0.0
+    limit = _GLITCH_M + _GLITCH * float(np.median(aside))
     far: npt.NDArray[np.bool_] = (aside > limit) & (aside == most)
     return far
 

@@ -49,3 +49,11 @@ def test_a_place_far_off_its_neighbours_is_passed_over(speed):
     made = DerivedVelocities(stamps, places[kept], MOST_NS, SLOWEST_FIX_M_S)
     found = np.array([made.at(stamp)[:2] for stamp in stamps.tolist()])
     np.testing.assert_allclose(found, np.tile([speed, 0], (len(kept), 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize(('count', 'known'), [(0, False), (1, False), (2, True), (4, True)])
+def test_few_places_tell_a_velocity_from_two_on(count, known):
+    stamps = START_NS + np.arange(count) * 100_000_000
+    places = np.arange(count)[:, None] * np.array([[0.8, 0.0, 0.0]])
+    made = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
+    assert (made.at(START_NS) is not None) == known
