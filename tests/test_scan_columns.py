@@ -226,3 +226,12 @@ def test_validate_names_an_odd_scan(odd, tmp_path, capfd):
     points[: len(points) // 4 * 4].tofile(path)
     main(['validate', str(tmp_path / 'in')])
     assert f'{path.name}: size and values are those of 5 float32 a point' in capfd.readouterr().out
+
+
+def test_a_plan_names_the_columns_that_it_leaves_out(waymo, tmp_path, capfd):
+    bag, said = tmp_path / 'bag', 'left out: elongation, time'
+    assert main(['to-bag', str(waymo), str(bag), '--columns', WAYMO]) == 0
+    main(['to-kitti', str(bag), str(tmp_path / 'same')])
+    assert said not in capfd.readouterr().out
+    main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'odometry'])
+    assert said in capfd.readouterr().out

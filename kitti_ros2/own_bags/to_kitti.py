@@ -101,6 +101,9 @@ class Conversion:
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
+            if blueprint.columns is not None and blueprint.columns.extra:
+                extra = ', '.join(blueprint.columns.extra)
+                self.note(f'scans of a plan have x y z reflectance; left out: {extra}')
         reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
