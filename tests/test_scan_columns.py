@@ -235,3 +235,17 @@ def test_a_plan_names_the_columns_that_it_leaves_out(waymo, tmp_path, capfd):
     assert said not in capfd.readouterr().out
     main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'odometry'])
     assert said in capfd.readouterr().out
+
+
+@pytest.mark.parametrize('columns', [3, 5])
+@pytest.mark.parametrize('place', [0, 1, -1])
+def test_an_odd_scan_of_whole_points_is_a_loss(recordings, tmp_path, capfd, place, columns):
+    root = tmp_path / 'in'
+    shutil.copytree(recordings[Layout.OBJECT], root)
+    path = sorted(root.rglob('*.bin'))[place]
+    points = np.fromfile(path, '<f4').reshape(-1, 4)
+    points = np.concatenate([points, points[:, :1] + 1], 1)[: len(points) // 4 * 4, :columns]
+    np.ascontiguousarray(points).tofile(path)
+    assert main(['to-bag', str(root), str(tmp_path / 'bag')]) == 1
+    said = capfd.readouterr().err
+    assert f'{path.name}: size and values are those of {columns} float32 a point' in said

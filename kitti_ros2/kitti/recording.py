@@ -20,7 +20,7 @@ from .calib_archives import describe_source
 from .calib_file import parse_calibration
 from .names import FRAME_NAMES, TXT, describe_names
 from .recording_poses import RecordingPoses
-from .scan_check import check_scans, doubt_columns
+from .scan_check import ScanLook, look_at_scans
 from .scan_file import parse_points
 from .store import STORE
 
@@ -111,9 +111,14 @@ class KittiRecording(RecordingPoses):
         return Description(values, files, missing)
 
     @cached_property
+    def scan_look(self) -> ScanLook:
+        """What its scans are, by the first ones."""
+        return look_at_scans(self, labelled=self.layout.traits.point_labels)
+
+    @property
     def scan_error(self) -> BadFileError | None:
-        """The error if its scans are not of the options' columns, by the first ones."""
-        return check_scans(self, labelled=self.layout.traits.point_labels)
+        """The error if its scans are not KITTI's and the options have no columns."""
+        return self.scan_look.error if self.options.columns is None else None
 
     def prepare_columns(self) -> None:
         """Note what the options leave out of scans; without columns, check that they are KITTI's.
@@ -133,7 +138,7 @@ class KittiRecording(RecordingPoses):
             self.notes.append(f'{listing.folder}: {columns.describe_skipped()} left out (-)')
         if columns.reflectance is None:
             self.notes.append(f'{listing.folder}: no column of intensity, which is 0 then')
-        doubt = doubt_columns(self, columns, labelled=self.layout.traits.point_labels)
+        doubt = self.scan_look.doubt(columns)
         self.notes += [doubt] if doubt else []
 
     def read(self, stream: Stream, number: int) -> Sample:
@@ -156,7 +161,10 @@ class KittiRecording(RecordingPoses):
 
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
-        scan = parse_points(STORE.read_array(path), path, self.options.columns)
+        data = STORE.read_array(path)
+        if self.options.columns is None:
+            self.scan_look.check(path, data)
+        scan = parse_points(data, path, self.options.columns)
         return replace(scan, turn=self.turns.get(number))
 
     @property

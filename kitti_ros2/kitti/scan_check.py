@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 HEAD_BYTES = 1 << 16
 """Of a scan that are looked at: 4096 points."""
 _ENOUGH_BYTES = 1 << 13
+_FEW_BYTES = 1 << 10
 _MOST_SCANS = 8  # small ones, until there is enough
 _COLUMNS = 4
 _NUMBERS = range(3, 33)
@@ -97,45 +98,81 @@ class Mismatch(NamedTuple):
     point_bytes: int | None = None
 
 
-def check_scans(recording: RecordingIndex, *, labelled: bool) -> BadFileError | None:
-    """Return the error if the scans of a recording are not KITTI's, and no columns are given."""
-    found = None if recording.options.columns else _find_in(recording, labelled=labelled)
-    return None if found is None else mismatch_error(*found)
+class ScanLook(NamedTuple):
+    """What the scans of a recording are.
+
+    Attributes:
+        path: One of them.
+        found: What they are, if not KITTI's.
+        unit: Whether reflectances are 0 to 1, so that a scan of other columns stands out.
+    """
+
+    path: Path | None = None
+    found: Mismatch | None = None
+    unit: bool = False
+
+    @property
+    def error(self) -> BadFileError | None:
+        """The error if they are not KITTI's."""
+        return mismatch_error(self.path, self.found) if self.path and self.found else None
+
+    def doubt(self, columns: ScanColumns) -> str | None:
+        """Return the note that the given columns are not theirs; None if they may be."""
+        if self.found is None or self.found.point_bytes in {None, columns.point_bytes}:
+            return None
+        return f'{self.path}: {self.found.found}, not those of --columns; check what is read'
+
+    def check(self, path: Path, data: npt.NDArray[np.uint8]) -> None:
+        """Check that a scan is not of other columns than the others.
+
+        Raises:
+            BadFileError: It is.
+        """
+        whole = len(data) % KITTI_COLUMNS.point_bytes == 0
+        if self.unit and whole and not _is_unit(data[:_FEW_BYTES].view('<f4')[3::4]):
+            found = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
+            if found is not None and found.point_bytes is not None:
+                raise odd_scan_error(path, found)
 
 
-def doubt_columns(recording: RecordingIndex, columns: ScanColumns, *, labelled: bool) -> str | None:
-    """Return the note that the given columns are not those of the scans; None if they may be."""
-    path, found = _find_in(recording, labelled=labelled) or (None, None)
-    if found is None or found.point_bytes in {None, columns.point_bytes}:
-        return None
-    return f'{path}: {found.found}, not those of --columns; check what is read'
-
-
-def _find_in(recording: RecordingIndex, *, labelled: bool) -> tuple[Path, Mismatch] | None:
-    """Return a scan of a recording and what it is, if not KITTI's; only first bytes are read.
+def look_at_scans(recording: RecordingIndex, *, labelled: bool) -> ScanLook:
+    """Look at the scans of a recording; only first bytes of the first ones are read.
 
     One other scan must agree, as a single file may be damaged. If it is labelled, SemanticKITTI's
     labels beside the first scan count its points.
     """
     listing = recording.listings.get(Stream.SCAN)
     if listing is None:
-        return None
+        return ScanLook()
     paths = [listing.path(number) for number in listing.numbers.tolist()]
     paths = [path for path in paths if path.suffix.lower() != names.TXT]
     first, used = _first_heads(paths)
     points = _label_count(used[0]) if used and labelled else None
     found = find_mismatch(first, points)
     if found is None:
-        return None
+        return ScanLook(unit=_has_unit(first))
     others, _ = _first_heads(paths[len(paths) // 2 :][:1]) if len(paths) > len(used) else ([], [])
     if others and find_mismatch(others) is None:
-        return None
-    return used[0], found
+        return ScanLook(unit=_has_unit(others))
+    return ScanLook(used[0], found)
+
+
+def _has_unit(heads: Sequence[tuple[bytes, int]]) -> bool:
+    return all(_is_unit(_values(head, np.dtype('<f4'))[3::4]) for head, _ in heads)
+
+
+def _is_unit(reflectance: Values) -> bool:
+    return bool(((reflectance >= 0) & (reflectance <= 1)).all())
 
 
 def mismatch_error(path: Path | str, found: Mismatch) -> BadFileError:
     """Return the error of a scan."""
     return BadFileError(path, found.found, _EXPECTED, remedy=found.remedy)
+
+
+def odd_scan_error(path: Path | str, found: Mismatch) -> BadFileError:
+    """Return the error of a scan among KITTI's."""
+    return BadFileError(path, found.found, _EXPECTED, remedy='move it to a set of its own')
 
 
 def _first_heads(paths: Sequence[Path]) -> tuple[list[tuple[bytes, int]], list[Path]]:
@@ -334,7 +371,7 @@ def _is_proved(values: Sequence[Values], columns: int) -> bool:
     if (_is_nonsense(rows).mean(axis=0) > _SHARE_OF_NONSENSE).mean() > 1 / 2:
         return False
     if columns % _COLUMNS:
-        return not bool(((reflectance >= 0) & (reflectance <= 1)).all())
+        return not _is_unit(reflectance)
     groups = [rows[:, at : at + 3] for at in range(0, columns, _COLUMNS)]
     return bool((reflectance < 0).mean() > _FEW) or any(
         _is_other(group, groups[0]) for group in groups[1:]

@@ -16,7 +16,7 @@ import numpy as np
 from ..model.errors import BadFileError
 from ..model.samples import Scan
 from ..model.scan_columns import KITTI_COLUMNS, REST
-from .scan_check import HEAD_BYTES, find_mismatch, mismatch_error
+from .scan_check import HEAD_BYTES, find_mismatch, odd_scan_error
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +40,7 @@ def parse_scan(data: bytes | npt.NDArray[np.uint8], path: Path | str) -> Float32
     if len(data) % POINT_BYTES:
         found = find_mismatch([(bytes(data[:HEAD_BYTES]), len(data))])
         if found is not None:
-            raise mismatch_error(path, found)
+            raise odd_scan_error(path, found)
         raise BadFileError(
             path,
             f'{len(data)} bytes, cut inside a point',
