@@ -381,11 +381,11 @@ def _is_proved(values: Sequence[Values], columns: int) -> bool:
 def _is_other(group: Values, points: Values) -> bool:
     """Whether columns are no points of the scanner of others: seen elsewhere, small, or whole.
 
-    Lasers that look into the sky have zeros or NaN for points: those tell nothing, unless all are.
+    Points of lasers that look into the sky are 0 or NaN: those tell nothing, unless all are 0.
     """
     seen = _is_seen(group)
     if not seen.any():
-        return True
+        return not np.isnan(group).any()
     seen &= _is_seen(points)
     group, points = group[seen], points[seen]
     if not len(points):

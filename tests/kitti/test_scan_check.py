@@ -159,8 +159,10 @@ def test_lasers_in_turn_are_no_columns(lasers):
             assert look(points[start:]) is None
 
 
-@pytest.mark.parametrize('missing', [0, np.nan])
-@pytest.mark.parametrize('share', [0.7, 0.9, 0.99])
+@pytest.mark.parametrize(
+    ('missing', 'share'),
+    [(0, 0.7), (0, 0.9), (0, 0.99), (np.nan, 0.7), (np.nan, 0.99), (np.nan, 1)],
+)
 @pytest.mark.parametrize('upper', [0, 1])
 def test_lasers_that_look_into_the_sky_are_no_columns(missing, share, upper):
     """Of a scanner that fires high and low lasers in turn, with a row for each shot."""
