@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ..files.hard_links import FilePlacer
     from ..kitti.recording import KittiRecording
     from ..model.samples import Float32Array, FrameLabels
-    from ..model.scan_columns import ScanColumns
     from ..options.crop import CropOptions
     from .crop_paths import CropPaths
 
@@ -86,7 +85,6 @@ class ScanCropper:
         self._placer = placer
         self._root = root
         self._views = CameraViews(recording, options)
-        self._columns = recording.options.columns or KITTI_COLUMNS
 
     def crop(self, number: int) -> CutScan:
         """Cut a scan; what cannot be used is a failure in the result.
@@ -97,7 +95,7 @@ class ScanCropper:
         result = CutScan(number)
         path, _ = self._paths.scan(number)
         try:
-            scan = _ReadScan.read(path, self._columns)
+            scan = _ReadScan.read(path, self._recording)
             keep = kept_points(scan.points, self._options, self._views.at(number))
         except (KittiRos2Error, OSError) as error:
             self._leave_out(result, describe_error(error))
@@ -192,7 +190,7 @@ class _ReadScan:
     lines: list[bytes] | None = None
 
     @classmethod
-    def read(cls, path: Path, columns: ScanColumns) -> _ReadScan:
+    def read(cls, path: Path, recording: KittiRecording) -> _ReadScan:
         """Read a .bin or a .txt file; an empty one has no points.
 
         Raises:
@@ -203,6 +201,8 @@ class _ReadScan:
         if not len(data):
             return cls(np.empty((0, 4), np.float32))
         if path.suffix != names.TXT:
+            recording.check_scan(path, data)
+            columns = recording.options.columns or KITTI_COLUMNS
             points = parse_points(data, path, columns).points
             return cls(points, parse_rows(data, path, columns))
         text = data.tobytes()

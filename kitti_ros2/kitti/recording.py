@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
+
     from ..options.read import ReadOptions
 
 T = TypeVar('T')
@@ -120,6 +123,15 @@ class KittiRecording(RecordingPoses):
         """The error if its scans are not KITTI's and the options have no columns."""
         return self.scan_look.error if self.options.columns is None else None
 
+    def check_scan(self, path: Path, data: npt.NDArray[np.uint8]) -> None:
+        """Check that a scan has the columns of the others, if the options have none.
+
+        Raises:
+            BadFileError: It has others.
+        """
+        if self.options.columns is None:
+            self.scan_look.check(path, data)
+
     def prepare_columns(self) -> None:
         """Note what the options leave out of scans; without columns, check that they are KITTI's.
 
@@ -162,8 +174,7 @@ class KittiRecording(RecordingPoses):
     def _scan(self, number: int) -> Scan:
         path = self._listings[Stream.SCAN].path(number)
         data = STORE.read_array(path)
-        if self.options.columns is None:
-            self.scan_look.check(path, data)
+        self.check_scan(path, data)
         scan = parse_points(data, path, self.options.columns)
         return replace(scan, turn=self.turns.get(number))
 
