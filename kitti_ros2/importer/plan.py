@@ -168,7 +168,8 @@ class Plan:
         name: Drive (2011_09_26_drive_0001_sync), split or sequence.
         reference: The stream whose samples are the frames: scan, image_N or pose.
         tolerance_s: Maximum distance of a sample from the stamp of its frame, seconds.
-        incomplete: Whether frames with a missing sample are dropped or kept.
+        incomplete: Whether frames without a message of a stream are dropped or kept; of a frame
+            whose message cannot be decoded, the other files stay.
         scan: The source of the scans.
         cameras: The sources of images, by KITTI camera number.
         pose: The source of the poses.
