@@ -88,26 +88,15 @@ class PacketMaker:
         self._lacking = 0
         self.losses: tuple[Loss, ...] = ()
         self._frames_ns = frames.stamps_ns
-        placed = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
         self._unit = unit
         self._topics = {
             'imu': plan.imu,
             'fix': plan.fix,
             'velocity': plan.velocity or unit.velocity,
         }
-        self._mounting = Mounting(
-            placed.get(plan.imu, _IDENTITY),
-            placed.get(self._topics['velocity'], _IDENTITY),
-            placed.get(plan.fix, _IDENTITY),
-            plan.velocity_axes is VelocityAxes.ENU,
-        )
+        self._mounting = self._mounted(plan, turns)
         named = {role: topic for role, topic in self._topics.items() if topic}
-        self._imu_unit = acceleration_unit(topic_of(survey, plan.imu)) if plan.imu else 1.0
-        if self._imu_unit != 1:
-            self._notes.append(
-                f"{plan.imu}: its accelerations are in g, as Livox' drivers give them; they are"
-                f' multiplied by {self._imu_unit}'
-            )
+        self._imu_unit = self._acceleration_unit(plan.imu, survey)
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
         self._far: dict[str, list[int]] = {}
@@ -139,6 +128,27 @@ class PacketMaker:
         self._next = 0
         self._lying: list[int] = []
         self._checks = UnitChecks()
+
+    def _mounted(self, plan: Plan, turns: Mapping[str, Transform]) -> Mounting:
+        """Return how the sensors of the topics are mounted in KITTI's imu frame."""
+        unit, velocity = self._unit, self._topics['velocity']
+        placed = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
+        return Mounting(
+            placed.get(plan.imu, _IDENTITY),
+            placed.get(velocity, _IDENTITY),
+            placed.get(plan.fix, _IDENTITY),
+            plan.velocity_axes is VelocityAxes.ENU,
+        )
+
+    def _acceleration_unit(self, imu: str, survey: Survey) -> float:
+        """Return the m/s^2 of the unit of a topic's accelerations, and note one that is not 1."""
+        unit = acceleration_unit(topic_of(survey, imu)) if imu else 1.0
+        if unit != 1:
+            self._notes.append(
+                f"{imu}: its accelerations are in g, as Livox' drivers give them; they are"
+                f' multiplied by {unit}'
+            )
+        return unit
 
     def _find_velocities(
         self, survey: Survey, fixed: npt.NDArray[np.bool_] | None
