@@ -126,7 +126,7 @@ class PacketMaker:
                 self._frames_of.setdefault(part, []).append(frame)
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
-        self._lying: list[int] = []
+        self._unoriented: list[int] = []
         self._checks = UnitChecks()
 
     def _mounted(self, plan: Plan, turns: Mapping[str, Transform]) -> Mounting:
@@ -225,17 +225,17 @@ class PacketMaker:
             )
         if self._lacking and not self._gapless:
             told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
-        if self._lying:
+        if self._unoriented:
             told.append(self._without_orientation())
-        attitude = self._topics['imu'] if self._unit.poses is None and not self._lying else ''
+        attitude = self._topics['imu'] if self._unit.poses is None and not self._unoriented else ''
         told += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
         return [*self._notes, *told]
 
     def _without_orientation(self) -> str:
         """Return the note on packets whose Imu has no orientation, by frames unless all are."""
         packets = sum(parts is not None for parts in self._wanted)
-        some = len(self._lying) < packets
-        where = f' near frames {format_numbers(sorted(self._lying))}, where' if some else ';'
+        some = len(self._unoriented) < packets
+        where = f' near frames {format_numbers(sorted(self._unoriented))}, where' if some else ';'
         fix = self._topics['fix']
         places = f', and the places those of {fix}' if fix else ''
         return f'{self._topics["imu"]}: no orientation{where} roll, pitch and yaw are 0{places}'
@@ -366,7 +366,7 @@ class PacketMaker:
         )
         pose = None if self._unit.poses is None else self._unit.poses[frame]
         if imu is not None and pose is None and not has_orientation(imu):
-            self._lying.append(frame)
+            self._unoriented.append(frame)
         packet = make_packet(
             imu,
             fix,

@@ -130,8 +130,8 @@ def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
         found = sorted((common if listed is None else listed).difference(folder.numbers))
         absent = tuple(found if span is None else (number for number in found if number in span))
         # A stream that has files here, and none in the bag, was not selected.
-        none = listed is not None and not (span or listed).intersection(folder.numbers)
-        if absent and (folder.carried or none):
+        has_no_file = listed is not None and not (span or listed).intersection(folder.numbers)
+        if absent and (folder.carried or has_no_file):
             text = f'{folder.path}: no {stream.value} for frames {{}}, which other streams have'
             if listed is not None:
                 name = blueprint.stamps_path(stream).name
