@@ -55,14 +55,14 @@ def parameters() -> str:
 
 def services() -> str:
     """Return the services of the player, with and without rosbag2_interfaces."""
-    from kitti_ros2.node import controls  # noqa: PLC0415 - needs rclpy
+    from kitti_ros2.node.controls import plain_services, rosbag2_services  # noqa: PLC0415
 
     player: Any = None  # for handlers that are not called
     types: Any = _Names('rosbag2_interfaces')
-    plain = controls.plain_services(player)
+    plain = plain_services(player)
     rows = [
         (code(f'~/{name}'), code(kind), code('std_srvs/Trigger') if name in plain else '')
-        for name, (kind, _) in controls.rosbag2_services(player, types).items()
+        for name, (kind, _) in rosbag2_services(player, types).items()
     ]
     return table(('service', 'type', 'without rosbag2_interfaces'), rows)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from kitti_ros2.files.png.decode import decode_png
 from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,7 +21,7 @@ def crop_frame(root: Path, number: int, left: int = 12, top: int = 4) -> None:
     calib = root / f'training/calib/{number:06d}.txt'
     for camera in (2, 3):
         path = root / f'training/image_{camera}/{number:06d}.png'
-        pixels = decode_png(parse_image(path.read_bytes(), path))
+        pixels = decode_png(parse_png(path.read_bytes(), path))
         path.write_bytes(encode_png(np.ascontiguousarray(pixels[top:, left:])))
     crop = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
     lines = [changed(line, crop) for line in calib.read_text().splitlines()]

@@ -16,11 +16,9 @@ from typing import TYPE_CHECKING, TypeAlias
 from ..model.errors import BadBagError, naming
 from .decompressors import ZSTD_MAGIC, decompress_file
 from .findings import Findings
-from .foxglove_channels import appearing
 from .locate import locate_bag, reindex_advice
 from .pieces import NamedFile
 from .spelling import ros2_spelling
-from .storages import storage_of
 from .summary import BagIndex
 
 if TYPE_CHECKING:
@@ -47,11 +45,13 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
     """
     for loss in bag.losses:
         findings.lose(loss)
+    from .foxglove_channels import appearing  # noqa: PLC0415 - 20 ms, for bags only
+
     found: list[tuple[Path, BagFile]] = []
     failure: BadBagError | None = None
     for path in bag.files:
         try:
-            file = storage_of(bag.storage).read(_unpacked(path, stack), findings)
+            file = _open_file(bag.storage, _unpacked(path, stack), findings)
         except BadBagError as error:
             failure = failure or error
             findings.lose(str(error))
@@ -75,6 +75,24 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
                 text = f'metadata.yaml names the topic {topic}, which its files lack'
                 findings.lose(f'{bag.path}: {text}', 0)
     return found
+
+
+def _open_file(storage: str, file: NamedFile, findings: Findings) -> BagFile:
+    """Open a file of a container, one of model.containers.
+
+    Its reader is imported here: the libraries behind all of them take some tenths of a second.
+    """
+    if storage == 'mcap':
+        from .mcap_file import McapFile  # noqa: PLC0415
+
+        return McapFile(file, findings)
+    if storage == 'sqlite3':
+        from .sqlite_file import SqliteFile  # noqa: PLC0415
+
+        return SqliteFile(file, findings)
+    from .ros1_file import Ros1File  # noqa: PLC0415
+
+    return Ros1File(file, findings)
 
 
 def _is_unnamed(channel: StoredChannel) -> bool:

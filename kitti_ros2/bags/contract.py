@@ -59,7 +59,7 @@ class SegmentContext:
 
 
 class SegmentWriter(Protocol):
-    """The writer of one file of a container; it may raise OSError and Storage.write_errors."""
+    """The writer of one file of a container; it may raise OSError and errors of its library."""
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
         """Declare a channel under an id of the bag (0, 1, 2, ...)."""

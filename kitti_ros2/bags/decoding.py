@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ..messages.fields import lacking_field
 
 if TYPE_CHECKING:
-    from ..messages.ros_types import Typestore
+    from rosbags.typesys.store import Typestore
+
     from .reader import BagMessage
 
 

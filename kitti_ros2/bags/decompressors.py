@@ -7,7 +7,7 @@ from __future__ import annotations
 import bz2
 from contextlib import suppress
 from mmap import MAP_ANONYMOUS, MAP_PRIVATE, mmap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import zstandard
 from lz4 import frame as lz4_frame
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import BinaryIO, Protocol
 
-    from .pieces import Buffer
-
     class _Stream(Protocol):
         def read(self, length: int, /) -> bytes: ...
 
+
+Buffer: TypeAlias = 'bytes | memoryview'
 
 ZSTD_MAGIC = b'(\xb5/\xfd'
 # Raised by the libraries: lz4 raises RuntimeError, bz2 OSError; a damaged size is too large.

@@ -6,8 +6,8 @@ Record layouts (https://mcap.dev/spec), little endian; every record begins with 
 length (uint64) of what follows:
 
 - Message: channel (uint16), sequence (uint32), log time, publish time (uint64, ns), data.
-- Chunk: start time, end time, uncompressed size (uint64), crc of the uncompressed records (uint32),
-  compression (uint32 length, text), size of the records (uint64), records.
+- Chunk: start time, end time, uncompressed size (uint64), crc of the uncompressed records
+  (uint32), compression (uint32 length, text), size of the records (uint64), records.
 - Message Index: channel (uint16), size in bytes (uint32), then log time and offset in the
   uncompressed chunk (uint64) of each message.
 """

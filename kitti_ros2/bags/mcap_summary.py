@@ -6,16 +6,18 @@ from __future__ import annotations
 
 from itertools import chain
 from typing import TYPE_CHECKING
-from zlib import crc32
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Footer, Statistics, SummaryOffset
 
+from ..files.checksums import crc32
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from mcap.records import Channel, ChunkIndex, McapRecord, MetadataIndex, Schema
+    from mcap.records import Channel as ChannelRecord
+    from mcap.records import ChunkIndex, McapRecord, MetadataIndex, Schema
 
 MAGIC = b'\x89MCAP0\r\n'
 
@@ -46,7 +48,7 @@ def metadata_record(name: str, metadata: Mapping[str, bytes]) -> list[bytes]:
 def summary_section(
     position: int,
     schemas: Collection[Schema],
-    channels: Iterable[Channel],
+    channels: Iterable[ChannelRecord],
     counts: Mapping[int, int],
     chunks: Sequence[ChunkIndex],
     metadata: Sequence[MetadataIndex],

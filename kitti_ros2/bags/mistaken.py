@@ -7,8 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..kitti.layouts import guess_layout
-from ..kitti.nearby import explain
 from ..model.containers import ANY_BAG
 from ..model.errors import (
     AmbiguousLayoutError,
@@ -49,6 +47,8 @@ def explain_no_bag(path: Path, error: NotABagError) -> KittiRos2Error:
     if not path.exists() or _is_metadata(path):
         near = explain_file(path)
         return near if near.remedies else error
+    from ..kitti.layouts import guess_layout  # noqa: PLC0415 - for errors only
+
     try:
         kind = f'layout {guess_layout(path).value}'
     except AmbiguousLayoutError:
@@ -69,6 +69,8 @@ def explain_file(path: Path) -> KittiRos2Error:
     if _is_metadata(path):
         found = f'{path}: describes the bag {path.parent}; give that folder'
         return UsageError(found).with_remedies(Remedy(path, path.parent))
+    from ..kitti.nearby import explain  # noqa: PLC0415 - for errors only
+
     near = explain(path)
     if near.explained:
         return near

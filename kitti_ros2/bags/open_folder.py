@@ -49,6 +49,6 @@ def explained(path: Path, options: ReadOptions) -> Iterator[None]:
     try:
         yield
     except NotKittiError as error:
-        from .mistaken import explain_no_folder  # noqa: PLC0415 - 40 ms
+        from .mistaken import explain_no_folder  # noqa: PLC0415 - for errors only
 
         raise explain_no_folder(path, error, forced=options.layout is not None) from None

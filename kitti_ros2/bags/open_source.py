@@ -7,8 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model.errors import NotABagError, UsageError
-from .bag_files import OpenBag
-from .locate import looks_like_bag
 from .open_folder import open_folder
 
 if TYPE_CHECKING:
@@ -16,6 +14,7 @@ if TYPE_CHECKING:
 
     from ..kitti.recording import KittiRecording
     from ..options.read import ReadOptions
+    from .bag_files import OpenBag
 
 
 def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
@@ -29,6 +28,9 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
         KittiRos2Error: There is no such path, or it cannot be read.
         OSError: The same.
     """
+    from .bag_files import OpenBag  # noqa: PLC0415 - to-bag opens folders only
+    from .locate import looks_like_bag  # noqa: PLC0415 - as above
+
     if options.layout is not None or not looks_like_bag(path):
         return open_folder(path, options)
     if options.deskew or options.undo_deskew:
@@ -51,6 +53,8 @@ def open_bag_source(path: Path) -> OpenBag:
         KittiRos2Error: There is no such path, or it is a KITTI folder, or it cannot be read.
         OSError: The same.
     """
+    from .bag_files import OpenBag  # noqa: PLC0415 - as above
+
     try:
         return OpenBag(path)
     except NotABagError as error:

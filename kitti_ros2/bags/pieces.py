@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..files.scattered import Bytes, PageScatter
+    from .decompressors import Buffer
     from .findings import Findings
 
-Buffer: TypeAlias = 'bytes | memoryview'
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .limits import FileLimits
     from .pieces import Buffer, NamedFile, StoredMessage
 
-_HEAD_READ = 4096
+_CHUNK_HEAD_READ = 4096
 _COUNT = struct.Struct('<II')
 _ENTRY = np.dtype([('seconds', '<u4'), ('nanoseconds', '<u4'), ('offset', '<u4')])
 
@@ -107,7 +107,7 @@ class Ros1File(ChunkedFile[Fields]):
         Raises:
             ValueError: The chunk is damaged.
         """
-        fields, _, end = split_record(self._file.read(piece.position, _HEAD_READ), 0)
+        fields, _, end = split_record(self._file.read(piece.position, _CHUNK_HEAD_READ), 0)
         if opcode_of(fields) == CHUNK:
             self.compressions.add(fields[b'compression'].decode('ascii', 'replace'))
         return end
@@ -119,7 +119,7 @@ class Ros1File(ChunkedFile[Fields]):
 def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
     """Read the index at the end; None if it is missing or damaged."""
     try:
-        fields, _, _ = split_record(file.read(len(MAGIC), _HEAD_READ), 0)
+        fields, _, _ = split_record(file.read(len(MAGIC), _CHUNK_HEAD_READ), 0)
         start = int.from_bytes(fields.get(b'index_pos', b''), 'little')
         if start == 0 and opcode_of(fields) == BAG_HEADER:
             findings.lose(f'{file.name}: was not closed by its recorder', 0)

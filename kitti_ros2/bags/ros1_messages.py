@@ -8,7 +8,8 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..messages.ros_types import Typestore
+    from rosbags.typesys.store import Typestore
+
     from .pieces import Buffer
 
 

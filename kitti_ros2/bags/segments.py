@@ -16,7 +16,6 @@ from ..model.errors import OutputError, UsageError
 from .contract import SegmentContext, Tally
 from .keeping import KeptBag, is_interruption, move_aside
 from .metadata import bag_information, information_text, metadata_yaml
-from .storages import storage_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +28,31 @@ if TYPE_CHECKING:
 
 # Suffix of incomplete files, even inside the hidden directory they are written in.
 _UNFINISHED = '.unfinished'
+
+
+def _open_segment(path: Path, context: SegmentContext) -> SegmentWriter:
+    """Make a file of the container, and open it for writing; its writer is imported here."""
+    storage = context.options.storage
+    if storage == 'mcap':
+        from .mcap_writer import McapSegment  # noqa: PLC0415 - most runs write one container
+
+        return McapSegment(path, context)
+    if storage == 'sqlite3':
+        from .sqlite_writer import SqliteSegment  # noqa: PLC0415 - as above
+
+        return SqliteSegment(path, context)
+    from .ros1_writer import Ros1Segment  # noqa: PLC0415 - as above
+
+    return Ros1Segment(path, context)
+
+
+def _write_errors(storage: str) -> tuple[type[Exception], ...]:
+    """Return the exceptions of a writer's library, besides OSError, when the disk refuses."""
+    if storage != 'sqlite3':
+        return ()
+    from sqlite3 import Error  # noqa: PLC0415 - of one container
+
+    return (Error,)
 
 
 class BagWriter:
@@ -50,9 +74,9 @@ class BagWriter:
     def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
         self._context = context
         self._container = CONTAINERS[context.options.storage]
-        self._storage = storage_of(context.options.storage)
         self._hold: SignalHold | nullcontext[None] = nullcontext()
-        self._errors: tuple[type[Exception], ...] = (OSError, *self._storage.write_errors)
+        errors = _write_errors(context.options.storage)
+        self._errors: tuple[type[Exception], ...] = (OSError, *errors)
         self._single_file = single_file
         self._split_size = context.options.split_size
         self._split_duration_ns = context.options.split_duration_ns
@@ -229,7 +253,7 @@ class BagWriter:
         return content if self._single_file else content / (self._name(index) + _UNFINISHED)
 
     def _next_segment(self) -> None:
-        segment = self._storage.write(self._built(len(self._tallies)), self._context)
+        segment = _open_segment(self._built(len(self._tallies)), self._context)
         self._segment = segment
         self._tallies.append(Tally([0] * len(self._channels)))
         self._size = 0

@@ -9,15 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bags.open_folder import open_folder
-from ..bags.writer import guess_storage
-from ..exporter.to_bag import ExportOptions, convert
-from ..kitti.extract_oxts import add_extract
-from ..kitti.predictions import add_predictions
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
-from ..options.selection import Bound
-from ..options.table import make_settings
 from .results import UnitResult
 from .unit_function import loss_lines, run_guarded, samples_shown
 
@@ -34,6 +27,9 @@ def bag_suffix(options: Mapping[str, object]) -> str:
     Raises:
         UsageError: An option is invalid.
     """
+    from ..bags.writer import guess_storage  # noqa: PLC0415 - as below
+    from ..options.table import make_settings  # noqa: PLC0415 - as below
+
     settings = make_settings(options)
     storage = guess_storage(Path(), settings.storage)
     bag = settings.bag(storage)
@@ -43,11 +39,11 @@ def bag_suffix(options: Mapping[str, object]) -> str:
 
 def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Convert a unit; errors of its data become the reason of a failed result."""
-    return run_guarded(_run, job, advance)
+    return run_guarded(_convert_recording, job, advance)
 
 
-def _run(job: UnitJob, advance: Advance) -> UnitResult:
-    report = _convert(job, advance)
+def _convert_recording(job: UnitJob, advance: Advance) -> UnitResult:
+    report = _exported(job, advance)
     return UnitResult(
         counts={
             'frames': report.frames,
@@ -60,7 +56,15 @@ def _run(job: UnitJob, advance: Advance) -> UnitResult:
     )
 
 
-def _convert(job: UnitJob, advance: Advance) -> ExportReport:
+def _exported(job: UnitJob, advance: Advance) -> ExportReport:
+    # What one kind of units needs takes tenths of a second, and workers import it at their start.
+    from ..bags.open_folder import open_folder  # noqa: PLC0415
+    from ..exporter.to_bag import ExportOptions, convert  # noqa: PLC0415
+    from ..kitti.extract_oxts import add_extract  # noqa: PLC0415
+    from ..kitti.predictions import add_predictions  # noqa: PLC0415
+    from ..options.selection import Bound  # noqa: PLC0415
+    from ..options.table import make_settings  # noqa: PLC0415
+
     unit, settings = job.unit, make_settings(job.options)
     read = replace(settings.read, layout=unit.layout, sequence=unit.sequence)
     selection = settings.selection

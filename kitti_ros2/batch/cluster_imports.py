@@ -10,4 +10,4 @@ with imports_of_a_worker():
     import_module('distributed.nanny')
     from . import dask_unit, worker_imports
 
-__all__ = ['dask_unit', 'worker_imports']
+__all__ = ['dask_cluster', 'worker_imports']

@@ -7,13 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..evaluation.score_values import detection_values, odometry_values, tracking_values
 from ..files.json_text import losses_json
-from ..options.evaluation_tables import (
-    make_detection_options,
-    make_odometry_options,
-    make_tracking_options,
-)
 from .results import UnitResult
 from .unit_function import loss_lines, run_guarded, write_unit_json
 
@@ -43,7 +37,9 @@ def run_odometry_unit(job: UnitJob, advance: Advance) -> UnitResult:
 
 
 def _score_detections(job: UnitJob, _: Advance) -> UnitResult:
-    from ..evaluation.detection import score_paths  # noqa: PLC0415 - heavy
+    from ..evaluation.detection import score_paths  # noqa: PLC0415 - as above
+    from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
+    from ..options.evaluation_tables import make_detection_options  # noqa: PLC0415 - as above
 
     read, options, recorded = make_detection_options(_chosen(job))
     layout = job.unit.layout
@@ -54,8 +50,10 @@ def _score_detections(job: UnitJob, _: Advance) -> UnitResult:
 
 
 def _score_tracks(job: UnitJob, advance: Advance) -> UnitResult:
-    from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - heavy
-    from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - heavy
+    from ..evaluation.score_values import tracking_values  # noqa: PLC0415 - as above
+    from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - as above
+    from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - as above
+    from ..options.evaluation_tables import make_tracking_options  # noqa: PLC0415 - as above
 
     read, options = make_tracking_options(_chosen(job))
     read = replace(read, sequence=job.unit.sequence)
@@ -65,7 +63,9 @@ def _score_tracks(job: UnitJob, advance: Advance) -> UnitResult:
 
 
 def _score_trajectory(job: UnitJob, _: Advance) -> UnitResult:
-    from ..evaluation.odometry import score_trajectory  # noqa: PLC0415 - heavy
+    from ..evaluation.odometry import score_trajectory  # noqa: PLC0415 - as above
+    from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
+    from ..options.evaluation_tables import make_odometry_options  # noqa: PLC0415 - as above
 
     read, options = make_odometry_options(_chosen(job))
     read = _read(job.unit, read)

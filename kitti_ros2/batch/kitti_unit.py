@@ -7,9 +7,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..bags.open_source import open_bag_source
-from ..options.table import make_import_options
-from ..own_bags.to_kitti import Conversion
 from .results import UnitResult
 from .unit_function import loss_lines, run_guarded, samples_shown
 
@@ -22,10 +19,14 @@ PLAN_FILE = 'plan_file'
 
 def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Convert a bag; errors of its data become the reason of a failed result."""
-    return run_guarded(_run, job, advance)
+    return run_guarded(_convert_bag, job, advance)
 
 
-def _run(job: UnitJob, advance: Advance) -> UnitResult:
+def _convert_bag(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
+    from ..options.table import make_import_options  # noqa: PLC0415 - as above
+    from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
+
     chosen = dict(job.options)
     plan_file = chosen.pop(PLAN_FILE, None)
     options = make_import_options(chosen)

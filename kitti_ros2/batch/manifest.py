@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..files.durability import sync_folders
 from ..model.errors import MissingPathError
-from .manifest_file import check, connect, create_tables, reported, version_of
+from .manifest_file import check, connect, create_tables, manifest_errors, version_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -114,7 +114,7 @@ class Manifest:
         self._run = 0
         self._database = connect(self._path)
         try:
-            with reported(self._path):
+            with manifest_errors(self._path):
                 self._database.execute('PRAGMA journal_mode = TRUNCATE')
                 self._database.execute('PRAGMA synchronous = NORMAL')
                 self._create()
@@ -125,7 +125,7 @@ class Manifest:
     @property
     def command(self) -> str | None:
         """The command of the last run; None before the first."""
-        with reported(self._path):
+        with manifest_errors(self._path):
             row = self._database.execute('SELECT command FROM runs ORDER BY run DESC').fetchone()
         return None if row is None else str(row[0])
 
@@ -156,7 +156,7 @@ class Manifest:
 
     def records(self) -> dict[str, UnitRecord]:
         """Return all units by name."""
-        with reported(self._path):
+        with manifest_errors(self._path):
             return _records(self._database)
 
     def start(self, name: str, identity: Identity, *, attempt: int, ours: bool) -> None:
@@ -223,7 +223,7 @@ class Manifest:
     @contextmanager
     def _transaction(self, *, commit: bool = True) -> Iterator[None]:
         """Begin a transaction, or continue the one that is open."""
-        with reported(self._path):
+        with manifest_errors(self._path):
             if not self._database.in_transaction:
                 self._database.execute('BEGIN IMMEDIATE')
             try:
@@ -248,7 +248,7 @@ def read_manifest(folder: Path) -> tuple[list[UnitRecord], CollectionRun | None]
     if not path.is_file():
         raise MissingPathError(path)
     with (
-        reported(path),
+        manifest_errors(path),
         closing(connect(path)) as database,
     ):
         check(database, path)

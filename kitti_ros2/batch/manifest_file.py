@@ -49,7 +49,7 @@ def connect(path: Path) -> sqlite3.Connection:
     Raises:
         OSError: It cannot be opened.
     """
-    with reported(path):
+    with manifest_errors(path):
         return sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
 
 
@@ -78,7 +78,7 @@ def check(database: sqlite3.Connection, path: Path) -> None:
 
 
 @contextmanager
-def reported(path: Path) -> Iterator[None]:
+def manifest_errors(path: Path) -> Iterator[None]:
     """Convert errors of SQLite about a file to one line."""
     try:
         yield

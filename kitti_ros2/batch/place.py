@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 from ..files.output_paths import make_folder
 from ..files.remote import is_remote
 from ..files.staging import lock_exclusively, reported, sweep
-from ..files.store_lock import locked_in_store
 from ..files.store_objects import (
     objects_at,
     read_object,
@@ -181,6 +180,8 @@ def open_place(out: Path) -> Iterator[LocalPlace]:
         return
     refuse_read_only(out)
     folder = _state_folder(out)
+    from ..files.store_lock import locked_in_store  # noqa: PLC0415 - for URLs only
+
     with _locked(folder, out) as lock, locked_in_store(out / _LOCK) as held:
         place = StorePlace(out, folder, lock, held)
         try:

@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING
 
 from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
 from ..files.staging import staged_file
-from ..options.table import make_settings
-from ..report.gather import gather
-from ..report.page import make_page
 from .results import UnitResult
 from .unit_function import first_lines, run_guarded
 
@@ -21,10 +18,14 @@ if TYPE_CHECKING:
 
 def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Write the report of a recording or bag; errors of its data become the reason of failure."""
-    return run_guarded(_run, job, advance)
+    return run_guarded(_write_report, job, advance)
 
 
-def _run(job: UnitJob, advance: Advance) -> UnitResult:
+def _write_report(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..options.table import make_settings  # noqa: PLC0415 - as above
+    from ..report.gather import gather  # noqa: PLC0415 - as above
+    from ..report.page import make_page  # noqa: PLC0415 - as above
+
     unit = job.unit
     read = make_settings({n: v for n, v in job.options.items() if n != 'overwrite'}).read
     report = gather(unit.source, replace(read, layout=unit.layout, sequence=unit.sequence), advance)

@@ -7,9 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from ..datasets.set_statistics import count_set, find_sources
-from ..datasets.statistics_rows import plain_values
-from ..options.dataset_tables import make_statistics_options
 from .results import UnitResult
 from .unit_function import loss_lines, run_guarded, write_unit_json
 
@@ -19,10 +16,14 @@ if TYPE_CHECKING:
 
 def run_statistics_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Count what is in a recording or bag; errors of its data become the reason of failure."""
-    return run_guarded(_run, job, advance)
+    return run_guarded(_count, job, advance)
 
 
-def _run(job: UnitJob, advance: Advance) -> UnitResult:
+def _count(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..datasets.set_statistics import count_set, find_sources  # noqa: PLC0415 - as above
+    from ..datasets.statistics_rows import plain_values  # noqa: PLC0415 - as above
+    from ..options.dataset_tables import make_statistics_options  # noqa: PLC0415 - as above
+
     unit = job.unit
     chosen = {name: value for name, value in job.options.items() if name != 'overwrite'}
     read, options = make_statistics_options(chosen)

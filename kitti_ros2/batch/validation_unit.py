@@ -7,8 +7,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..validation.rule import RuleSeverity
-from ..validation.validate import validate
 from .results import UnitResult
 from .unit_function import first_lines, run_guarded, write_unit_json
 
@@ -24,10 +22,12 @@ def run_validation_unit(job: UnitJob, advance: Advance) -> UnitResult:
 
     A unit that cannot be checked at all has failed.
     """
-    return run_guarded(_run, job, advance)
+    return run_guarded(_check, job, advance)
 
 
-def _run(job: UnitJob, advance: Advance) -> UnitResult:
+def _check(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..validation.validate import validate  # noqa: PLC0415 - as above
+
     unit = job.unit
     chosen: Any = {name: value for name, value in job.options.items() if name != 'overwrite'}
     chosen |= {'layout': unit.layout, 'sequence': unit.sequence}
@@ -45,6 +45,8 @@ def _run(job: UnitJob, advance: Advance) -> UnitResult:
 
 
 def _error_lines(report: ValidationReport) -> Iterator[str]:
+    from ..validation.rule import RuleSeverity  # noqa: PLC0415 - as above
+
     for each in report.findings:
         if each.severity == RuleSeverity.ERROR.value:
             yield f'{each.rule}: {each.place}: {each.message} ({each.remedy})'

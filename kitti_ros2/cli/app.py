@@ -2,50 +2,56 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sub-commands of the command line, and the parser of its arguments."""
 
+from __future__ import annotations
+
 import os
-from collections.abc import Callable
+import re
 from functools import cache
-from typing import Annotated, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..model.errors import UsageError
 from .commands.command import Command
-from .commands.crop import crop
 from .commands.declared import add_options
-from .commands.demo import demo
-from .commands.download import download
-from .commands.eval_detection import eval_detection
-from .commands.eval_live import eval_live
-from .commands.eval_odometry import eval_odometry
-from .commands.eval_tracking import eval_tracking
-from .commands.extract import extract
-from .commands.info import info
-from .commands.play import play
-from .commands.recover import recover
-from .commands.report import report
-from .commands.split import split
-from .commands.stacks import stacks
-from .commands.stats import stats
-from .commands.status import status
-from .commands.to_bag import to_bag
-from .commands.to_kitti import to_kitti
-from .commands.validate import validate
-from .commands.view import view
 from .completion import VARIABLE, answering, complete_at_first_tab, completion_words
 from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
-app = typer.Typer(
-    name='kitti-ros2',
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    context_settings={'help_option_names': ['-h', '--help']},
-)
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_COMMANDS = {
+    'info': ('info', 'Summarize a KITTI folder or a bag.'),
+    'play': ('play', 'Play a KITTI folder or a bag live, in ROS 2 or for Foxglove.'),
+    'view': ('view', 'Draw frames of a KITTI folder or a bag, or show it in Rerun.'),
+    'report': ('report', 'Write an HTML report on a KITTI folder or a bag.'),
+    'to-bag': ('to_bag', 'Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).'),
+    'to-kitti': ('to_kitti', 'Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.'),
+    'status': ('status', 'Show how much of a collection is done, failed and left.'),
+    'recover': ('recover', 'Repair a truncated or damaged bag; each loss is listed.'),
+    'download': ('download_extract', "Download KITTI's archives by name and extract them."),
+    'extract': ('download_extract', "Extract KITTI's archives into the folders that readers expect."),
+    'validate': ('validate', 'Check every file of KITTI folders and bags.'),
+    'stats': ('stats', 'Count what is in data sets: objects, sensors, routes.'),
+    'crop': ('crop_split', 'Cut scans by view, box, range, height, lasers or voxels.'),
+    'split': ('crop_split', 'Divide a data set into lists such as train.txt, or check lists.'),
+    'stacks': ('stacks', 'List the stacks that --for knows, or show and set up one of them.'),
+    'demo': ('demo', 'Write a synthetic recording, convert it, and summarize it.'),
+    'eval detection': ('eval', "Score detections: average precision as KITTI's object benchmark."),
+    'eval odometry': ('eval', "Score a trajectory: KITTI's segment errors, APE and RPE."),
+    'eval tracking': ('eval', 'Score tracks: HOTA, CLEAR-MOT and IDF1 of cars and pedestrians.'),
+    'eval live': ('eval', 'Play to a running stack, score its results, measure its latency.'),
+}
+"""The module and the first line of the help of each command; those of a group are two words.
+
+Only the requested command is imported.
+"""
 
 
 def command_names() -> list[str]:
     """Return the names of all sub-commands; those of a group are two words."""
-    return [' '.join(words) for words in _ALL]
+    return [*_COMMANDS]
 
 
 def get_command(words: list[str]) -> Any:  # noqa: ANN401 - a command of typer's own copy of click
@@ -61,19 +67,38 @@ def find_command(words: list[str]) -> tuple[str, Any]:
     """
     found = get_command(words)
     requested = _requested(words)
-    for word in requested or words[:1]:
+    for word in requested.split() or words[:1]:
         found = found.commands[word]
-    return ' '.join(requested), found
+    return requested, found
 
 
-def _requested(words: list[str]) -> tuple[str, ...]:
-    return next((key for key in _ALL if (*words[: len(key)],) == key), ())
+def _requested(words: list[str]) -> str:
+    """Return the name of the command that is first in the words, or nothing."""
+    if words[:1] == ['--']:
+        words = words[1:]
+    return next((name for name in _COMMANDS if words[: len(name.split())] == name.split()), '')
 
 
 @cache
-def _command_for(requested: tuple[str, ...]) -> Any:  # noqa: ANN401 - as above
-    if requested:
-        add_options(_ALL[requested])
+def _command_for(requested: str) -> Any:  # noqa: ANN401 - as above
+    app = typer.Typer(
+        name='kitti-ros2',
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        context_settings={'help_option_names': ['-h', '--help']},
+    )
+    add_options(_root)
+    app.callback()(_root)
+    scores = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+    scores.callback()(_eval)
+    for name in [requested] if requested else _COMMANDS:
+        group, _, word = name.rpartition(' ')
+        owner = scores if group else app
+        if requested:
+            owner.command(word, cls=Command)(_imported(name))
+        else:
+            owner.command(word, cls=Command, help=_COMMANDS[name][1])(_listed)
+    app.add_typer(scores, name='eval')
     return typer.main.get_command(app)
 
 
@@ -124,8 +149,7 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def root(
+def _root(
     version: Annotated[
         bool, typer.Option('--version', callback=_version, is_eager=True, help='Print the version.')
     ] = False,
@@ -138,45 +162,19 @@ def root(
     """
 
 
-_COMMANDS: dict[str, Callable[..., int]] = {
-    'info': info,
-    'play': play,
-    'view': view,
-    'report': report,
-    'to-bag': to_bag,
-    'to-kitti': to_kitti,
-    'status': status,
-    'recover': recover,
-    'download': download,
-    'extract': extract,
-    'validate': validate,
-    'stats': stats,
-    'crop': crop,
-    'split': split,
-    'stacks': stacks,
-    'demo': demo,
-}
-_EVAL: dict[str, Callable[..., int]] = {
-    'detection': eval_detection,
-    'odometry': eval_odometry,
-    'tracking': eval_tracking,
-    'live': eval_live,
-}
-_ALL: dict[tuple[str, ...], Callable[..., int]] = {
-    **{(name,): command for name, command in _COMMANDS.items()},
-    **{('eval', name): command for name, command in _EVAL.items()},
-}
-for _name, _command in _COMMANDS.items():
-    app.command(_name, cls=Command)(_command)
-
-_eval_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-for _name, _command in _EVAL.items():
-    _eval_app.command(_name, cls=Command)(_command)
-
-
-@_eval_app.callback()
 def _eval() -> None:
     """Score detections, tracks and trajectories as KITTI does."""
 
 
-app.add_typer(_eval_app, name='eval')
+def _listed() -> int:
+    """Stand for a command that help texts and completions list, and that is not imported."""
+    raise UsageError('a command is the first word; see kitti-ros2 --help')
+
+
+def _imported(name: str) -> Callable[..., int]:
+    """Return the function of a command, with its options."""
+    module, _ = _COMMANDS[name]
+    function = re.sub('[ -]', '_', name)
+    command: Callable[..., int] = getattr(import_module(f'.{module}', __package__), function)
+    add_options(command)
+    return command

@@ -6,10 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..kitti.store import STORE
 from ..model.errors import BadFileError, UsageError
-from ..model.yaml_text import YamlTextError, load_yaml
-from ..options.declare import check_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -31,6 +28,10 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
     Raises:
         UsageError: The file is missing, invalid YAML, or not a mapping of known names.
     """
+    from ..kitti.store import STORE
+    from ..model.yaml_text import YamlTextError, load_yaml
+    from ..options.declare import check_names
+
     try:
         values = load_yaml(STORE.read_text(path), _KEPT_AS_TEXT)
     except OSError as error:

@@ -8,8 +8,6 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..datasets.cropping import crop_sets
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..options.dataset_tables import make_crop_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -38,6 +36,9 @@ def run_crop(src: Path, out: Path, given: Mapping[str, object], *, json: bool, q
     Returns:
         The exit code: 1 if something could not be cut or placed.
     """
+    from ..datasets.cropping import crop_sets
+    from ..files.freed_memory import keep_freed_memory
+
     keep_imports()
     options = make_crop_options(given)
     keep_freed_memory()

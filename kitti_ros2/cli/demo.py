@@ -8,12 +8,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from ..files.staging import refuse_link, staged
-from ..kitti.replacing import keep_all_but_data_sets
 from ..model.errors import OutputExistsError
-from ..options.read import ReadOptions
-from ..options.table import make_settings
-from ..synthetic import SyntheticOptions, write_synthetic
 from .info import overlook, print_overview
 from .progress import step_progress
 from .text import format_path
@@ -45,6 +40,12 @@ def run_demo(
     Raises:
         OutputExistsError: out exists and overwrite is not given.
     """
+    from ..files.staging import refuse_link, staged
+    from ..kitti.replacing import keep_all_but_data_sets
+    from ..options.read import ReadOptions
+    from ..options.table import make_settings
+    from ..synthetic import SyntheticOptions, write_synthetic
+
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
     recording, bag = out / 'kitti', out / 'bag'

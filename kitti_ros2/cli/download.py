@@ -9,9 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..fetch.catalogue import BENCHMARKS, ENTRIES
-from ..fetch.download import download_all, select_entries
-from ..fetch.raw_drives import raw_drives
 from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..options.dataset_tables import make_download_options
@@ -38,6 +35,8 @@ def run_download(
     Returns:
         The exit code.
     """
+    from ..fetch.download import download_all, select_entries
+
     keep_imports()
     options, extraction = make_download_options(given)
     if listing:
@@ -61,6 +60,8 @@ def run_download(
 
 def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str], Path]:
     """Split the words into what to download and where to."""
+    from ..fetch.download import select_entries
+
     if not words:
         raise UsageError(
             f'WHAT is missing (such as raw 2011_09_26_drive_0005, or object calib); {_USAGE};'
@@ -96,6 +97,9 @@ def _say(report: DownloadReport) -> None:
 
 def _list(words: Sequence[str], options: DownloadOptions, *, json: bool) -> int:
     """Print the archives and drives of benchmarks, all without words."""
+    from ..fetch.catalogue import BENCHMARKS, ENTRIES
+    from ..fetch.raw_drives import raw_drives
+
     for word in words:
         if word not in BENCHMARKS:
             raise UsageError(f'--list takes {" ".join(BENCHMARKS)}, not {word}')

@@ -116,7 +116,7 @@ class _Scores(Combined):
 
     @cached_property
     def _found(self) -> dict[str, Values]:
-        return {record.name: _read(path) for record, path in self._done}
+        return {record.name: _read_scores(path) for record, path in self._done}
 
     @cached_property
     def _together(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class _Scores(Combined):
         Console(highlight=False).print(table)
 
 
-def _read(path: Path) -> Values:
+def _read_scores(path: Path) -> Values:
     try:
         values: dict[str, Any] = json_module.loads(path.read_text('utf-8'))
     except ValueError as error:

@@ -8,13 +8,7 @@ from contextlib import closing, nullcontext
 from itertools import count
 from typing import TYPE_CHECKING
 
-from ..evaluation.detection import ORIENTATION, score_frames
-from ..evaluation.detection_inputs import read_frames
-from ..evaluation.overlap import Space
-from ..evaluation.score_values import detection_values as scores_json
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
-from ..files.staging import staged_file
 from ..model.difficulty import Difficulty
 from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_detection_options
@@ -38,7 +32,6 @@ if TYPE_CHECKING:
     from ..pictures.frame import FrameSource
     from .result_output import ResultOutput
 
-_METRICS = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
 
 
 def run_eval_detection(
@@ -59,6 +52,11 @@ def run_eval_detection(
     Returns:
         The exit code: 1 where frames or lines could not be scored.
     """
+    from ..evaluation.detection import score_frames
+    from ..evaluation.detection_inputs import read_frames
+    from ..evaluation.score_values import detection_values as scores_json
+    from ..files.freed_memory import keep_freed_memory
+
     keep_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
@@ -88,7 +86,7 @@ def run_eval_detection(
         print_json(scores_json(scores))
     elif not output.quiet:
         say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
-        print_scores(scores)
+        print_detections(scores)
         if out is not None:
             say(format_path(out))
     show_losses(losses)
@@ -105,12 +103,13 @@ def _draw_curves(
     scores: DetectionScores, results: Path, out: Path, refusal: Callable[[Path], str | None]
 ) -> None:
     from ..evaluation.detection_plot import draw_curves
+    from ..files.staging import staged_file
 
     with staged_file(out, refusal) as path:
         draw_curves(scores, f'{results}', path)
 
 
-def print_scores(scores: DetectionScores) -> None:
+def print_detections(scores: DetectionScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from rich.console import Console
 
@@ -133,10 +132,14 @@ def print_scores(scores: DetectionScores) -> None:
 
 def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
     """Yield the table of each class."""
+    from ..evaluation.detection import ORIENTATION
+    from ..evaluation.overlap import Space
+
+    shown_metrics = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
     heads = [f'{level} {points}' for points in ('R40', 'R11') for level in ('easy', 'mod.', 'hard')]
     for class_name, metrics in scores.items():
         table = plain_table(f'{cell(class_name):<10} IoU {limits[class_name]:.2f}', heads)
-        for metric in (name for name in _METRICS if name in metrics):
+        for metric in (name for name in shown_metrics if name in metrics):
             curves = [metrics[metric][level] for level in Difficulty]
             shown = [_figure(each, 'r40') for each in curves]
             table.add_row(metric, *shown, *(_figure(each, 'r11') for each in curves))

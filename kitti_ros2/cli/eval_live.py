@@ -6,23 +6,29 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ..evaluation.live import run_live
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..options.evaluation_tables import make_live_options
+from .eval_detection import print_detections
+from .eval_odometry import print_trajectory
+from .eval_tracking import print_tracks
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .progress import step_progress
 from .text import format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from ..evaluation.live import LiveScores
+
+_PRINT: dict[str, Callable[[Any], None]] = {
+    'detection': print_detections,
+    'odometry': print_trajectory,
+    'tracking': print_tracks,
+}
 
 
 def run_eval_live(src: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
@@ -37,6 +43,9 @@ def run_eval_live(src: Path, given: Mapping[str, object], *, json: bool, quiet: 
     Returns:
         The exit code: 1 if a frame has no answer, or something could not be played or scored.
     """
+    from ..evaluation.live import run_live
+    from ..files.freed_memory import keep_freed_memory
+
     keep_imports()
     keep_freed_memory()
     options, played = make_live_options(given)
@@ -58,7 +67,7 @@ def _show(line: bytes) -> None:
 
 
 def _print(found: LiveScores) -> None:
-    _command_of(found.task).print_scores(found.scores)
+    _PRINT[found.task](found.scores)
     say('')
     say(
         f'{format_count(found.frames, "frame")} sent, {len(found.latencies_ns):,} answered,'
@@ -78,6 +87,13 @@ def _print(found: LiveScores) -> None:
 
 def _values(found: LiveScores) -> dict[str, object]:
     """Return what is printed as JSON: the document of the evaluation, and that of the run."""
+    from ..evaluation.score_values import detection_values, odometry_values, tracking_values
+
+    values_of: dict[str, Callable[[Any], dict[str, Any]]] = {
+        'detection': detection_values,
+        'odometry': odometry_values,
+        'tracking': tracking_values,
+    }
     run = {
         'frames': found.frames,
         'answered': len(found.latencies_ns),
@@ -87,9 +103,4 @@ def _values(found: LiveScores) -> dict[str, object]:
         'notes': found.notes,
         'losses': losses_json(found.losses),
     }
-    return {**_command_of(found.task).scores_json(found.scores), 'live': run}
-
-
-def _command_of(task: str) -> Any:  # noqa: ANN401 - the module of a command
-    """Return the module that prints the scores of an evaluation."""
-    return import_module(f'.eval_{task}', __package__)
+    return {**values_of[found.task](found.scores), 'live': run}

@@ -6,13 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..evaluation.odometry import score_trajectory
-from ..evaluation.score_values import odometry_values as scores_json
-from ..evaluation.segment_errors import LENGTHS_M
 from ..files.kept_imports import keep_imports
-from ..files.staging import staged_file
 from ..options.batch import split_batch_options
 from ..options.eval_odometry import Alignment
 from ..options.evaluation_tables import make_odometry_options
@@ -59,6 +53,10 @@ def run_eval_odometry(
     Returns:
         The exit code: 1 where frames have no pose, or data could not be used.
     """
+    from ..evaluation.odometry import score_trajectory
+    from ..evaluation.score_values import odometry_values as scores_json
+    from ..files.staging import staged_file
+
     keep_imports()
     batch, given = split_batch_options(given)
     read, options = make_odometry_options(given)
@@ -77,14 +75,14 @@ def run_eval_odometry(
     if output.json:
         print_json(scores_json(scores))
     elif not output.quiet:
-        print_scores(scores)
+        print_trajectory(scores)
         if out is not None:
             say(format_path(out))
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
 
 
-def print_scores(scores: OdometryScores) -> None:
+def print_trajectory(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from rich.console import Console
 
@@ -112,6 +110,8 @@ def _alignment_of(scores: OdometryScores) -> str:
 
 
 def _segments(segments: SegmentErrors) -> Table:
+    from ..evaluation.segment_errors import LENGTHS_M
+
     table = plain_table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
     for length in LENGTHS_M:
         part = segments.of_length(length)
@@ -133,6 +133,8 @@ def _errors(scores: OdometryScores) -> Table:
 
 
 def _error_cells(errors: Float64Array, root: float | None) -> tuple[str, ...]:
+    import numpy as np
+
     if not len(errors):
         return ('-',) * 4
     values = root, errors.mean(), np.median(errors), errors.max()

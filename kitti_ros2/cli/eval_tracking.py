@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..evaluation.score_values import tracking_values as scores_json
-from ..evaluation.tracking import score_tracking
 from ..files.kept_imports import keep_imports
 from ..options.batch import split_batch_options
 from ..options.evaluation_tables import make_tracking_options
@@ -60,6 +58,9 @@ def run_eval_tracking(
     Raises:
         UsageError: Options do not go together.
     """
+    from ..evaluation.score_values import tracking_values as scores_json
+    from ..evaluation.tracking import score_tracking
+
     keep_imports()
     batch, given = split_batch_options(given)
     read, options = make_tracking_options(given)
@@ -73,12 +74,12 @@ def run_eval_tracking(
     if output.json:
         print_json(scores_json(scores))
     elif not output.quiet:
-        print_scores(scores)
+        print_tracks(scores)
     show_losses(scores.losses)
     return EXIT_LOSSES if scores.losses else EXIT_OK
 
 
-def print_scores(scores: TrackingScores) -> None:
+def print_tracks(scores: TrackingScores) -> None:
     """Print a table for a terminal of 80 columns."""
     from rich.console import Console
 

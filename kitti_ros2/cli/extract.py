@@ -8,10 +8,7 @@ import shlex
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..fetch.extract import extract_all
 from ..files.kept_imports import keep_imports
-from ..kitti.archives import is_archive
-from ..kitti.nearby import data_sets_below
 from ..model.errors import UsageError
 from ..options.dataset_tables import make_extract_options
 from .exit_codes import EXIT_LOSSES, EXIT_OK
@@ -33,6 +30,9 @@ def run_extract(paths: list[Path], given: dict[str, object], *, json: bool, quie
     Returns:
         The exit code.
     """
+    from ..fetch.extract import extract_all
+    from ..kitti.archives import is_archive
+
     keep_imports()
     *archives, root = paths
     if is_archive(root.name) and (root.is_file() or not archives):
@@ -72,6 +72,8 @@ def say_extracted(report: ExtractReport) -> None:
 
 def say_data_sets(root: Path) -> None:
     """Print the commands that show the data sets in a folder, if they are few."""
+    from ..kitti.nearby import data_sets_below
+
     found, complete = data_sets_below(root)
     if complete and len(found) <= _MOST_NAMED:
         for data_set in found:

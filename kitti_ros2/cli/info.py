@@ -7,14 +7,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..bags.open_source import open_source
-from ..bags.reader import OpenBag
 from ..files.kept_imports import keep_imports
 from ..model.stamps import format_stamp
 from ..model.streams import Clock
 from ..model.text import one_line
 from ..options.table import make_settings
-from ..report.overview import MOST_SERIES, describe_rest, inspect_bag, inspect_recording
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .tables import cell, plain_table
@@ -47,7 +44,6 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
-    keep_imports()
     overview = overlook(path, make_settings(given).read)
     if json:
         print_json(_values(overview))
@@ -60,6 +56,11 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool
 
 def overlook(path: Path, options: ReadOptions) -> Overview:
     """Return the overview of a bag, or of a KITTI folder."""
+    from ..bags.open_source import open_source
+    from ..bags.reader import OpenBag
+    from ..report.overview import inspect_bag, inspect_recording
+
+    keep_imports()
     source = open_source(path, options)
     if not isinstance(source, OpenBag):
         return inspect_recording(source, path)
@@ -79,6 +80,8 @@ def _values(overview: Overview) -> dict[str, object]:
 def print_overview(overview: Overview) -> None:
     """Print the overview as tables for a terminal of 80 columns."""
     from rich.console import Console
+
+    from ..report.overview import MOST_SERIES, describe_rest
 
     console = Console(highlight=False, soft_wrap=True)
     compression = f', compression {overview.compression}' if overview.compression else ''
@@ -136,6 +139,8 @@ def _short(msgtype: str) -> str:
 
 
 def _camera_table(overview: Overview) -> Table:
+    from ..report.overview import MOST_SERIES
+
     table = plain_table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
     for camera in overview.cameras[:MOST_SERIES]:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'

@@ -8,8 +8,6 @@ import sys
 
 from ..files.json_text import json_text, losses_json
 
-__all__ = ['losses_json', 'print_json']
-
 
 def print_json(values: object) -> None:
     """Print one JSON document; NaN and infinite numbers are null."""

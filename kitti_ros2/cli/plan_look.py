@@ -9,9 +9,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..bags.reader import path_of
 from ..files.replacing import keep_all
-from ..files.staging import lies_inside, refuse_inside, staged_file
 from ..model.errors import UsageError
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
@@ -62,6 +60,7 @@ def check_preview(preview: Path, bags: Sequence[Path], out: Path | None) -> None
     Raises:
         UsageError: Its ending is unsupported, or it lies in a bag or in the output.
     """
+    from ..files.staging import lies_inside, refuse_inside
     from ..pictures.output import PICTURES
 
     if preview.suffix.lower() not in PICTURES:
@@ -83,6 +82,7 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
         bags: Those of one recording.
         any_layout: Whether a missing layout is chosen by the content of the bags.
     """
+    from ..files.staging import staged_file
     from ..own_bags.outlook import make_outlook
 
     with ExitStack() as stack:
@@ -105,6 +105,7 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
 
 def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
     """Draw what a conversion would write: by the plan, or the original files."""
+    from ..bags.reader import path_of
     from ..importer.survey import look
     from ..pictures.preview import draw_preview, draw_recorded
     from ..pictures.recording_frames import RecordingFrames
@@ -121,6 +122,7 @@ def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Pr
 
 def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
     """Print which topic becomes which stream."""
+    from ..bags.reader import path_of
     from .plan_table import print_plan
 
     names = ', '.join(format_path(path_of(bag)) for bag in bags)
@@ -137,6 +139,8 @@ def _overlook(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
 
 def print_look(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
     """Show the plan of bags without an output, or write the preview; return the exit code."""
+    from ..bags.reader import path_of
+
     seen = see(request, bags, any_layout=True)
     losses = () if seen.drawn is None else seen.drawn.losses
     if json:
@@ -184,6 +188,8 @@ def _commands(
     request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
 ) -> Iterator[tuple[str, str]]:
     """Yield the purpose and the words of commands that may follow."""
+    from ..bags.reader import path_of
+
     given = dict(request.given)
     plan_file = [] if request.plan_file is None else ['--plan-file', str(request.plan_file)]
     if not plan_file and not outlook.restored:

@@ -8,13 +8,11 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..node.installed import check_installed
 from ..options.parsers import parse_texts
 from ..options.table import PLAY, make_play_settings
-from ..player.status import StatusLine, Terminal
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .text import complain, say
@@ -115,6 +113,8 @@ def run_play(
     Returns:
         The exit code: also 0 after Ctrl-C.
     """
+    from ..files.freed_memory import keep_freed_memory
+
     ending = end_by_signal()
     chosen = dict(given)
     if config:
@@ -146,6 +146,9 @@ def _play_for_viewers(
     keyboard: bool,
     quiet: bool,
 ) -> int:
+    from ..files.freed_memory import keep_freed_memory
+    from ..player.status import StatusLine, Terminal
+
     if not 0 <= viewers.port <= _LAST_PORT:
         raise UsageError(f'invalid port {viewers.port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
     if src is None:

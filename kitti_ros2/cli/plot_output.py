@@ -8,7 +8,6 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from ..files.replacing import keep_all, keep_all_but_files
-from ..files.staging import Staging, refuse_inside
 from ..model.errors import UsageError
 from ..model.text import either
 
@@ -34,6 +33,8 @@ def check_output(
     overwrite: bool,
 ) -> Callable[[Path], str | None]:
     """Raise now for an output that could not be written later; return its refusal."""
+    from ..files.staging import Staging, refuse_inside
+
     refusal = replaceable if overwrite else keep_all
     if out is not None:
         for path in paths:

@@ -8,8 +8,6 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..bags.recover import recover
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
@@ -46,11 +44,14 @@ def run_recover(
     Returns:
         The exit code.
     """
+    from ..bags.recover import recover as repair
+    from ..files.freed_memory import keep_freed_memory
+
     keep_imports()
     keep_freed_memory()
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:
-        report = recover(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
+        report = repair(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
     elapsed = time.monotonic() - started
     for loss in report.losses:
         complain(loss)

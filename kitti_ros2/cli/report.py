@@ -7,16 +7,12 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
-from ..files.staging import Staging, staged_file
 from ..model.errors import UsageError
 from ..options.batch import split_batch_options
 from ..options.eval_detection import DetectionOptions
 from ..options.table import make_settings
-from ..report.gather import gather, with_scores
-from ..report.page import make_page
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .page_output import ENDINGS, open_page
 from .progress import step_progress
@@ -54,6 +50,11 @@ def run_report(
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
+    from ..files.freed_memory import keep_freed_memory
+    from ..files.staging import Staging, staged_file
+    from ..report.gather import gather, with_scores
+    from ..report.page import make_page
+
     keep_imports()
     keep_freed_memory()
     started = time.monotonic()

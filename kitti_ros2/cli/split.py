@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..datasets.splitting import split_set
 from ..files.kept_imports import keep_imports
 from ..model.text import some_of
 from ..options.dataset_tables import make_split_options
@@ -34,6 +33,8 @@ def run_split(src: Path, given: Mapping[str, object], *, json: bool, quiet: bool
     Returns:
         The exit code: 1 if lists overlap or contain what cannot be used.
     """
+    from ..datasets.splitting import split_set
+
     keep_imports()
     report = split_set(src, *make_split_options(given))
     if json:

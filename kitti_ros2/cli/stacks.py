@@ -14,8 +14,6 @@ from ..files.kept_imports import keep_imports
 from ..model.errors import UsageError
 from ..model.spelling import not_one_of
 from ..options.table import make_settings
-from ..stack_setup.commands import commands_of
-from ..stacks.catalogue import STACKS
 from .exit_codes import EXIT_OK
 from .json_text import print_json
 from .tables import cell, plain_table
@@ -54,6 +52,8 @@ def run_stacks(
     Returns:
         The exit code.
     """
+    from ..stacks.catalogue import STACKS
+
     keep_imports()
     if drive is None and (out is not None or overwrite or source):
         raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
@@ -103,6 +103,8 @@ def _write(
 
 
 def _list(*, json: bool, quiet: bool) -> None:
+    from ..stacks.catalogue import STACKS
+
     if json:
         print_json([_values(stack) for stack in STACKS.values()])
         return
@@ -132,6 +134,8 @@ def _show(stack: Stack) -> None:
 
 
 def _example(stack: Stack) -> RunCommands:
+    from ..stack_setup.commands import commands_of
+
     return commands_of(stack, 'DRIVE', {'imu_from': 'DRIVE_extract'} if stack.imu_hz else {})
 
 

@@ -6,11 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..datasets.set_statistics import count_set, find_sources
-from ..datasets.statistics_rows import plain_values, write_csv
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
-from ..files.staging import staged_file
 from ..model.errors import UsageError
 from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_statistics_options
@@ -18,8 +14,6 @@ from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .plot_output import check_output, check_plot
 from .progress import step_progress
-from .stats_comparison import titles_of
-from .stats_output import KEEP_ALL_BUT_TABLES, TABLE, print_sets
 from .text import format_path, say, show_losses
 
 if TYPE_CHECKING:
@@ -47,6 +41,13 @@ def run_stats(
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
+    from ..datasets.set_statistics import count_set, find_sources
+    from ..datasets.statistics_rows import plain_values, write_csv
+    from ..files.freed_memory import keep_freed_memory
+    from ..files.staging import staged_file
+    from .stats_comparison import titles_of
+    from .stats_output import KEEP_ALL_BUT_TABLES, TABLE, print_sets
+
     keep_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)

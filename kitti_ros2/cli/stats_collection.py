@@ -92,7 +92,7 @@ class _Together(Combined):
         recordings = [
             replace(each, name=record.name)
             for record, path in self._done
-            for each in _read(path).recordings
+            for each in _read_statistics(path).recordings
         ]
         return [SetStatistics(self._root, tuple(recordings))] if recordings else []
 
@@ -112,7 +112,7 @@ class _Together(Combined):
         say(format_path(self._table))
 
 
-def _read(path: Path) -> SetStatistics:
+def _read_statistics(path: Path) -> SetStatistics:
     try:
         return read_values(json_module.loads(path.read_text('utf-8')))
     except (ValueError, TypeError, KeyError) as error:

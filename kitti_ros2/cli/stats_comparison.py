@@ -129,7 +129,7 @@ def _size(each: ObjectStatistics) -> str:
     return ' '.join(f'{size.mean:.2f}' for size in sizes) if sizes[0].count else ''
 
 
-def _tracks(each: ObjectStatistics) -> str:
+def _track_lengths(each: ObjectStatistics) -> str:
     return f'{each.tracks.count} of {each.tracks.mean:.1f}' if each.tracks.count else ''
 
 
@@ -139,7 +139,7 @@ _CLASS_FIGURES: list[tuple[str, Callable[[ObjectStatistics], str]]] = [
     ('distance, m', lambda each: spread(each.distance_m)),
     ('length width height, m', _size),
     ('points a box', lambda each: number(each.points.mean)),
-    ('tracks of frames', _tracks),
+    ('tracks of frames', _track_lengths),
 ]
 
 _ROUTE_FIGURES: list[tuple[str, Callable[[RouteStatistics], str]]] = [

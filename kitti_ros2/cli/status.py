@@ -7,11 +7,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from ..batch.manifest import STATES, read_manifest
-from ..batch.pace import measure_pace
-from ..batch.place import manifest_folder
 from ..files.kept_imports import keep_imports
-from .collection_tables import complain_of, print_groups, print_pace, record_json
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 
@@ -30,6 +26,11 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
     Returns:
         The exit code: 1 with failed units or skipped data.
     """
+    from ..batch.manifest import STATES, read_manifest
+    from ..batch.pace import measure_pace
+    from ..batch.place import manifest_folder
+    from .collection_tables import complain_of, print_groups, print_pace, record_json
+
     keep_imports()
     with manifest_folder(out) as folder:
         records, run = read_manifest(folder)

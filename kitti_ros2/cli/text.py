@@ -13,16 +13,6 @@ from ..model.text import format_bytes, format_count, format_duration, one_line
 if TYPE_CHECKING:
     from ..model.losses import Loss
 
-__all__ = [
-    'complain',
-    'format_bytes',
-    'format_count',
-    'format_duration',
-    'format_path',
-    'say',
-    'show_losses',
-]
-
 _SHOWN_LOSSES = 20
 
 

@@ -10,13 +10,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..bags.open_folder import open_folder
-from ..exporter.to_bag import ExportOptions, convert
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
-from ..files.staging import refuse_inside
-from ..kitti.extract_oxts import add_extract
-from ..kitti.predictions import add_predictions
 from ..model.errors import KeptInterruptError, UsageError, notes_of
 from ..model.streams import Clock
 from ..options.batch import split_batch_options
@@ -59,6 +53,13 @@ def run_to_bag(
     Returns:
         The exit code.
     """
+    from ..bags.open_folder import open_folder
+    from ..exporter.to_bag import ExportOptions, convert
+    from ..files.freed_memory import keep_freed_memory
+    from ..files.staging import refuse_inside
+    from ..kitti.extract_oxts import add_extract
+    from ..kitti.predictions import add_predictions
+
     keep_imports()
     batch, chosen = split_batch_options(given, jobs_alone=True)
     if config:

@@ -11,16 +11,10 @@ from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..bags.locate import METADATA, is_bag
-from ..bags.open_source import open_bag_source
-from ..bags.search import is_bag_name
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
-from ..files.staging import refuse_inside
 from ..model.errors import UsageError
 from ..options.batch import split_batch_options
 from ..options.table import make_import_options
-from ..own_bags.to_kitti import Conversion, is_restored, own_bags
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import losses_json, print_json
 from .plan_look import (
@@ -76,6 +70,10 @@ def run_to_kitti(
     Raises:
         UsageError: The arguments are invalid.
     """
+    from ..files.freed_memory import keep_freed_memory
+    from ..files.staging import refuse_inside
+    from ..own_bags.to_kitti import is_restored, own_bags
+
     keep_imports()
     batch, given = split_batch_options(given)
     options = make_import_options(given)
@@ -106,6 +104,8 @@ def run_to_kitti(
         opened = _open(bags, stack)
         if out is None:
             return print_look(request, opened, quiet=quiet, json=json)
+        shown = shown and plan_file is None
+        shown = shown and not is_restored(own_bags(opened, options)[0], options)
         return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)
 
 
@@ -120,6 +120,7 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection of bags, each to a folder of its own."""
+    from ..bags.search import is_bag_name
     from ..batch.collection import Collection
     from ..batch.folders import find_all_roots
     from ..batch.kitti_unit import PLAN_FILE, run_kitti_unit
@@ -147,6 +148,8 @@ def _split(paths: Sequence[Path], *, alone: bool) -> tuple[Sequence[Path], Path 
     Raises:
         UsageError: The output is missing.
     """
+    from ..bags.locate import is_bag
+
     *bags, last = paths
     if alone and (not bags or (last.exists() and is_bag(last))):
         return paths, None
@@ -165,7 +168,8 @@ def _convert(
     json: bool,
 ) -> int:
     """Convert, after a look at the plan where one is wanted, and print a summary."""
-    shown = shown and request.plan_file is None and not _restores(bags, request.options)
+    from ..own_bags.to_kitti import Conversion
+
     seen = None
     if shown or request.preview is not None:
         seen = see(request, bags)
@@ -193,17 +197,14 @@ def _convert(
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-def _restores(bags: Sequence[OpenBag], options: ImportOptions) -> bool:
-    """Whether the original files come back, so that no plan is used."""
-    return is_restored(own_bags(bags, options)[0], options)
-
-
 def _note(text: str) -> None:
     say(f'note: {text}')
 
 
 def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
     """Open bags until the end of a stack."""
+    from ..bags.open_source import open_bag_source
+
     return [stack.enter_context(open_bag_source(path)) for path in paths]
 
 
@@ -213,6 +214,8 @@ def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
     Raises:
         UsageError: It was given a plan, or an output.
     """
+    from ..bags.locate import METADATA, is_bag
+
     texts = (path for path in paths if path.suffix in _YAML and path.name != METADATA)
     given = next(texts, plan_file)
     if given is not None:

@@ -8,13 +8,10 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..bags.search import is_bag_name
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..model.text import one_line
 from ..options.batch import split_batch_options
 from ..options.dataset_tables import make_validation_options
-from ..validation.validate import validate
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .json_text import print_json
 from .progress import step_progress
@@ -48,6 +45,9 @@ def run_validate(paths: Sequence[Path], given: Mapping[str, Any], output: Result
     Raises:
         UsageError: Options do not go together.
     """
+    from ..files.freed_memory import keep_freed_memory
+    from ..validation.validate import validate as check
+
     keep_imports()
     keep_freed_memory()
     batch, options = split_batch_options(given)
@@ -56,7 +56,7 @@ def run_validate(paths: Sequence[Path], given: Mapping[str, Any], output: Result
     output.refuse_files()
     started = time.monotonic()
     with step_progress('', show=not output.quiet) as progress:
-        report = validate(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
+        report = check(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
     elapsed = time.monotonic() - started
     if output.json:
         print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
@@ -77,6 +77,7 @@ def _run_whole(
     output: ResultOutput,
 ) -> int:
     """Check the recordings and bags of a collection."""
+    from ..bags.search import is_bag_name
     from ..batch.collection import Collection
     from ..batch.folders import find_all_roots
     from ..batch.source_units import find_source_units

@@ -8,31 +8,12 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from ..files.freed_memory import keep_freed_memory
 from ..files.kept_imports import keep_imports
 from ..files.replacing import keep_all
-from ..files.staging import refuse_inside, staged, staged_file
-from ..kitti.recording import KittiRecording
-from ..kitti.result_files import ResultFiles
 from ..model.errors import UsageError
 from ..model.spelling import did_you_mean, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_view_settings
-from ..own_bags.recording import BagRecording
-from ..pictures.modes import MODES
-from ..pictures.movie import NO_H264, Movie, has_h264
-from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
-from ..pictures.predictions import Predictions
-from ..pictures.recording_frames import RecordingFrames
-from ..pictures.series import (
-    PictureTally,
-    concerned_losses,
-    draw_frames,
-    parse_frames,
-    rate_of,
-    select_frames,
-)
-from ..pictures.sources import open_frames
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .progress import step_progress
 from .text import format_bytes, format_count, format_path, say, show_losses
@@ -46,6 +27,7 @@ if TYPE_CHECKING:
     from ..model.losses import Loss
     from ..options.settings import ViewSettings
     from ..pictures.frame import FrameData, FrameSource
+    from ..pictures.series import PictureTally
 
 _MOVIE = '.mp4'
 
@@ -66,12 +48,19 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
         UsageError: The arguments are invalid.
         MissingDataError: No picture could be drawn.
     """
-    keep_imports()
-    keep_freed_memory()
+    from ..files.freed_memory import keep_freed_memory
+    from ..files.staging import refuse_inside
+    from ..kitti.result_files import ResultFiles
+    from ..pictures.output import PICTURES
+    from ..pictures.predictions import Predictions
+    from ..pictures.sources import open_frames
+
     settings = make_view_settings(given)
     single = out.suffix.lower() in PICTURES
     refuse_inside(src, out)
     _check(out, settings, single=single)
+    keep_imports()
+    keep_freed_memory()
     path, overlaps = settings.predictions.path, settings.predictions.overlaps
     with closing(open_frames(src, settings.read)) as source:
         results = None if path is None else ResultFiles(path, frames=_names_of(source))
@@ -84,6 +73,10 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
 
 def _names_of(source: FrameSource) -> FileNames | None:
     """Return how the frames are named, if KITTI's numbers of them are known."""
+    from ..kitti.recording import KittiRecording
+    from ..own_bags.recording import BagRecording
+    from ..pictures.recording_frames import RecordingFrames
+
     recording = source.recording if isinstance(source, RecordingFrames) else None
     return recording.file_names if isinstance(recording, (KittiRecording, BagRecording)) else None
 
@@ -97,6 +90,11 @@ def _draw(
     quiet: bool,
 ) -> tuple[Loss, ...]:
     """Draw and write the requested frames; return the losses."""
+    from ..pictures.modes import MODES
+    from ..pictures.movie import NO_H264, has_h264
+    from ..pictures.output import PICTURES
+    from ..pictures.series import PictureTally, concerned_losses, draw_frames, rate_of
+
     single = out.suffix.lower() in PICTURES
     _check_camera(settings, source)
     numbers = _numbers(settings, source, single=single)
@@ -123,6 +121,8 @@ def _draw(
 
 def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:
     """Return a note on each requested class that is missing, such as a misspelt one."""
+    from ..pictures.modes import MODES
+
     wanted = settings.pictures.classes
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
         return [f'{settings.mode} draws no objects; --classes has no effect'] if wanted else []
@@ -142,6 +142,8 @@ def _keep(frame: FrameData) -> FrameData:
 
 def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
     """Raise for a camera without any images; a few missing ones are reported per frame."""
+    from ..pictures.modes import MODES
+
     camera = settings.pictures.camera
     if camera is None or camera in source.cameras or not MODES[settings.mode].image:
         return
@@ -151,6 +153,8 @@ def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
 
 def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> list[int]:
     """Return the numbers of the frames to draw."""
+    from ..pictures.series import parse_frames, select_frames
+
     if settings.frame is not None:
         return [settings.frame]
     if settings.frames is not None:
@@ -161,6 +165,9 @@ def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> li
 
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
     """Raise for invalid arguments before anything is read."""
+    from ..pictures.modes import MODES
+    from ..pictures.output import PICTURES
+
     if settings.mode not in MODES:
         raise not_one_of('mode', settings.mode, list(MODES))
     if single and settings.frames is not None:
@@ -189,6 +196,10 @@ def _write(
     Raises:
         MissingDataError: There are no pictures.
     """
+    from ..files.staging import staged, staged_file
+    from ..pictures.movie import Movie
+    from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
+
     refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:
         with staged_file(out, refusal) as path:

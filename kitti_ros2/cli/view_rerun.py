@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 
 from ..files.kept_imports import keep_imports
 from ..files.replacing import keep_all, keep_all_but_files
-from ..files.staging import staged_file
 from ..model.errors import UsageError
 from ..options.table import make_settings
-from ..player.source import open_program
 from .ending import end_by_signal
 from .exit_codes import EXIT_LOSSES, EXIT_OK
 from .progress import conversion_progress
@@ -62,6 +60,8 @@ def run_rerun(
         OutputExistsError: The file exists.
         OutputError: The file cannot be written.
     """
+    from ..player.source import open_program
+
     if web and save is not None:
         raise UsageError('--web and --save exclude each other; open the saved file with rerun')
     if save is not None and save.suffix != '.rrd':
@@ -84,6 +84,7 @@ def run_rerun(
 
 
 def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> ShowReport:
+    from ..files.staging import staged_file
     from ..rerun_view.rrd_file import write_file
 
     refusal = _KEEP_ALL_BUT_RRD if overwrite else keep_all

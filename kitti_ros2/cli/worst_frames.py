@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from ..files.staging import staged
 from .plot_output import check_output
 from .progress import step_progress
 from .tables import cell, plain_table
@@ -52,6 +51,7 @@ def draw_worst(
 ) -> tuple[Loss, ...]:
     """Draw frames with their errors into a new folder; return what could not be drawn."""
     from ..evaluation.worst_pictures import draw_worst_frames
+    from ..files.staging import staged
 
     with (
         step_progress('drawing', len(worst), show=not quiet) as progress,

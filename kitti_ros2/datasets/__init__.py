@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from ..fetch.download import *
     from ..fetch.extract import *
     from ..validation.results import *
-    from ..validation.validate import *
+    from ..validation.validate import validate as validate
     from .cropping import *
     from .set_statistics import *
     from .splitting import *

@@ -22,7 +22,7 @@ from .point_filters import kept_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path, PurePosixPath
+    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -30,10 +30,8 @@ if TYPE_CHECKING:
     from ..kitti.recording import KittiRecording
     from ..model.samples import Float32Array, FrameLabels
     from ..options.crop import CropOptions
-    from .crop_paths import CropPaths
-
-    Mask = npt.NDArray[np.bool_]
-    Placed = tuple[Path, PurePosixPath]
+    from .crop_paths import CropPaths, Placed
+    from .point_filters import Mask
 
 
 @dataclass

@@ -4,8 +4,8 @@
 
 - Rectified images: P_i R0_rect Tr_velo_to_cam.
 - Independent cameras (Waymo): P_i cam_T_velo.
-- Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's own
-  K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
+- Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's
+  own K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
 
 Pixels are KITTI's: (0, 0) is the centre of the first one. Depth is along the optical axis, metres.
 """

@@ -26,7 +26,7 @@ _LEAST_M = 10.0
 _FARTHEST_M = 1e8
 _LINE: Color = (205, 200, 196)
 _TEXT: Color = (186, 178, 172)
-_TEXT_SCALE = 0.45
+_BAR_TEXT_SCALE = 0.45
 _MOST_LINES = 4000
 
 
@@ -72,6 +72,6 @@ def _draw_scale(window: Pixels, scale: float, text: str) -> None:
     metres = max(step * power for step in (1, 2, 5) if step * power <= most)
     left, bottom = _MARGIN // 2, height - _MARGIN // 2
     cv2.line(window, (left, bottom), (left + round(metres * scale), bottom), _TEXT, 2)
-    put_text(window, f'{metres:g} m', (left, bottom - 6), _TEXT_SCALE, _TEXT)
-    right = width - left - extent_of(text, _TEXT_SCALE).width
-    put_text(window, text, (right, bottom), _TEXT_SCALE, _TEXT)
+    put_text(window, f'{metres:g} m', (left, bottom - 6), _BAR_TEXT_SCALE, _TEXT)
+    right = width - left - extent_of(text, _BAR_TEXT_SCALE).width
+    put_text(window, text, (right, bottom), _BAR_TEXT_SCALE, _TEXT)

@@ -6,8 +6,8 @@ Source: evaluate_odometry.cpp of the odometry devkit: trajectoryDistances,
 lastFrameFromSegmentLength, rotationError, translationError, calcSequenceErrors and saveStats. What
 is not obvious there, and is the same here:
 
-- The length of a segment is measured along the ground truth, in float32, and its last frame is the
-  first one *beyond* the length; errors are divided by the length itself (100 m), not by the
+- The length of a segment is measured along the ground truth, in float32, and its last frame is
+  the first one *beyond* the length; errors are divided by the length itself (100 m), not by the
   distance of the frames (100.7 m).
 - Every 10th frame is a start, and a start has a segment of each length that still fits. All
   segments have the same weight in the mean, so that short ones, of which there are more, count

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..drawing.objects import LabelledObject
     from ..model.boxes import Box
 
-__all__ = ['WorstFrame', 'worst_frames']
 
 _COUNT = 20
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..messages.naming import naming_of
-from ..stacks.catalogue import STACKS
 from ..stacks.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
@@ -31,6 +30,8 @@ def stack_notes(
         images: The last part of the names of image topics.
         schedule: The selected samples.
     """
+    from ..stacks.catalogue import STACKS  # noqa: PLC0415 - for --for only
+
     stack, names = STACKS[StackName(options.stack).value], naming_of(options)
     rows = {row.topic: row for row in table}
     read = {

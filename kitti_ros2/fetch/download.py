@@ -41,10 +41,10 @@ if TYPE_CHECKING:
     from ..options.fetching import DownloadOptions, ExtractOptions
     from .catalogue import CatalogueEntry
     from .keywords import DownloadKeywords
+    from .meter import Progress
     from .sources import ArchiveSource
 
     AnyPath = str | PathLike[str]
-    Progress = Callable[[int, int], None]
 
 ARCHIVES = 'archives'
 """Folder of the archives, in the folder that is downloaded into."""

@@ -7,10 +7,10 @@ Where the figures are from; one that no source has is left out (-):
 - Drives and categories: the pages of KITTI's raw data, one for each category
   (cvlibs.net/datasets/kitti/raw_data.php), as two public lists repeat them.
 - Bytes of the sync archive: src/download_kitti_raw.py of
-  github.com/Jiang-Muyun/Open3D-Semantic-KITTI-Vis. A second public list has all of them with three
-  or more digits, and agrees.
-- Frames, which are images of camera 2 in sync: a public table of 61 drives. No source has those of
-  campus, person and calibration.
+  github.com/Jiang-Muyun/Open3D-Semantic-KITTI-Vis. A second public list has all of them with
+  three or more digits, and agrees.
+- Frames, which are images of camera 2 in sync: a public table of 61 drives. No source has those
+  of campus, person and calibration.
 - Tracklets: the table of archives in panoptic_slam/kitti, from the pages of the categories.
 """
 

@@ -139,13 +139,13 @@ def _member(info: TarInfo) -> Member:
         info.size,
         None,
         is_folder=info.isdir(),
-        other=_kind(info),
+        other=_tar_kind(info),
         locked='',
         info=info,
     )
 
 
-def _kind(info: TarInfo) -> str:
+def _tar_kind(info: TarInfo) -> str:
     """Return what a member is if it is neither a file nor a folder."""
     kinds = {
         'symbolic link': info.issym(),

@@ -77,7 +77,7 @@ class ZipArchive:
                 info.file_size,
                 info.CRC,
                 is_folder=info.orig_filename.endswith('/'),
-                other=_kind(info),
+                other=_zip_kind(info),
                 locked=_lock(info),
                 info=info,
             )
@@ -113,7 +113,7 @@ class ZipArchive:
             raise BadMemberError(text)
 
 
-def _kind(info: ZipInfo) -> str:
+def _zip_kind(info: ZipInfo) -> str:
     """Return what a member is if it is neither a file nor a folder."""
     mode = stat.S_IFMT(info.external_attr >> 16) if info.create_system == _UNIX else 0
     return _KINDS.get(mode, '')

@@ -16,14 +16,14 @@ from ..model.samples import JPEG, MOST_PIXELS, Image
 from .jpeg import decode_jpeg
 from .picture_headers import JPEG_SIGNATURE, jpeg_frame
 from .png.decode import decode_png
-from .png.header import parse_image as parse_png
+from .png.header import parse_png
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
 
-_END = b'\xff\xd9'
+_JPEG_END = b'\xff\xd9'
 _REMEDY = 'copy the file again from its source'
 
 
@@ -31,7 +31,7 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
     """Parse an image from the bytes of its file, without decoding it.
 
     Args:
-        data: The whole file; of a PNG its two ends are enough, as png.header.parse_image says.
+        data: The whole file; of a PNG its two ends are enough, as parse_png says.
         path: The file, for errors.
         size: Bytes of the file, where data is only its ends.
 
@@ -44,7 +44,7 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
     if frame is None or not frame.width or not frame.height:
         raise BadFileError(path, 'a broken JPEG header', 'a JPEG image', remedy=_REMEDY)
     # A thumbnail before the frame has an end of its own.
-    if data.find(_END, frame.end) < 0:
+    if data.find(_JPEG_END, frame.end) < 0:
         found = f'the JPEG is cut after {len(data) if size is None else size} bytes'
         raise BadFileError(path, found, 'an image with its end', remedy=_REMEDY)
     return Image(data, frame.width, frame.height, 1 if frame.components == 1 else 3, JPEG)

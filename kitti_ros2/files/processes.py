@@ -8,7 +8,6 @@ calling thread only, and locks that other threads hold stay locked in the copy (
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 import sys
 import threading
@@ -98,6 +97,8 @@ class _Fork(Generic[T, R]):
         slot_bytes: int,
         others: Sequence[_Fork[T, R]],
     ) -> None:
+        import multiprocessing  # noqa: PLC0415 - for those that fork
+
         context = multiprocessing.get_context('fork')
         self.connection, theirs = context.Pipe()
         self._slots = SharedSlots(slot_bytes) if slot_bytes else None

@@ -18,7 +18,7 @@ from .remote_requests import fetch
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from .remote import RemotePath
+    from .url_path import UrlPath
     from .threads import ThreadTask
 
 MOST_BYTES = 64 << 20
@@ -91,15 +91,15 @@ class _Texts:
     """The text files that were read last: times and calibration are parsed, and carried whole."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[RemotePath, tuple[RemoteEntry, bytes]] = OrderedDict()
+        self._kept: OrderedDict[UrlPath, tuple[RemoteEntry, bytes]] = OrderedDict()
         self._size = 0
 
-    def get(self, path: RemotePath, entry: RemoteEntry) -> bytes | None:
+    def get(self, path: UrlPath, entry: RemoteEntry) -> bytes | None:
         """Return the content of a file, unless it is listed with another size or time."""
         known = self._kept.get(path)
         return known[1] if known is not None and known[0] == entry else None
 
-    def keep(self, path: RemotePath, entry: RemoteEntry, data: bytes) -> None:
+    def keep(self, path: UrlPath, entry: RemoteEntry, data: bytes) -> None:
         """Keep a file if it is a text of moderate size."""
         if path.suffix not in _TEXTS or len(data) > _MOST_TEXT_BYTES // 8:
             return
@@ -116,12 +116,12 @@ class FilesAhead:
     def __init__(self) -> None:
         self._lock = Lock()
         self._process = 0
-        self._folders: OrderedDict[RemotePath, _ReadFolder] = OrderedDict()
+        self._folders: OrderedDict[UrlPath, _ReadFolder] = OrderedDict()
         self._held = 0
         self._reads = 0
         self._texts = _Texts()
 
-    def read(self, path: RemotePath) -> bytes:
+    def read(self, path: UrlPath) -> bytes:
         """Read a file.
 
         Raises:
@@ -149,7 +149,7 @@ class FilesAhead:
                 self._texts.keep(path, entry, data)
         return data
 
-    def _take(self, path: RemotePath, folder: _ReadFolder) -> ThreadTask[bytes] | None:
+    def _take(self, path: UrlPath, folder: _ReadFolder) -> ThreadTask[bytes] | None:
         """Return a file that was read ahead, and begin to read those after it."""
         place = folder.places.get(path.name)
         if place is None:
@@ -164,7 +164,7 @@ class FilesAhead:
         self._begin(path.parent, folder)
         return task
 
-    def _folder(self, path: RemotePath) -> _ReadFolder | None:
+    def _folder(self, path: UrlPath) -> _ReadFolder | None:
         listing, known = known_listing(path), self._folders.get(path)
         if known is not None and known.listing is not listing:  # listed again
             self._held -= known.drop()
@@ -178,7 +178,7 @@ class FilesAhead:
         self._folders.move_to_end(path)
         return self._folders[path]
 
-    def _begin(self, path: RemotePath, folder: _ReadFolder) -> None:
+    def _begin(self, path: UrlPath, folder: _ReadFolder) -> None:
         """Read ahead as far as the window and the memory allow."""
         end = min((folder.last or 0) + folder.window * folder.step + 1, len(folder.names))
         while folder.window and folder.ahead + folder.step < end:

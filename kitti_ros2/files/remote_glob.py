@@ -13,12 +13,12 @@ from .remote_listing import listing_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from .remote import RemotePath
+    from .url_path import UrlPath
 
 _ALL_LEVELS = '**'
 
 
-def matches_of(pattern: RemotePath) -> list[RemotePath]:
+def matches_of(pattern: UrlPath) -> list[UrlPath]:
     """Return what matches a URL with *, ? or [...] in its names, or ** for folders of all levels.
 
     Names that begin with a point match only patterns that do, as in a shell.
@@ -27,7 +27,7 @@ def matches_of(pattern: RemotePath) -> list[RemotePath]:
         OSError, RemoteError: The store cannot be asked.
     """
     names = pattern.names
-    found: Iterable[RemotePath] = [pattern.parents[-1]]
+    found: Iterable[UrlPath] = [pattern.parents[-1]]
     for position, name in enumerate(names):
         if name == _ALL_LEVELS:
             found = [each for folder in found for each in _levels(folder)]
@@ -40,13 +40,13 @@ def matches_of(pattern: RemotePath) -> list[RemotePath]:
     return sorted(set(found))
 
 
-def _matching(folder: RemotePath, pattern: str) -> Iterator[str]:
+def _matching(folder: UrlPath, pattern: str) -> Iterator[str]:
     for name in _names(folder):
         if name.startswith('.') == pattern.startswith('.') and fnmatchcase(name, pattern):
             yield name
 
 
-def _levels(folder: RemotePath) -> Iterator[RemotePath]:
+def _levels(folder: UrlPath) -> Iterator[UrlPath]:
     """Yield a folder and all folders below it."""
     yield folder
     for name, is_folder in _names(folder).items():
@@ -54,7 +54,7 @@ def _levels(folder: RemotePath) -> Iterator[RemotePath]:
             yield from _levels(folder / name)
 
 
-def _names(folder: RemotePath) -> dict[str, bool]:
+def _names(folder: UrlPath) -> dict[str, bool]:
     try:
         return {name: entry.is_folder for name, entry in listing_of(folder).items()}
     except (FileNotFoundError, NotADirectoryError):

@@ -8,11 +8,10 @@ The memory has no name, so nothing is left of it however the processes end.
 
 from __future__ import annotations
 
-import mmap
-import pickle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    import pickle
     from collections.abc import Callable
 
 _SLOTS = 2  # one is filled while the other is read
@@ -42,6 +41,8 @@ class SharedSlots:
     """
 
     def __init__(self, size: int) -> None:
+        import mmap  # noqa: PLC0415 - as in _Fork
+
         self._size = size
         self._memory = mmap.mmap(-1, _SLOTS * size)
         self._free = list(range(_SLOTS))
@@ -53,6 +54,8 @@ class SharedSlots:
             result: The result.
             wait_for_slot: Returns the number of a slot that was taken; called if none is free.
         """
+        import pickle  # noqa: PLC0415 - as in _Fork
+
         slot: int | None = None
         ends: list[int] = []
 
@@ -75,6 +78,8 @@ class SharedSlots:
 
     def take(self, packed: PickledResult) -> Any:  # noqa: ANN401 - whatever was packed
         """Return a result; its slot is free then, since its buffers are views of a copy."""
+        import pickle  # noqa: PLC0415 - as in _Fork
+
         if packed.slot is None:
             return pickle.loads(packed.pickled)  # noqa: S301 - of a process of this program
         start = packed.slot * self._size

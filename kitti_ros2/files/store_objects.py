@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from .filesystems import FileSystem
-    from .remote import RemotePath
+    from .url_path import UrlPath
 
 _ERRORS = (OSError, RemoteError)
 _READ_ONLY = ('http', 'https')
@@ -45,7 +45,7 @@ class StoreError(OutputError):
         reason: What the store says.
     """
 
-    def __init__(self, path: RemotePath, error: Exception, *, remains: str = '') -> None:
+    def __init__(self, path: UrlPath, error: Exception, *, remains: str = '') -> None:
         self.reason = describe_error(error).removeprefix(f'{path}: ')
         super().__init__(
             path,
@@ -56,7 +56,7 @@ class StoreError(OutputError):
             self.leave(remains)
 
 
-def refuse_read_only(path: RemotePath) -> None:
+def refuse_read_only(path: UrlPath) -> None:
     """Refuse a URL that cannot be an output.
 
     Raises:
@@ -72,7 +72,7 @@ def refuse_read_only(path: RemotePath) -> None:
     filesystem_of(path)
 
 
-def objects_at(path: RemotePath) -> dict[str, StoredObject]:
+def objects_at(path: UrlPath) -> dict[str, StoredObject]:
     """Return the objects at and below a path, by the name below it; its own name is empty.
 
     Raises:
@@ -101,7 +101,7 @@ def objects_at(path: RemotePath) -> dict[str, StoredObject]:
     }
 
 
-def object_at(path: RemotePath) -> StoredObject | None:
+def object_at(path: UrlPath) -> StoredObject | None:
     """Return one object; None if there is none of that name.
 
     Raises:
@@ -127,7 +127,7 @@ def object_at(path: RemotePath) -> StoredObject | None:
     return _stored(entry) if entry['type'] == 'file' else None
 
 
-def read_object(path: RemotePath) -> bytes | None:
+def read_object(path: UrlPath) -> bytes | None:
     """Return the content of a small object; None if there is none.
 
     Raises:
@@ -142,7 +142,7 @@ def read_object(path: RemotePath) -> bytes | None:
         raise StoreError(path, error) from error
 
 
-def write_object(path: RemotePath, data: bytes) -> None:
+def write_object(path: UrlPath, data: bytes) -> None:
     """Write a small object.
 
     Raises:
@@ -155,7 +155,7 @@ def write_object(path: RemotePath, data: bytes) -> None:
         raise StoreError(path, error) from error
 
 
-def create_object(path: RemotePath, data: bytes) -> bool:
+def create_object(path: UrlPath, data: bytes) -> bool:
     """Write a small object unless there is one; return whether it is this one now.
 
     The store compares and writes in one step if it knows conditional requests (S3, Google Cloud
@@ -174,7 +174,7 @@ def create_object(path: RemotePath, data: bytes) -> bool:
     return read_object(path) == data
 
 
-def remove_objects(paths: Iterable[RemotePath]) -> None:
+def remove_objects(paths: Iterable[UrlPath]) -> None:
     """Remove objects; those that are absent are no error.
 
     Raises:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from ..model.errors import BadFileError
 from .remote import is_remote
-from .store_objects import StoreError, object_at
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,6 +47,8 @@ def refuse_incomplete(path: Path) -> None:
 
 
 def _is_there(marker: RemotePath) -> bool:
+    from .store_objects import StoreError, object_at  # noqa: PLC0415 - for URLs only
+
     # A bucket that may be read but not listed answers 403 for what is absent.
     with suppress(StoreError):
         return object_at(marker) is not None

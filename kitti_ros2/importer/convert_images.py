@@ -9,7 +9,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from ..files.png.encode import encode_png
-from ..files.png.header import parse_image
+from ..files.png.header import parse_png
 from ..messages.pixels import pixels_of, png_of
 from ..model.errors import BadFileError, UsageError
 from ..rig.rectify import Rectifier
@@ -78,7 +78,7 @@ class ImageConversion:
         if own is not None:
             try:
                 # png_of has checked its checksums.
-                image = parse_image(own, 'the message', len(own))
+                image = parse_png(own, 'the message', len(own))
             except BadFileError as error:
                 raise ValueError(str(error)) from None
             self._check_size(camera, (image.width, image.height))

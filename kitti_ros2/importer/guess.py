@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 _DEFAULT_TOLERANCE_S = 0.05
-_SHOWN = 8
+_MOST_SHOWN = 8
 
 
 @dataclass(frozen=True)
@@ -231,8 +231,8 @@ def _nothing(survey: Survey, layout: Layout) -> str:
     needed = 'no point cloud and no image'
     if Stream.POSE in layout.traits.streams:
         needed += ', and no poses either'
-    more = f' and {len(there) - _SHOWN} more' if len(there) > _SHOWN else ''
-    return f'the bag has {needed}; it has {", ".join(there[:_SHOWN])}{more}{reason}'
+    more = f' and {len(there) - _MOST_SHOWN} more' if len(there) > _MOST_SHOWN else ''
+    return f'the bag has {needed}; it has {", ".join(there[:_MOST_SHOWN])}{more}{reason}'
 
 
 def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, ...]:

@@ -142,7 +142,7 @@ _BACKGROUND = frozenset(
 _BOXES = SOLID | {types.DETECTIONS_2D}
 _DEPTHS = frozenset({'16UC1', '32FC1'})
 _DEPTH_NAME = re.compile(r'depth|disparity', re.IGNORECASE)
-_SHOWN = 6
+_MOST_TOPICS = 6
 _NAMED = re.compile(r'/[\w/~.-]+')
 
 
@@ -162,7 +162,7 @@ class Unused:
 
     def note(self) -> str:
         """Return one line."""
-        topics = some_of([f'{one_line(name)} ({count})' for name, count in self.counts], _SHOWN)
+        topics = some_of([f'{one_line(name)} ({count})' for name, count in self.counts], _MOST_TOPICS)
         return f'not used: {topics}, {one_line(self.msgtype)}; {self.advice}'
 
 
@@ -175,7 +175,7 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
             between frames.
         named: Topics to leave out.
     """
-    left_out = set(named) | set(_texts(asdict(plan))) | _links(survey, plan)
+    left_out = set(named) | set(_texts(asdict(plan))) | _planned_links(survey, plan)
     if RECORDING in survey.topics:
         left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
     pixels = _pixel_frames(survey, plan)
@@ -207,7 +207,7 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
     background = [each for group in found if not group.advice for each in group.counts]
     told = [group.note() for group in _by_advice(found) if group.advice]
     if background:
-        topics = some_of([f'{one_line(name)} ({count})' for name, count in background], _SHOWN)
+        topics = some_of([f'{one_line(name)} ({count})' for name, count in background], _MOST_TOPICS)
         told.append(f'not used: {topics}, which nodes publish about themselves')
     return told
 
@@ -227,7 +227,7 @@ def _by_advice(found: Iterable[Unused]) -> list[Unused]:
     ]
 
 
-def _links(survey: Survey, plan: Plan) -> set[str]:
+def _planned_links(survey: Survey, plan: Plan) -> set[str]:
     try:
         return link_topics(plan, survey)
     except UsageError:  # it stops the conversion, which reports it
@@ -282,7 +282,7 @@ def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFram
     if pixels is not None and topic.frame not in pixels:
         return (
             f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
-            f' {_label_camera(plan)} have {some_of(pixels.every, _SHOWN)}'
+            f' {_label_camera(plan)} have {some_of(pixels.every, _MOST_TOPICS)}'
         )
     labelled = None if labels is None else survey.topics.get(labels.topic)
     solid = labelled is not None and labelled.msgtype != types.DETECTIONS_2D

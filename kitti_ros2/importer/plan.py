@@ -9,7 +9,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from ..model.boxes import VISIBLE
-from ..model.layouts import Layout  # noqa: TC001 - read by get_type_hints
+from ..model.layouts import Layout
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

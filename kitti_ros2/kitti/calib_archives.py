@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from ..files.remote import is_remote
 from ..model.layouts import Layout
-from . import archives, names
+from . import names
+from .archives import OBJECT_CALIB, ODOMETRY_CALIB, TRACKING_CALIB, extract_command, raw_calib
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +44,7 @@ def describe_source(layout: Layout, path: Path, drive: str = '') -> str:
             which = f'{day}, which is no day of KITTI' if day else 'its own day'
             return f'the drive needs the calibration of {which}'
         place = f'{day}/{path.name}' if _is_file(path) else day
-        archive = archives.raw_calib(day)
+        archive = raw_calib(day)
         return f'{archive} has it{_command(archive, place, path)}'
     archive, place = _ARCHIVES[layout](path)
     # Sets that others make in KITTI's format have the same names.
@@ -58,7 +59,7 @@ def _command(archive: str, member: str, path: Path) -> str:
     for own in (parts, parts[1:]) if parts[0] == names.DATASET else (parts,):
         if path.parts[-len(own) :] == own:
             root = Path(*path.parts[: -len(own)])
-            return f' ({archives.extract_command([Path(archive)], root)})'
+            return f' ({extract_command([Path(archive)], root)})'
     # Other folders than in the archive: without them.
     target, members = (path.parent, member) if _is_file(path) else (path, f'{member}/*')
     return f' (unzip -j {archive} {shlex.quote(members)} -d {shlex.quote(str(target))})'
@@ -89,11 +90,11 @@ def _of_split(archive: str, path: Path) -> tuple[str, str]:
 
 def _odometry(path: Path) -> tuple[str, str]:
     place = (names.DATASET, names.SEQUENCES, path.parent.name, path.name)
-    return archives.ODOMETRY_CALIB, '/'.join(place)
+    return ODOMETRY_CALIB, '/'.join(place)
 
 
 _ARCHIVES: dict[Layout, Callable[[Path], tuple[str, str]]] = {
-    Layout.OBJECT: lambda path: _of_split(archives.OBJECT_CALIB, path),
+    Layout.OBJECT: lambda path: _of_split(OBJECT_CALIB, path),
     Layout.ODOMETRY: _odometry,
-    Layout.TRACKING: lambda path: _of_split(archives.TRACKING_CALIB, path),
+    Layout.TRACKING: lambda path: _of_split(TRACKING_CALIB, path),
 }

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from . import names
+from .names import FRAME_DIGITS, FileNames, SIX_DIGITS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -38,7 +38,7 @@ class ImageSet:
 
 
 def parse_image_set(
-    text: str, path: Path | str, *, frames: bool, known: names.FileNames = names.SIX_DIGITS
+    text: str, path: Path | str, *, frames: bool, known: FileNames = SIX_DIGITS
 ) -> ImageSet:
     """Parse a list.
 
@@ -73,24 +73,24 @@ def parse_image_set(
     return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
 
 
-def _frame_name(word: str, known: names.FileNames) -> str | None:
+def _frame_name(word: str, known: FileNames) -> str | None:
     """Return the name of a frame as its files have it; None if the word is none."""
     number = known.number(word)
     return None if number is None else known.stem(number)
 
 
-def _expected(known: names.FileNames) -> str:
+def _expected(known: FileNames) -> str:
     if known.stems:
         return f'the name of a frame, such as {known.stem(0)}'
     return f'a frame number of {_digits(known)} digits'
 
 
-def _unlike(known: names.FileNames) -> str:
+def _unlike(known: FileNames) -> str:
     return f'have not {_digits(known)} digits'
 
 
-def _digits(known: names.FileNames) -> str:
-    return 'six' if known.digits == names.FRAME_DIGITS else str(known.digits)
+def _digits(known: FileNames) -> str:
+    return 'six' if known.digits == FRAME_DIGITS else str(known.digits)
 
 
 def _remarks(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:

@@ -3,8 +3,8 @@
 """The object devkit's mapping: the raw drive and file number of each object training frame.
 
 train_mapping.txt: one line a drive frame, ``2011_09_26 2011_09_26_drive_0005_sync 0000000109``.
-train_rand.txt: line numbers of that file, from 1, separated by commas, a permutation: value k (from
-0) is the line of object frame k. Both have 7481 entries; the testing frames have no mapping.
+train_rand.txt: line numbers of that file, from 1, separated by commas, a permutation: value k
+(from 0) is the line of object frame k. Both have 7481 entries; the testing frames have no mapping.
 Source: readme.txt of the object devkit.
 """
 

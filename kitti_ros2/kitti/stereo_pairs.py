@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stereo pairs: cameras 0 and 1, 2 and 3, with one stamp a pair, that of the left image.
 
-KITTI triggers its cameras together, but each image has a stamp of its own: in drive 0001 image_3 is
-0.47 to 0.64 ms before image_2, and image_1 2.69 ms before to 2.43 ms after image_0. Stereo nodes
-pair by equal stamps (ExactTime) unless configured otherwise: image_pipeline 0131608,
+KITTI triggers its cameras together, but each image has a stamp of its own: in drive 0001 image_3
+is 0.47 to 0.64 ms before image_2, and image_1 2.69 ms before to 2.43 ms after image_0. Stereo
+nodes pair by equal stamps (ExactTime) unless configured otherwise: image_pipeline 0131608,
 stereo_image_proc/src/stereo_image_proc/disparity_node.cpp, parameter approximate_sync.
 
 Images of one file number are a pair; in a raw extract, whose cameras are numbered independently,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Box
     from ..model.samples import Calibration
 
-_COLOUR = 2
+_COLOUR_CAMERA = 2
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ObjectWriter(LayoutWriter):
 
     def depth_folder(self, camera: int) -> str:
         """Return depth_2 for camera 2."""
-        return names.OBJECT_DEPTH if camera == _COLOUR else ''
+        return names.OBJECT_DEPTH if camera == _COLOUR_CAMERA else ''
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 KINDS = ('sync', 'extract')
 _MOST_OCCLUDED = 2
-_COLOUR = (2, 3)
+_COLOUR_CAMERAS = (2, 3)
 _UNKNOWN = -1
 _RESIZED = 0.1
 _REPORTED_OFF_M = 0.01
@@ -147,7 +147,7 @@ class RawWriter(LayoutWriter):
 
     def depth_folder(self, camera: int) -> str:
         """Return proj_depth/velodyne_raw/image_0C of a colour camera."""
-        return f'{names.RAW_DEPTH}/{names.RAW_IMAGES[camera]}' if camera in _COLOUR else ''
+        return f'{names.RAW_DEPTH}/{names.RAW_IMAGES[camera]}' if camera in _COLOUR_CAMERAS else ''
 
     def write_depth(self, camera: int, number: int, png: bytes) -> None:
         """Write a depth map; see LayoutWriter."""

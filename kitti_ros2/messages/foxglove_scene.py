@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..model.msgtypes import MARKERS
 from ..model.stamps import to_sec_nanosec
 from .header import make_header, make_pose
 from .ros_types import TYPESTORE, CompressedImage, Marker, Point, Pose, Quaternion, Vector3
@@ -21,7 +22,6 @@ from .ros_types import TYPESTORE, CompressedImage, Marker, Point, Pose, Quaterni
 if TYPE_CHECKING:
     from .foxglove_fields import Fields
 
-MARKERS = 'visualization_msgs/msg/MarkerArray'
 
 CLASS_KEYS = (
     'class',

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
 
 
-_ENCAPSULATION = 4
+_ENCAPSULATION_SIZE = 4
 _HEADER_HEAD = 12
 
 
@@ -42,10 +42,10 @@ def peek_header(data: bytes | memoryview) -> tuple[int, str]:
     """
     order = '<' if data[1:2] == b'\1' else '>'
     try:
-        sec, nanosec, length = struct.unpack_from(f'{order}iII', data, _ENCAPSULATION)
+        sec, nanosec, length = struct.unpack_from(f'{order}iII', data, _ENCAPSULATION_SIZE)
     except struct.error as error:
         raise ValueError(f'a message of {len(data)} bytes has no header') from error
-    start = _ENCAPSULATION + _HEADER_HEAD
+    start = _ENCAPSULATION_SIZE + _HEADER_HEAD
     frame = bytes(data[start : start + length]).rstrip(b'\0')
     return sec * NS_PER_S + nanosec, frame.decode(errors='replace')
 
@@ -57,7 +57,7 @@ def peek_first_stamp(data: bytes | memoryview) -> int:
     """
     order = '<' if data[1:2] == b'\1' else '>'
     try:
-        count, sec, nanosec = struct.unpack_from(f'{order}IiI', data, _ENCAPSULATION)
+        count, sec, nanosec = struct.unpack_from(f'{order}IiI', data, _ENCAPSULATION_SIZE)
     except struct.error:
         return 0
     return sec * NS_PER_S + nanosec if count else 0
@@ -68,7 +68,7 @@ def body_after_header(data: bytes | memoryview) -> bytes:
 
     Empty if the message is too short.
     """
-    start = _ENCAPSULATION + _HEADER_HEAD
+    start = _ENCAPSULATION_SIZE + _HEADER_HEAD
     order: Literal['little', 'big'] = 'little' if data[1:2] == b'\1' else 'big'
     length = int.from_bytes(data[start - 4 : start], order)
     return bytes(data[start + length :])

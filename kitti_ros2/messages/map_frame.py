@@ -4,8 +4,8 @@
 
 - enu (REP-103, REP-105): x east, y north, z up, the origin at the first base_link position. A
   layout without gravity (odometry) has no such axes: there map is base_link at the first pose.
-- devkit: KITTI's own poses, relative to the first one: imu_link at the first packet is map, so the
-  axes are tilted by its roll and pitch (convertOxtsToPose.m).
+- devkit: KITTI's own poses, relative to the first one: imu_link at the first packet is map, so
+  the axes are tilted by its roll and pitch (convertOxtsToPose.m).
 
 The first pose is that of the whole recording, so every part of it has the same map.
 """

@@ -2,21 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Covariances of the GPS/IMU unit's messages: one standard deviation each, axes independent.
 
-=====================  =============  ==============================================================
+=====================  =============  ============================================================
 part                   sigma          from
-=====================  =============  ==============================================================
+=====================  =============  ============================================================
 position               pos_accuracy   the packet; 0 is declared unknown, as NavSatFix can
 velocity               vel_accuracy   the packet; 0.1 m/s for 0, unknown, which a twist cannot
-                                      declare: above the greatest of drives 0001 (0.013) and 0005
-                                      (0.078)
-orientation            0.1 degrees    A. Geiger et al., "Vision meets Robotics: The KITTI Dataset",
-                                      IJRR 2013, section 2: OXTS RT3003, 0.02 m / 0.1 degrees; as
-                                      OXTS's RT user manual 190731, page 16, for the heading of two
-                                      antennas 2 m apart (0.2 degrees per metre)
-angular velocity       0.01 deg/s     gtsam c24a2c9, examples/Data/KittiEquivBiasedImu_metadata.txt,
-                                      line 2, on KITTI's unit: 0.000175 rad/s
+                                      declare: above the greatest of drives 0001 (0.013) and
+                                      0005 (0.078)
+orientation            0.1 degrees    A. Geiger et al., "Vision meets Robotics: The KITTI
+                                      Dataset", IJRR 2013, section 2: OXTS RT3003, 0.02 m / 0.1
+                                      degrees; as OXTS's RT user manual 190731, page 16, for the
+                                      heading of two antennas 2 m apart (0.2 degrees per metre)
+angular velocity       0.01 deg/s     gtsam c24a2c9, line 2 of examples/Data/
+                                      KittiEquivBiasedImu_metadata.txt, on KITTI's unit: 0.000175
+                                      rad/s
 acceleration           0.01 m/s^2     the same file and line
-=====================  =============  ==============================================================
+=====================  =============  ============================================================
 
 KITTI's packets have no accuracy of orientation, rates and accelerations. robot_localization takes
 a variance below 1e-9 for 1e-9 (src/ekf.cpp, Ekf::correct): with zeros its filter follows that

@@ -26,7 +26,7 @@ _HALF = 32  # lasers of each block
 _MOST_NS = 2**32 - 1
 
 _COLOR_TABLE = np.full(1 << 16, OTHER_COLOR, dtype=np.uint32)
-_COLOR_TABLE[list(SEMANTIC_COLORS)] = list(SEMANTIC_COLORS.values())
+_COLOR_TABLE.put(list(SEMANTIC_COLORS), list(SEMANTIC_COLORS.values()))
 
 
 class PointValues:

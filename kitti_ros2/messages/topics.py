@@ -56,7 +56,7 @@ from ..model.msgtypes import (
 from ..model.samples import Description
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Objects
-from . import row_encoders as encoders
+from .row_encoders import make_annotated, make_annotations, make_boxes_2d, make_camera_info, make_compressed, make_detected_objects, make_detections, make_files, make_image, make_imu, make_markers, make_odometry, make_path, make_prediction_annotations, make_prediction_markers, make_scan, make_source, make_source_scan, make_static, make_tf, make_tracked_objects
 from .cdr import Parts, serialize
 from .image import decode_compressed, decode_image
 from .naming import IMAGE_TOPICS, every_naming, naming_of
@@ -140,53 +140,53 @@ def _calibration_key(calibration: Calibration) -> Hashable:
 _MOST_FILES = 100
 """Above the number of text files of any recording, so that late subscribers get them all."""
 
-_files: tuple[Encode, Decode] = (encoders.make_files, lambda message, _: decode_text(message))
-_source: tuple[Encode, Decode] = (encoders.make_source, lambda message, _: decode_text(message))
+_files: tuple[Encode, Decode] = (make_files, lambda message, _: decode_text(message))
+_source: tuple[Encode, Decode] = (make_source, lambda message, _: decode_text(message))
 _every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
-    Topic('/tf_static', TF, Stream.CALIBRATION, encoders.make_static,
+    Topic('/tf_static', TF, Stream.CALIBRATION, make_static,
           change_key=_calibration_key, **_last),
     Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **_every),
     Topic(RECORDING, STRING, Stream.RECORDING,
           lambda description, _: encode_description(dict(description.values)),
           lambda message, _: Description(decode_description(message)), **_last),
     Topic(FILES, STRING, Stream.RECORDING, *_files, **_every),
-    Topic('/kitti/ground_truth/path', PATH, Stream.PATH, encoders.make_path,
+    Topic('/kitti/ground_truth/path', PATH, Stream.PATH, make_path,
           **_last),
     Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,
-          encoders.make_odometry,
+          make_odometry,
           lambda message, origin: decode_odometry(message, origin.base_t_imu)),
-    Topic('/kitti/oxts/imu', IMU, Stream.OXTS, encoders.make_imu),
+    Topic('/kitti/oxts/imu', IMU, Stream.OXTS, make_imu),
     Topic('/kitti/oxts/fix', FIX, Stream.OXTS,
           lambda packet, moment: encode_fix(packet, *moment.at_imu)),
     Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
           lambda packet, moment: encode_velocity(packet, *moment.at_imu)),
     Topic(OXTS_LINES, STRING, Stream.OXTS, *_source, restores=True),
     Topic('/kitti/velo/points', CLOUD, Stream.SCAN,
-          encoders.make_scan, lambda message, _: decode_scan(message), restores=True),
+          make_scan, lambda message, _: decode_scan(message), restores=True),
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
     Topic('/kitti/labels/detections', DETECTIONS_3D, Stream.LABELS,
-          encoders.make_detections),
+          make_detections),
     Topic('/kitti/labels/detected_objects', DETECTED_OBJECTS, Stream.LABELS,
-          encoders.make_detected_objects),
+          make_detected_objects),
     Topic('/kitti/labels/tracked_objects', TRACKED_OBJECTS, Stream.LABELS,
-          encoders.make_tracked_objects),
+          make_tracked_objects),
     Topic('/kitti/labels/boxes_2d', DETECTIONS_2D, Stream.LABELS,
-          encoders.make_boxes_2d),
+          make_boxes_2d),
     Topic('/kitti/labels/markers', MARKERS, Stream.LABELS,
-          encoders.make_markers),
+          make_markers),
     Topic(LABEL_LINES, STRING, Stream.LABELS, *_source, restores=True),
     Topic('/kitti/predictions/detections', DETECTIONS_3D, Stream.PREDICTIONS,
-          encoders.make_detections),
+          make_detections),
     Topic('/kitti/predictions/detected_objects', DETECTED_OBJECTS, Stream.PREDICTIONS,
-          encoders.make_detected_objects),
+          make_detected_objects),
     Topic('/kitti/predictions/tracked_objects', TRACKED_OBJECTS, Stream.PREDICTIONS,
-          encoders.make_tracked_objects),
+          make_tracked_objects),
     Topic('/kitti/predictions/boxes_2d', DETECTIONS_2D, Stream.PREDICTIONS,
-          encoders.make_boxes_2d),
+          make_boxes_2d),
     Topic('/kitti/predictions/markers', MARKERS, Stream.PREDICTIONS,
-          encoders.make_prediction_markers),
+          make_prediction_markers),
 )  # fmt: skip
 """The rows of all recordings."""
 _LEFT_OUT = {
@@ -195,11 +195,11 @@ _LEFT_OUT = {
     Objects.BOTH: set(),
 }
 """By option the types of messages that are not made."""
-_SOURCE_ROW = Topic(POINTS, CLOUD, Stream.SCAN, encoders.make_source_scan,
+_SOURCE_ROW = Topic(POINTS, CLOUD, Stream.SCAN, make_source_scan,
                     lambda message, _: decode_scan(message), restores=True)  # fmt: skip
 """The row of scans whose clouds are in a format with a loss: whole points, which restore the file
 alone. It precedes them, since readers of bags take a stream's first topic with a decoder."""
-_TF_ROW = Topic('/tf', TF, Stream.POSE, encoders.make_tf)
+_TF_ROW = Topic('/tf', TF, Stream.POSE, make_tf)
 _COVARIANCE_ROW = Topic(
     '/kitti/oxts/vel_with_covariance',
     TWIST_COVARIANCE,
@@ -250,26 +250,26 @@ def _camera_rows(
 ) -> list[Topic]:
     image = f'{camera}/{image_topic}'
     info = CAMERA_INFO
-    rows = [Topic(f'{camera}/camera_info', info, stream, encoders.make_camera_info)]
+    rows = [Topic(f'{camera}/camera_info', info, stream, make_camera_info)]
     pair: tuple[Encode, Decode]
     if options.images is not Images.RAW:
         compressed = COMPRESSED
         pair = (
-            encoders.make_compressed,
+            make_compressed,
             lambda message, origin: decode_compressed(message, origin.path),
         )
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
     if options.images is not Images.COMPRESSED:
-        pair = encoders.make_image, lambda message, _: decode_image(message)
+        pair = make_image, lambda message, _: decode_image(message)
         rows.append(Topic(image, IMAGE, stream, *pair, restores=True))
     if options.annotated:
-        rows.append(Topic(f'{camera}/annotated', IMAGE, stream, encoders.make_annotated))
+        rows.append(Topic(f'{camera}/annotated', IMAGE, stream, make_annotated))
     if options.annotations:
         rows += [
-            Topic(f'{camera}/annotations', ANNOTATIONS, stream, encoders.make_annotations,
+            Topic(f'{camera}/annotations', ANNOTATIONS, stream, make_annotations,
                   needs=Stream.LABELS),
             Topic(f'{camera}/prediction_annotations', ANNOTATIONS, stream,
-                  encoders.make_prediction_annotations, needs=Stream.PREDICTIONS),
+                  make_prediction_annotations, needs=Stream.PREDICTIONS),
         ]  # fmt: skip
     return rows
 

@@ -4,38 +4,38 @@
 
 - Velodyne driver (ros-drivers/velodyne, 571758d, velodyne_pointcloud/src/lib/
   pointcloudXYZIRT.cpp:52-57): x y z intensity ring time, packed; time is seconds from the stamp
-  (rawdata.cpp:330, 813, 04a7ca7), ring 0 the lowest laser (calibration.cpp:204-226). Its intensity
-  is 0 to 255; ours stays KITTI's reflectance, so that the file can be restored.
+  (rawdata.cpp:330, 813, 04a7ca7), ring 0 the lowest laser (calibration.cpp:204-226). Its
+  intensity is 0 to 255; ours stays KITTI's reflectance, so that the file can be restored.
   LIO-SAM (src/imageProjection.cpp, VelodynePointXYZIRT) and FAST-LIO2 (src/preprocess.h,
   velodyne_ros::Point) read them by name and type, so that a field behind them does no harm, and
   take the last point's time as the end of the scan. KISS-ICP (07020e8, ros/src/Utils.hpp:94-106)
   takes a field t, timestamp or time of uint32, float32 or float64.
 - Autoware (autoware_core 73c7063, common/autoware_point_types/include/autoware/point_types/
-  types.hpp:57-64 PointXYZIRC, :95-106 PointXYZIRCAEDT, :46-55 ReturnType). The check of XYZIRCAEDT
-  is exact (10 fields), that of XYZIRC is a prefix check (memory.hpp, e25b009), yet some nodes
-  require its 6 fields (PTv3TRT::detectCloudFormat), so no field may follow. The driver,
-  tier4/nebula (606ac41), gives the values their meaning, and has a recorded VLP-16
+  types.hpp:57-64 PointXYZIRC, :95-106 PointXYZIRCAEDT, :46-55 ReturnType). The check of
+  XYZIRCAEDT is exact (10 fields), that of XYZIRC is a prefix check (memory.hpp, e25b009), yet
+  some nodes require its 6 fields (PTv3TRT::detectCloudFormat), so no field may follow. The
+  driver, tier4/nebula (606ac41), gives the values their meaning, and has a recorded VLP-16
   (src/nebula_velodyne/nebula_velodyne/test_resources/decoder_ground_truth/vlp16/
   1673400472138016708.pcd):
 
   - azimuth is -atan2(y, x), 0 to 2 pi: it rises with time (vlp16_decoder.cpp:258-259, 313; all
-    14,831 recorded points). The ring outlier filter joins neighbours of a channel, in the order of
-    the cloud, only where it rises by less than a degree (autoware.universe 17799e5,
+    14,831 recorded points). The ring outlier filter joins neighbours of a channel, in the order
+    of the cloud, only where it rises by less than a degree (autoware.universe 17799e5,
     outlier_kernels.cu:46-51); a Hesai's is pi/2 more (hesai_decoder.hpp:228-233).
   - elevation is radians (docs/point_types.md, hesai_decoder.hpp:234); the decoders of Velodyne
     write its sine (vlp16_decoder.cpp:314), at most 0.003 from it in the recording.
   - distance is metres from the sensor's origin; channel 0 is the lowest laser of a Velodyne
     (recorded: channel 1 at -13, 15 at +15 degrees).
-  - return_type: 1 is Autoware's SINGLE_STRONGEST, and a primary return by the default of its polar
-    voxel filter (1, 6, 8, 10: autoware_universe 5fc2b34, docs/polar-voxel-outlier-filter.md).
-    Nebula's own enumeration (nebula_common.hpp:30-42) has 3, which is Autoware's
-    DUAL_STRONGEST_FIRST.
+  - return_type: 1 is Autoware's SINGLE_STRONGEST, and a primary return by the default of its
+    polar voxel filter (1, 6, 8, 10: autoware_universe 5fc2b34,
+    docs/polar-voxel-outlier-filter.md). Nebula's own enumeration (nebula_common.hpp:30-42) has 3,
+    which is Autoware's DUAL_STRONGEST_FIRST.
   - time_stamp is nanoseconds since header.stamp (vlp16_decoder.cpp:315-317, decoder_wrapper.cpp:
     207), and rises (sensing/autoware_pointcloud_preprocessor/src/distortion_corrector/
     distortion_corrector.cpp, undistort_pointcloud, 0f14dfb).
 - Ouster driver (ouster-ros, include/ouster_ros/os_point.h:22-31, 7ef403d): a struct of PCL,
-  48 bytes. src/point_cloud_compose.h (8cd6278): ring is the row, the highest laser first (174); one
-  column a moment; t is nanoseconds since the stamp, 0 where it would be negative (148-149).
+  48 bytes. src/point_cloud_compose.h (8cd6278): ring is the row, the highest laser first (174);
+  one column a moment; t is nanoseconds since the stamp, 0 where it would be negative (148-149).
   src/impl/cartesian.h:14-22 (8cd6278): range is millimetres; missing returns have NaN for x y z.
   Its intensity is a count of photons, for which KITTI has no value: ours is the reflectance, as
   reflectivity is in steps of 1/255. LIO-SAM shuts down on clouds that are not dense

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The containers of bags: their names, and how their files are named, begin and are compressed.
 
-A new container gets its entry here, and its reader and writer in bags/NAME_storage.py.
+A new container gets its entry here; bags/bag_files.py opens its reader, and bags/segments.py its
+writer.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ from .text import format_count
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Sequence
 
-    from .samples import Int64Array
+    import numpy as np
+    import numpy.typing as npt
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def runs_of(numbers: Iterable[int]) -> list[list[int]]:
     return spans
 
 
-def describe_frames(numbers: Sequence[int] | Int64Array) -> str:
+def describe_frames(numbers: Sequence[int] | npt.NDArray[np.int64]) -> str:
     """Describe ascending frame numbers: how many, the first, the last, and whether some miss."""
     count, first, last = len(numbers), int(numbers[0]), int(numbers[-1])
     gaps = ' with gaps' if last - first + 1 != count else ''

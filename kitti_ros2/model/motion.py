@@ -44,8 +44,8 @@ def turned(points: Float32Array) -> Float64Array:
 
     The scanner turns clockwise seen from above, from straight behind (azimuth pi) over the left,
     front and right to straight behind (-pi): time decreases with azimuth. Points without an azimuth
-    (NaN) have the time of straight ahead. Sources: see kitti/turns.py; KISS-ICP's kitti_raw loader
-    and CT-ICP's reader do the same.
+    (NaN) have the time of straight ahead. Sources: see kitti/turns.py; KISS-ICP's
+    kitti_raw loader and CT-ICP's reader do the same.
 
     Args:
         points: (N, 4), measured in velo_link at different moments (not compensated for motion).

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 _LEAST_RATIO = 0.75
-_LEAST_RATIO_SHORT = 0.66  # one letter of three
-_SHORT = 5
+_LEAST_RATIO_SHORT_WORD = 0.66  # one letter of three
+_SHORT_WORD = 5
 _MARGIN = 0.03
 _MOST = 3
 
@@ -37,7 +37,7 @@ def close_names(word: str, known: Iterable[str]) -> list[str]:
     for name in names:
         matcher.set_seq1(name.lower())
         ratios[name] = matcher.ratio()
-    least = _LEAST_RATIO_SHORT if len(lower) <= _SHORT else _LEAST_RATIO
+    least = _LEAST_RATIO_SHORT_WORD if len(lower) <= _SHORT_WORD else _LEAST_RATIO
     best = max(ratios.values(), default=0.0)
     if best < least:
         containing = [name for name in names if len(lower) > 2 and lower in name.lower()]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import re
 from datetime import datetime, timedelta, timezone
-from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 
 NS_PER_S = 1_000_000_000
@@ -63,6 +62,8 @@ def parse_seconds(text: str) -> int:
     Raises:
         ValueError: The text is no finite number.
     """
+    from decimal import Decimal, InvalidOperation  # noqa: PLC0415 - 3 ms of any start
+
     try:
         seconds = Decimal(text.strip())
     except InvalidOperation:

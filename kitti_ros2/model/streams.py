@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streams of a recording, and the meaning of its stamps.
 
-A *stream* is one sensor's series. A *sample* is what one file (or one line) of it holds. A sample's
-*number* is its KITTI file number: streams are paired by number, never by position in a listing.
-OXTS_EXTRACT, the packets of the unsynchronised drive beside a synchronised one, has numbers of its
-own, and is paired by time.
+A *stream* is one sensor's series. A *sample* is what one file (or one line) of it holds. A
+sample's *number* is its KITTI file number: streams are paired by number, never by position in a
+listing. OXTS_EXTRACT, the packets of the unsynchronised drive beside a synchronised one, has
+numbers of its own, and is paired by time.
 """
 
 from __future__ import annotations

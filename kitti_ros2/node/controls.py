@@ -6,11 +6,11 @@ Intended differences from rosbag2 (rosbag2_transport/player.cpp, 0.26):
 
 - play_next plays whole frames (parameter step; 0 is one sample), rosbag2 one message. Both answer
   false while not paused, and at the end.
-- burst plays whole samples, so possibly a few messages more than requested, rosbag2 exact numbers.
-  For both 0 means all that remain, and both play nothing while not paused.
+- burst plays whole samples, so possibly a few messages more than requested, rosbag2 exact
+  numbers. For both 0 means all that remain, and both play nothing while not paused.
 - seek past the last stamp fails: success is false, and the position stays. rosbag2 always answers
-  true; nothing remains then, so that its playback ends or loops. Before the first stamp both go to
-  the beginning.
+  true; nothing remains then, so that its playback ends or loops. Before the first stamp both go
+  to the beginning.
 """
 
 from __future__ import annotations

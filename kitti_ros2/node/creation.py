@@ -50,12 +50,12 @@ def _refusal(lines: Sequence[str], error: str) -> str:
     """Format one line: the middleware, its reason, and the variable of its settings."""
     if lacks_files(error):
         return f'{middleware()} cannot create the node: {TOO_MANY}'
-    text = f'{middleware()} cannot create the node: {_reason(lines) or one_line(error)}'
+    text = f'{middleware()} cannot create the node: {_last_message(lines) or one_line(error)}'
     variable = settings_variable()
     return f'{text}; check {variable}' if variable else text
 
 
-def _reason(lines: Sequence[str]) -> str:
+def _last_message(lines: Sequence[str]) -> str:
     """Return the last message of the middleware, without time and thread; empty if none.
 
     Lines of rcl and rmw only report that it failed.

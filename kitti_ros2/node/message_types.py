@@ -9,7 +9,7 @@ import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import MissingDataError
-from . import rosidl_structs as structs
+from .rosidl_structs import Getter, MessageTypeSupport, TypeHash, unwrap_pointer
 from .message_fields import check_size, defined_hash, split_name
 from .runtime_types import runtime_type
 
@@ -60,14 +60,14 @@ def type_hash(cls: type) -> str:
     try:
         if metaclass._TYPE_SUPPORT is None:  # noqa: SLF001 - the contract that rclpy itself uses
             metaclass.__import_type_support__()
-        address = structs.unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
+        address = unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
     except Exception as error:  # a broken installation may raise anything
         raise MissingDataError(
             f'{cls.__module__}.{cls.__name__}: the installed package does not work with ROS 2'
             f' ({error}); install it again, or remove it from PYTHONPATH'
         ) from error
-    support = structs.MessageTypeSupport.from_address(address)
-    found = structs.TypeHash.from_address(structs.Getter(support.get_type_hash_func)(address))
+    support = MessageTypeSupport.from_address(address)
+    found = TypeHash.from_address(Getter(support.get_type_hash_func)(address))
     return f'RIHS{found.version:02}_{bytes(found.value).hex()}'
 
 

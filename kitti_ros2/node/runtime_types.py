@@ -12,7 +12,7 @@ from __future__ import annotations
 import ctypes
 from typing import TYPE_CHECKING, Any
 
-from . import rosidl_structs as structs
+from .rosidl_structs import CSequence, CString, C_IDENTIFIER, FASTRTPS_IDENTIFIER, FastrtpsCallbacks, Field, FieldType, Getter, HandleFunction, INTROSPECTION_IDENTIFIER, IndividualTypeDescription, MessageMember, MessageMembers, MessageTypeSupport, TypeDescription, TypeHash, TypeSource, wrap_pointer
 from .message_fields import HASH_PREFIX, Shape, defined_hash, fields_of, references_of, split_name
 
 if TYPE_CHECKING:
@@ -60,10 +60,10 @@ def _pointer(function: Any) -> int | None:  # noqa: ANN401 - one of many ctypes 
     return ctypes.cast(function, ctypes.c_void_p).value
 
 
-def _text(value: str) -> structs.CString:
+def _text(value: str) -> CString:
     """Make a C string; an empty one has no data, as in the generated code."""
     data = value.encode()
-    return structs.CString(data or None, len(data), len(data))
+    return CString(data or None, len(data), len(data))
 
 
 class RuntimeType:
@@ -93,26 +93,26 @@ class RuntimeType:
         self._kept: list[object] = [*_SHARED]
         getters = self._make_getters(typestore)
         self._handles: dict[bytes, int] = {}
-        dispatch = self._keep(structs.HandleFunction(self._find_handle))
+        dispatch = self._keep(HandleFunction(self._find_handle))
         for identifier, data in (
-            (structs.C_IDENTIFIER, None),
-            (structs.FASTRTPS_IDENTIFIER, self._make_fastrtps()),
-            (structs.INTROSPECTION_IDENTIFIER, self._make_introspection()),
+            (C_IDENTIFIER, None),
+            (FASTRTPS_IDENTIFIER, self._make_fastrtps()),
+            (INTROSPECTION_IDENTIFIER, self._make_introspection()),
         ):
-            handle = structs.MessageTypeSupport(identifier, data, _pointer(dispatch), *getters)
+            handle = MessageTypeSupport(identifier, data, _pointer(dispatch), *getters)
             self._handles[identifier] = self._address(handle)
-        self.capsule = structs.wrap_pointer(self._handles[structs.C_IDENTIFIER])
+        self.capsule = wrap_pointer(self._handles[C_IDENTIFIER])
 
     def handle(self, identifier: bytes) -> int:
         """Return the address of the type support of one kind."""
         return self._handles[identifier]
 
-    def individual_description(self) -> structs.IndividualTypeDescription:
+    def individual_description(self) -> IndividualTypeDescription:
         """Return the type's name and fields, without those of its dependencies."""
         described = [
-            structs.Field(
+            Field(
                 name=_text(field.name),
-                type=structs.FieldType(
+                type=FieldType(
                     field.description_id,
                     field.length,
                     field.string_bound,
@@ -121,11 +121,11 @@ class RuntimeType:
             )
             for field in self.fields
         ]
-        return structs.IndividualTypeDescription(_text(self.msgtype), self._sequence(described))
+        return IndividualTypeDescription(_text(self.msgtype), self._sequence(described))
 
-    def source(self) -> structs.TypeSource:
+    def source(self) -> TypeSource:
         """Return the text of the type's definition."""
-        return structs.TypeSource(_text(self.msgtype), _text('msg'), _text(self._definition))
+        return TypeSource(_text(self.msgtype), _text('msg'), _text(self._definition))
 
     def _find_handle(self, _handle: int | None, identifier: bytes) -> int | None:
         """Answer a lookup; NULL makes a middleware of another kind report the error."""
@@ -136,15 +136,15 @@ class RuntimeType:
         type_hash = defined_hash(self.msgtype, typestore)
         names = references_of(self.msgtype, typestore)
         references = [runtime_type(name, typestore) for name in names]
-        value = structs.TypeHash(1)
+        value = TypeHash(1)
         value.value[:] = bytes.fromhex(type_hash.removeprefix(HASH_PREFIX))
-        description = structs.TypeDescription(
+        description = TypeDescription(
             self.individual_description(),
             self._sequence([nested.individual_description() for nested in references]),
         )
         sources = self._sequence([self.source(), *(nested.source() for nested in references)])
         return [
-            _pointer(self._keep(structs.Getter(lambda _handle, address=address: address)))
+            _pointer(self._keep(Getter(lambda _handle, address=address: address)))
             for address in map(self._address, (value, description, sources))
         ]
 
@@ -157,14 +157,14 @@ class RuntimeType:
             if field.shape == Shape.ARRAY:
                 element = element * field.length
             elif field.shape != Shape.ONE:
-                element = structs.CSequence
+                element = CSequence
             members.append((field.name, element))
         return type(self.msgtype, (ctypes.Structure,), {'_fields_': members})
 
     def _make_fastrtps(self) -> int:
         package, folder, name = split_name(self.msgtype)
         return self._address(
-            structs.FastrtpsCallbacks(
+            FastrtpsCallbacks(
                 f'{package}::{folder}'.encode(),
                 name.encode(),
                 cdr_serialize=_pointer(_CONVERT_NOTHING),
@@ -177,13 +177,13 @@ class RuntimeType:
     def _make_introspection(self) -> int:
         package, folder, name = split_name(self.msgtype)
         size = ctypes.sizeof(self.layout)
-        members = (structs.MessageMember * len(self.fields))(*map(self._make_member, self.fields))
+        members = (MessageMember * len(self.fields))(*map(self._make_member, self.fields))
 
         def clear(message: int, _initialization: int) -> None:
             ctypes.memset(message, 0, size)
 
         return self._address(
-            structs.MessageMembers(
+            MessageMembers(
                 f'{package}__{folder}'.encode(),
                 name.encode(),
                 len(self.fields),
@@ -194,13 +194,13 @@ class RuntimeType:
             )
         )
 
-    def _make_member(self, field: MessageField) -> structs.MessageMember:
+    def _make_member(self, field: MessageField) -> MessageMember:
         nested = self.nested.get(field.nested)
-        member = structs.MessageMember(
+        member = MessageMember(
             field.name.encode(),
             field.introspection_id,
             field.string_bound,
-            nested.handle(structs.INTROSPECTION_IDENTIFIER) if nested else None,
+            nested.handle(INTROSPECTION_IDENTIFIER) if nested else None,
             is_array=field.shape != Shape.ONE,
             array_size=field.length,
             is_upper_bound=field.shape == Shape.BOUNDED,
@@ -213,12 +213,12 @@ class RuntimeType:
             member.resize_function = _pointer(_RESIZE_NOTHING)
         return member
 
-    def _sequence(self, items: list[Any]) -> structs.CSequence:
+    def _sequence(self, items: list[Any]) -> CSequence:
         """Make a C sequence; an empty one has no data, as in the generated code."""
         if not items:
-            return structs.CSequence()
+            return CSequence()
         array = (type(items[0]) * len(items))(*items)
-        return structs.CSequence(self._address(array), len(items), len(items))
+        return CSequence(self._address(array), len(items), len(items))
 
     def _keep(self, thing: Any) -> Any:  # noqa: ANN401 - buffers and functions of every type
         self._kept.append(thing)

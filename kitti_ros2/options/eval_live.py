@@ -8,18 +8,9 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from ..model import msgtypes as types
 from ..model.containers import CONTAINERS
 from ..model.errors import UsageError
-from ..model.msgtypes import (
-    DETECTED_OBJECTS,
-    DETECTIONS_2D,
-    DETECTIONS_3D,
-    MARKERS,
-    ODOMETRY,
-    PATH,
-    POSE,
-    TRACKED_OBJECTS,
-)
 from ..model.spelling import not_one_of
 from .declare import check_bounds, choice, option
 from .eval_odometry import Alignment
@@ -34,14 +25,14 @@ _TOPIC = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
 _BOXES = ('detection', 'tracking')
 _POSES = ('odometry',)
 TASKS = {
-    DETECTIONS_3D: _BOXES,
-    DETECTIONS_2D: _BOXES,
-    DETECTED_OBJECTS: _BOXES,
-    TRACKED_OBJECTS: _BOXES[::-1],
-    MARKERS: _BOXES,
-    ODOMETRY: _POSES,
-    POSE: _POSES,
-    PATH: _POSES,
+    types.DETECTIONS_3D: _BOXES,
+    types.DETECTIONS_2D: _BOXES,
+    types.DETECTED_OBJECTS: _BOXES,
+    types.TRACKED_OBJECTS: _BOXES[::-1],
+    types.MARKERS: _BOXES,
+    types.ODOMETRY: _POSES,
+    types.POSE: _POSES,
+    types.PATH: _POSES,
 }
 """By message type the evaluations of such results, the usual one first."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..bags.reader import path_of
 from ..drawing.objects import objects_of
 from ..drawing.pixels import colour_pixels
-from ..files.png.header import parse_image
+from ..files.png.header import parse_png
 from ..importer.apply_calibration import Rigging
 from ..importer.clocks import clocked
 from ..importer.frames import choose_frames, frame_topics
@@ -250,7 +250,7 @@ class BagFrames:
         return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
 
     def _image(self, camera: int, number: int, message: Any) -> Image:  # noqa: ANN401 - as _scan
-        return parse_image(self._rigging(number).images.png(camera, message), 'the message')
+        return parse_png(self._rigging(number).images.png(camera, message), 'the message')
 
     def _path(self, stamp_ns: int) -> Float64Array | None:
         """Return (N, 3) positions up to a time, None without any."""

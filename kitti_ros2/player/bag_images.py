@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..options.messages import MessageOptions
 
 _SUFFIX = '/compressed'
-_DEPTH = '/compressedDepth'
+_DEPTH_SUFFIX = '/compressedDepth'
 
 
 class BagImages:
@@ -58,7 +58,7 @@ class BagImages:
     def topics(self, types: Mapping[str, str]) -> ImageTopics:
         """Choose the topics to make for a bag, given its message types by topic."""
         compressed = sorted(topic for topic, msgtype in types.items() if msgtype == COMPRESSED)
-        pictures = [topic for topic in compressed if not topic.endswith(_DEPTH)]
+        pictures = [topic for topic in compressed if not topic.endswith(_DEPTH_SUFFIX)]
         decoded = {_decoded_name(topic): topic for topic in pictures}
         notes = [
             f'{topic} is played unchanged: depth images are not decoded'

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 MOST_FRAMES = 16
 """Maximum number of frames that can be distinguished in a drawing."""
 
-_MARGIN = 44.0
+_RIG_MARGIN = 44.0
 _FOOT = 26
 _AXIS = 26.0
-_LEAST_M = 0.2
+_LEAST_RIG_M = 0.2
 _APART = 15.0
 _LABELLED = 84.0
 _SPARSE = 9
@@ -136,11 +136,11 @@ class _RigView:
         self._axes = list(axes)
         places = np.array([mount.root_T_frame.translation for mount in mounts])
         flat = places[:, self._axes]
-        extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_M)
+        extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_RIG_M)
         # The same scale in both views, so that they can be compared.
         widest = float(np.ptp(places, axis=0).max())
-        self.scale = (WIDTH - 2 * _MARGIN) / max(widest, _LEAST_M)
-        self.height = round(float(extent[1]) * self.scale + 2 * _MARGIN)
+        self.scale = (WIDTH - 2 * _RIG_MARGIN) / max(widest, _LEAST_RIG_M)
+        self.height = round(float(extent[1]) * self.scale + 2 * _RIG_MARGIN)
         self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
 
     def place(self, xyz: Float64Array) -> Float64Array:

@@ -25,9 +25,9 @@ from .svg import (
 if TYPE_CHECKING:
     from ..model.geometry import Float64Array
 
-_MARGIN = 34.0
+_ROUTE_MARGIN = 34.0
 _FOOT = 26
-_LEAST_M = 1.0
+_LEAST_ROUTE_M = 1.0
 _LOWEST = 70.0
 
 
@@ -64,9 +64,9 @@ class _RouteView:
 
     def __init__(self, positions: Float64Array) -> None:
         low, high = positions.min(axis=0), positions.max(axis=0)
-        extent = np.maximum(high - low, _LEAST_M)
-        self.scale = float((WIDTH - 2 * _MARGIN) / extent.max())
-        self.height = round(max(float(extent[1]) * self.scale, _LOWEST) + 2 * _MARGIN)
+        extent = np.maximum(high - low, _LEAST_ROUTE_M)
+        self.scale = float((WIDTH - 2 * _ROUTE_MARGIN) / extent.max())
+        self.height = round(max(float(extent[1]) * self.scale, _LOWEST) + 2 * _ROUTE_MARGIN)
         self._middle = (low + high) / 2
         self._centre = np.array([WIDTH / 2, self.height / 2])
 

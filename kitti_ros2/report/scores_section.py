@@ -38,12 +38,12 @@ def scores_section(report: Report) -> dict[str, object] | None:
     plots = {name: _plot(name, each[_PLOTTED]) for name, each in scores.scores.items()}
     return {
         'words': words,
-        'tables': [_table(class_name, scores) for class_name in scores.scores],
+        'tables': [_scores_table(class_name, scores) for class_name in scores.scores],
         'plots': [(class_name, plot) for class_name, plot in plots.items() if plot],
     }
 
 
-def _table(class_name: str, scores: DetectionScores) -> Table:
+def _scores_table(class_name: str, scores: DetectionScores) -> Table:
     columns = [('Metric', TEXT), *((level.value, NUMBER) for level in Difficulty)]
     rows = [
         [title, *(_figure(scores.scores[class_name][name][level]) for level in Difficulty)]

@@ -39,7 +39,7 @@ def streams_section(report: Report) -> dict[str, object] | None:
     ]
     return {
         'timed': timed,
-        'table': _table(report, shown),
+        'table': _streams_table(report, shown),
         'rest': _rest(report, left_out),
         'span': f', {(end_ns - start_ns) / 1e9:.1f} s' if timed else '',
         'coverage': coverage,
@@ -57,7 +57,7 @@ def _rest(report: Report, left_out: Sequence[StreamFacts]) -> str:
     return f'{rest}; kitti-ros2 info --json lists all.'
 
 
-def _table(report: Report, shown: Sequence[StreamFacts]) -> Table:
+def _streams_table(report: Report, shown: Sequence[StreamFacts]) -> Table:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [

@@ -38,7 +38,7 @@ class Box3DConverter(Converter):
             centers=rows_of(each.center.position for each in boxes),
             sizes=rows_of(each.size for each in boxes),
             quaternions=unit_quaternions(each.center.orientation for each in boxes),
-            colors=_colors(self.topic, names),
+            colors=_class_colors(self.topic, names),
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
         )
@@ -57,7 +57,7 @@ class Box2DConverter(Converter):
         components = rr.Boxes2D(
             centers=rows_of(centers, ('x', 'y')),
             sizes=rows_of(boxes, ('size_x', 'size_y')),
-            colors=_colors(self.topic, names),
+            colors=_class_colors(self.topic, names),
             labels=_labels(message.detections, names),
             # With 3D boxes the same objects already have labels.
             show_labels=not survey.of_type(DETECTIONS_3D),
@@ -108,7 +108,7 @@ def _labels(detections: list[Any], names: list[tuple[str, float]]) -> list[str]:
     return labels
 
 
-def _colors(topic: str, names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
+def _class_colors(topic: str, names: list[tuple[str, float]]) -> list[tuple[int, int, int]]:
     """Return the colours of classes, or of predictions: red, green, blue, 0..255."""
     if topic in prediction_topics():
         return [PREDICTION_COLOR] * len(names)

@@ -97,14 +97,14 @@ def _boxes(markers: list[Any]) -> rr.AsComponents:
         centers=rows_of(marker.pose.position for marker in markers),
         sizes=rows_of(marker.scale for marker in markers),
         quaternions=unit_quaternions(marker.pose.orientation for marker in markers),
-        colors=_colors(markers),
+        colors=_marker_colors(markers),
     )
 
 
 def _lines(markers: list[Any]) -> rr.AsComponents:
     strips: list[Float64Array] = []
     colors: list[tuple[float, ...]] = []
-    for marker, color in zip(markers, _colors(markers), strict=True):
+    for marker, color in zip(markers, _marker_colors(markers), strict=True):
         points = _points(marker)
         pairs = marker.type == Marker.LINE_LIST
         found = list(points[: len(points) // 2 * 2].reshape(-1, 2, 3)) if pairs else [points]
@@ -125,7 +125,7 @@ def _arrows(markers: list[Any]) -> rr.AsComponents:
     return rr.Arrows3D(
         origins=np.reshape(origins, (-1, 3)),
         vectors=np.reshape(vectors, (-1, 3)),
-        colors=_colors(markers),
+        colors=_marker_colors(markers),
     )
 
 
@@ -134,7 +134,7 @@ def _texts(markers: list[Any]) -> rr.AsComponents:
         rows_of(marker.pose.position for marker in markers),
         labels=[marker.text for marker in markers],
         show_labels=True,
-        colors=_colors(markers),
+        colors=_marker_colors(markers),
         radii=[0.0],
     )
 
@@ -153,7 +153,7 @@ def _points(marker: Any) -> Float64Array:  # noqa: ANN401 - a rosbags class
     return _place(marker).apply(rows_of(marker.points))
 
 
-def _colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
+def _marker_colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
     """Return red, green, blue and opacity, 0..255."""
     return [
         tuple(round(255 * min(max(value, 0.0), 1.0)) for value in (c.r, c.g, c.b, c.a))

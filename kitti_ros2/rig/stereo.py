@@ -8,7 +8,7 @@ header.frame_id differs from bag to bag, and is detected by the static tree:
 
 - the left camera's frame, or one in the same place: P is right as it is. Points are rectified by
   the left camera's R, for P is given in the pair's common rectified frame.
-- the right camera's own frame, a baseline away from the left one's: the tree has the baseline too.
+- the right camera's own frame, a baseline away from the left one's: the tree has it, too.
 - a frame not connected to the left camera: the pair's frame is the left camera's.
 
 Of two cameras that both have a fourth column (KITTI's 2 and 3, from camera 0), the difference of

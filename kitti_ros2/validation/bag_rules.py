@@ -183,7 +183,9 @@ def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
 
 
 _BAG = RuleScope.BAG
-_ERROR, _WARNING, _NOTE = RuleSeverity.ERROR, RuleSeverity.WARNING, RuleSeverity.NOTE
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
+_NOTE = RuleSeverity.NOTE
 
 BAG_RULES: tuple[Rule[BagFacts], ...] = (
     Rule(

@@ -52,7 +52,7 @@ class CalibrationFile:
     cameras: Collection[int] = ()
 
 
-def _find_invalid(file: CalibrationFile) -> Iterator[Breach]:
+def _find_invalid_calibration(file: CalibrationFile) -> Iterator[Breach]:
     for breach, absent in _missing(file):
         if not absent:
             yield breach
@@ -174,7 +174,8 @@ def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
 
 
 _FILE = RuleScope.FILE
-_ERROR, _WARNING = RuleSeverity.ERROR, RuleSeverity.WARNING
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
 
 CALIBRATION_RULES: tuple[Rule[CalibrationFile], ...] = (
     Rule(
@@ -183,7 +184,7 @@ CALIBRATION_RULES: tuple[Rule[CalibrationFile], ...] = (
         _FILE,
         'Calibrations are keys with finite numbers; R is a rotation to 1e-3, P invertible',
         'correct the line, or copy the file again',
-        _find_invalid,
+        _find_invalid_calibration,
     ),
     Rule(
         'calib-missing',

@@ -117,7 +117,8 @@ def _failed(*streams: Stream) -> Callable[[DataFile], Iterator[Breach]]:
     return find
 
 
-_ERROR, _FILE = RuleSeverity.ERROR, RuleScope.FILE
+_FILE = RuleScope.FILE
+_ERROR = RuleSeverity.ERROR
 
 FILE_RULES: tuple[Rule[DataFile], ...] = (
     Rule(

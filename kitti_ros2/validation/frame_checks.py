@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from .tracklet_rules import TRACKLET_RULES, TrackletFrame
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
-    from typing import TypeVar
 
     from ..kitti.recording import KittiRecording
     from ..model.boxes import Cuboid
@@ -48,9 +47,7 @@ if TYPE_CHECKING:
     from .recording_rules import ImageShape
     from .rule import Breach
 
-    T = TypeVar('T')
-
-
+T = TypeVar('T')
 _MOST_KNOWN = 64
 """Calibrations that are kept for frames with equal files."""
 

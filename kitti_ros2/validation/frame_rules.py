@@ -43,7 +43,7 @@ _LEAST_IOU = 0.3
 _ALPHA_RAD = 0.2
 _BEYOND_PX = 2.0
 _MIDDLE = 0.25  # of the image's size
-_FARTHEST_M = 1000.0  # labels beyond have a finding of their own, and overflow
+_FARTHEST_LABEL_M = 1000.0  # labels beyond have a finding of their own, and overflow
 _LABELLED_CAMERA = 2
 _NEAR_M = 40.0
 
@@ -77,7 +77,7 @@ class FrameFiles:
             for each in self.lines
             if has_cuboid(each.box)
             and min(each.box.size_hwl) > 0
-            and max(map(abs, (*each.box.location, *each.box.size_hwl))) < _FARTHEST_M
+            and max(map(abs, (*each.box.location, *each.box.size_hwl))) < _FARTHEST_LABEL_M
         ]
 
     @property

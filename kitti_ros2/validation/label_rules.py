@@ -72,7 +72,7 @@ class LabelFile:
         return cls(path, lines, tuple(parsed.errors.values()), tracking, by_frame)
 
 
-def _find_invalid(file: LabelFile) -> Iterator[Breach]:
+def _find_invalid_labels(file: LabelFile) -> Iterator[Breach]:
     for error in file.errors:
         yield breach_of(error, file.path)
 
@@ -191,7 +191,8 @@ def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
 
 
 _FILE = RuleScope.FILE
-_ERROR, _WARNING = RuleSeverity.ERROR, RuleSeverity.WARNING
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
 _CORRECT = 'correct the line, or label the object again'
 
 LABEL_RULES: tuple[Rule[LabelFile], ...] = (
@@ -201,7 +202,7 @@ LABEL_RULES: tuple[Rule[LabelFile], ...] = (
         _FILE,
         'Lines of labels have 15 or 16 columns (tracking 17 or 18) of finite numbers',
         _CORRECT,
-        _find_invalid,
+        _find_invalid_labels,
     ),
     Rule(
         'label-columns',

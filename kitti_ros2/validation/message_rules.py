@@ -179,7 +179,9 @@ def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
             yield Breach(f'{message.topic}: {link} has a frame without a name', message.bag)
 
 
-_BAG, _ERROR, _WARNING = RuleScope.BAG, RuleSeverity.ERROR, RuleSeverity.WARNING
+_BAG = RuleScope.BAG
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
 
 MESSAGE_RULES: tuple[Rule[CheckedMessage], ...] = (
     Rule(

@@ -164,7 +164,8 @@ def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
                 yield Breach(f'{moved:.1f} m from the pose above', file.path, line + 1)
 
 
-_RECORDING, _WARNING = RuleScope.RECORDING, RuleSeverity.WARNING
+_RECORDING = RuleScope.RECORDING
+_WARNING = RuleSeverity.WARNING
 
 OXTS_RULES: tuple[Rule[PacketTrack], ...] = (
     Rule(

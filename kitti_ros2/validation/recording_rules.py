@@ -180,7 +180,9 @@ def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
 
 
 _RECORDING = RuleScope.RECORDING
-_ERROR, _WARNING, _NOTE = RuleSeverity.ERROR, RuleSeverity.WARNING, RuleSeverity.NOTE
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
+_NOTE = RuleSeverity.NOTE
 
 RECORDING_RULES: tuple[Rule[RecordingFacts], ...] = (
     Rule(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..model.samples import Float32Array
 
-_FARTHEST_M = 250.0
+_FARTHEST_POINT_M = 250.0
 _NOT_METRES = 10_000.0
 _COLUMNS = 4
 _LOOKED_AT = HEAD_BYTES // 16
@@ -80,7 +80,7 @@ def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
 
 
 def _find_far(scan: ScanFile) -> Iterator[Breach]:
-    if _FARTHEST_M < scan.reach < _NOT_METRES:
+    if _FARTHEST_POINT_M < scan.reach < _NOT_METRES:
         yield Breach(f'coordinates up to {scan.reach:.0f} m', scan.path)
 
 

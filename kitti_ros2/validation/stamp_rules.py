@@ -131,7 +131,8 @@ def _ms(nanoseconds: float) -> str:
 
 
 _STREAM = RuleScope.STREAM
-_ERROR, _WARNING = RuleSeverity.ERROR, RuleSeverity.WARNING
+_ERROR = RuleSeverity.ERROR
+_WARNING = RuleSeverity.WARNING
 
 STAMP_RULES: tuple[Rule[StampsFile], ...] = (
     Rule(

@@ -128,7 +128,8 @@ def _moment(stamp_ns: int) -> str:
         return f'{stamp_ns} ns'
 
 
-_STREAM, _WARNING = RuleScope.STREAM, RuleSeverity.WARNING
+_STREAM = RuleScope.STREAM
+_WARNING = RuleSeverity.WARNING
 
 TOPIC_RULES: tuple[Rule[TopicTrack], ...] = (
     Rule(

@@ -1,16 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The containers: each is complete, distinct, and has a reader and a writer."""
+"""The containers: each is complete and distinct."""
 
 import pytest
 
-from kitti_ros2.bags.storages import Storage, storage_of
 from kitti_ros2.model.containers import CONTAINERS, container_of
-
-
-@pytest.mark.parametrize('container', CONTAINERS)
-def test_every_container_has_a_reader_and_a_writer(container):
-    assert isinstance(storage_of(container), Storage)
 
 
 def test_containers_differ_in_their_suffix_and_their_first_bytes():

@@ -12,7 +12,7 @@ from contextlib import suppress
 import pytest
 
 from kitti_ros2.bridge import gate as gates
-from kitti_ros2.bridge import relay
+from kitti_ros2.bridge import relay as relays
 from kitti_ros2.bridge.admission import Admission
 from kitti_ros2.bridge.gate import Gate, hidden_address
 from kitti_ros2.bridge.handshake import HEAD_LIMIT
@@ -211,7 +211,7 @@ def test_a_handshake_may_come_byte_by_byte(gate):
 
 @pytest.mark.parametrize('begin', [b'', b'GET / HTTP/1.1\r\nHost: localhost\r\n'])
 def test_a_handshake_without_an_end_is_cut_off(behind, monkeypatch, begin):
-    monkeypatch.setattr(relay, 'HANDSHAKE_S', 0.2)
+    monkeypatch.setattr(relays, 'HANDSHAKE_S', 0.2)
     opened = Gate('127.0.0.1', 0, Admission('127.0.0.1'), lambda _: None)
     opened.open(*behind.address)
     # It may be cut off before that is sent.
@@ -261,7 +261,7 @@ def test_a_viewer_that_sends_too_much_is_disconnected(gate):
         assert read_to_end(viewer) == b''
         echo(other)
     (said,) = gate.complaints
-    assert f'longer than {relay.CLIENT_MESSAGE_LIMIT} bytes' in said
+    assert f'longer than {relays.CLIENT_MESSAGE_LIMIT} bytes' in said
 
 
 def test_a_time_reaches_every_viewer_after_its_greeting(gate, behind):

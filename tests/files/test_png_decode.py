@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.files.png.inflate import inflated
 
 
@@ -47,7 +47,7 @@ def test_pixels_are_the_encoded_ones(height, width, channels, chosen, level):
     if chosen is not None:
         flags += [cv2.IMWRITE_PNG_FILTER, chosen]
     data = cv2.imencode('.png', pixels, flags)[1].tobytes()
-    np.testing.assert_array_equal(decode_png(parse_image(data, 'x')), pixels)
+    np.testing.assert_array_equal(decode_png(parse_png(data, 'x')), pixels)
 
 
 def chunk(kind: bytes, body: bytes = b'') -> bytes:
@@ -161,7 +161,7 @@ def adam7(pixels: np.ndarray) -> bytes:
 def test_interlaced_images_are_decoded(height, width):
     pixels = noisy((height, width), height * width)
     data = png(adam7(pixels), size=(width, height), methods=(0, 0, 1))
-    np.testing.assert_array_equal(decode_png(parse_image(data, 'x')), pixels)
+    np.testing.assert_array_equal(decode_png(parse_png(data, 'x')), pixels)
 
 
 @pytest.mark.usefixtures('library')
@@ -185,7 +185,7 @@ def test_a_chunk_beyond_the_end_is_refused_before_it_is_allocated(place, length)
     start = starts[place]
     data[start : start + 4] = length.to_bytes(4, 'big')
     with pytest.raises(ValueError, match=f'a chunk of {length} bytes at byte {start}, beyond'):
-        decode_png(replace(parse_image(sound, 'x'), data=bytes(data)))
+        decode_png(replace(parse_png(sound, 'x'), data=bytes(data)))
 
 
 @pytest.mark.parametrize(
@@ -200,14 +200,14 @@ def test_a_header_of_more_pixels_than_the_data_can_have_is_refused(size):
     with pytest.raises(ValueError, match='bytes of image data, which is too little'):
         inflated(made)
     with pytest.raises(ValueError, match='PNG of'):
-        decode_png(parse_image(made, 'x'))
+        decode_png(parse_png(made, 'x'))
 
 
 @pytest.mark.parametrize('channels', [1, 3])
 def test_the_most_compressible_image_is_decoded(channels):
     shape = (2000, 3000, 3) if channels == 3 else (2000, 3000)
     data = cv2.imencode('.png', np.zeros(shape, np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
-    assert not decode_png(parse_image(data.tobytes(), 'x')).any()
+    assert not decode_png(parse_png(data.tobytes(), 'x')).any()
 
 
 def test_an_image_that_would_fill_the_memory_is_not_decoded():
@@ -217,7 +217,7 @@ def test_an_image_that_would_fill_the_memory_is_not_decoded():
     tracemalloc.start()
     try:
         with pytest.raises(ValueError, match='8192 x 8193 pixels is not decoded'):
-            decode_png(parse_image(data, 'x'))
+            decode_png(parse_png(data, 'x'))
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

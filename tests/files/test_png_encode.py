@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 
 
 def decoded(png: bytes) -> np.ndarray:
@@ -87,7 +87,7 @@ class TestEveryEncoder:
 
 
 def test_the_package_reads_the_header():
-    image = parse_image(encode_png(np.zeros((5, 7, 3), np.uint8)), 'x')
+    image = parse_png(encode_png(np.zeros((5, 7, 3), np.uint8)), 'x')
     assert (image.width, image.height, image.channels) == (7, 5, 3)
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.cli import main
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.model.errors import BadFileError
 
 
@@ -25,22 +25,22 @@ def png(*shape: int, dtype: type = np.uint8) -> bytes:
 @pytest.mark.parametrize(('shape', 'channels'), [((5, 7), 1), ((5, 7, 3), 3), ((5, 7, 4), 3)])
 def test_size_and_channels_without_decoding(shape, channels):
     data = png(*shape)
-    image = parse_image(data, 'x.png')
+    image = parse_png(data, 'x.png')
     assert (image.width, image.height, image.channels) == (7, 5, channels)
     assert image.data is data
 
 
 def test_grey_may_have_16_bits():
-    image = parse_image(png(5, 7, dtype=np.uint16), 'x.png')
+    image = parse_png(png(5, 7, dtype=np.uint16), 'x.png')
     assert (image.width, image.height, image.channels) == (7, 5, 1)
 
 
 def test_a_byte_behind_the_end_is_no_cut():
-    assert parse_image(png(5, 7) + b'\n', 'x.png').width == 7
+    assert parse_png(png(5, 7) + b'\n', 'x.png').width == 7
 
 
 def test_colour_of_16_bits_is_an_image():
-    image = parse_image(png(5, 7, 3, dtype=np.uint16), 'x.png')
+    image = parse_png(png(5, 7, 3, dtype=np.uint16), 'x.png')
     assert (image.width, image.height, image.channels) == (7, 5, 3)
 
 
@@ -56,7 +56,7 @@ def test_colour_of_16_bits_is_an_image():
 )
 def test_bad_images(data, said):
     with pytest.raises(BadFileError, match=said):
-        parse_image(data, 'x.png')
+        parse_png(data, 'x.png')
 
 
 def noise() -> bytes:
@@ -85,13 +85,13 @@ def file_of(parts: list[tuple[bytes, bytes]]) -> bytes:
 @given(st.data())
 def test_one_wrong_byte_anywhere_in_the_file_is_found(data):
     good = noise()
-    parse_image(good, 'x.png')
+    parse_png(good, 'x.png')
     place = data.draw(st.integers(0, len(good) - 3))
     wrong = data.draw(st.integers(1, 255))
     bad = bytearray(good)
     bad[place] ^= wrong
     with pytest.raises(BadFileError, match=r'^x\.png: '):
-        parse_image(bytes(bad), 'x.png')
+        parse_png(bytes(bad), 'x.png')
 
 
 @given(st.data())
@@ -101,22 +101,22 @@ def test_bytes_that_are_missing_or_too_many_are_found(data):
     count = data.draw(st.integers(1, 9))
     for bad in (good[:first] + good[first + count :], good[:first] + b'\1' * count + good[first:]):
         with pytest.raises(BadFileError):
-            parse_image(bad, 'x.png')
+            parse_png(bad, 'x.png')
 
 
 def test_the_chunk_is_named_and_where_it_is():
     [header, body, end] = chunks(noise())
     split = [header, *((b'IDAT', body[1][k : k + 500]) for k in range(0, len(body[1]), 500)), end]
     good = file_of(split)
-    assert parse_image(good, 'x').width == 31
+    assert parse_png(good, 'x').width == 31
     place = 33 + 512 + 8 + 17
     bad = good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :]
     with pytest.raises(BadFileError, match='its IDAT at byte 545 has a wrong checksum'):
-        parse_image(bad, 'x')
+        parse_png(bad, 'x')
     with pytest.raises(BadFileError, match='IHDR at byte 8 has a wrong length, 2147483661'):
-        parse_image(good[:8] + b'\x80' + good[9:], 'x')
+        parse_png(good[:8] + b'\x80' + good[9:], 'x')
     with pytest.raises(BadFileError, match='no image data'):
-        parse_image(file_of([header, end]), 'x')
+        parse_png(file_of([header, end]), 'x')
 
 
 def test_a_png_that_is_damaged_inside_is_named_by_to_bag(drive, tmp_path, capsys):

@@ -21,7 +21,7 @@ from kitti_ros2.files.picture_headers import (
     webp_size,
 )
 from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.files.png.inflate import inflated
 
 from .inputs import files, found
@@ -37,7 +37,7 @@ def _png(data: bytes) -> None:
         png_chunks(data)
     with suppress(ValueError):
         inflated(data)
-    image = parse_image(data, PATH)
+    image = parse_png(data, PATH)
     with suppress(ValueError):
         decode_png(image)
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
 from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
 from kitti_ros2.messages.image import encode_compressed, encode_pixels
@@ -95,7 +95,7 @@ def test_bulk_messages_are_what_rosbags_serialises(points):
 
 @pytest.mark.parametrize('frame', ['', 'a', 'ab', 'abc', 'abcd'])
 def test_bulk_images_are_what_rosbags_serialises(frame):
-    image = parse_image(png_bytes(7, 5), 'x')
+    image = parse_png(png_bytes(7, 5), 'x')
     pixels = decode_png(image)
     for message in (encode_compressed(image, STAMP, frame), encode_pixels(pixels, STAMP, frame)):
         assert join(serialize(message)) == filled(message)
@@ -118,7 +118,7 @@ def test_the_format_of_images(dtype, shape, encoding):
     assert (raw.encoding, raw.width, raw.height, raw.is_bigendian) == (encoding, 7, 5, 0)
     assert raw.step == pixels[0].nbytes
     assert raw.data.tobytes() == pixels.tobytes()
-    image = parse_image(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
+    image = parse_png(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
     compressed = through_cdr(encode_compressed(image, STAMP, 'cam'))
     assert (compressed.format, compressed.data.tobytes()) == ('png', image.data)
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.kitti.layout_files import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.moment import Moment, Origin, Rig
@@ -85,7 +85,7 @@ SAMPLES = {
     ),
     Stream.SCAN: scans(),
     Stream.IMAGE_2: PIXELS.map(
-        lambda pixels: parse_image(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
+        lambda pixels: parse_png(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
     ),
     Stream.LABELS: st.builds(lambda text: FrameLabels(source=text), st.none() | TEXTS),
 }

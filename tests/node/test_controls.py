@@ -15,7 +15,7 @@ from kitti_ros2.player.playback_events import Send
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
-from kitti_ros2.node import controls
+from kitti_ros2.node import controls as node_player
 
 SECOND = 1_000_000_000
 NAMES = ['Pause', 'Resume', 'TogglePaused', 'IsPaused', 'GetRate', 'SetRate']
@@ -45,11 +45,11 @@ def player():
 
 @pytest.fixture
 def call(player):
-    services = controls.rosbag2_services(player, TYPES)
+    services = node_player.rosbag2_services(player, TYPES)
 
     def call(name, **request):
         response = SimpleNamespace()
-        handle = controls._handler(player, services[name][1])
+        handle = node_player._handler(player, services[name][1])
         assert handle(SimpleNamespace(**request), response) is response
         return vars(response)
 
@@ -125,7 +125,7 @@ def frames_of_three():
 
     thread = threading.Thread(target=play)
     thread.start()
-    services = controls.rosbag2_services(player, TYPES)
+    services = node_player.rosbag2_services(player, TYPES)
 
     def call(name, **request):
         response = SimpleNamespace()
@@ -165,9 +165,9 @@ def test_stop(call, player):
 
 
 def test_without_rosbag2_they_are_triggers(player, monkeypatch):
-    monkeypatch.setattr(controls, '_PACKAGE', 'no_such_package')
-    assert controls._rosbag2_types() is None
-    services = controls.plain_services(player)
+    monkeypatch.setattr(node_player, '_PACKAGE', 'no_such_package')
+    assert node_player._rosbag2_types() is None
+    services = node_player.plain_services(player)
     player.playback.resume()
     response = SimpleNamespace(success=None, message='')
     services['play_next'][1](None, response)
@@ -182,6 +182,6 @@ def test_only_what_is_wrong_is_no_success():
     def break_down():
         raise KeyError
 
-    assert not controls._succeeds(fail)
+    assert not node_player._succeeds(fail)
     with pytest.raises(KeyError):
-        controls._succeeds(break_down)
+        node_player._succeeds(break_down)

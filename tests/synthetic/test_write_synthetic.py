@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.files.png.header import parse_image
+from kitti_ros2.files.png.header import parse_png
 from kitti_ros2.kitti.calib_file import parse_calibration
 from kitti_ros2.kitti.layouts import guess_layout, open_recording
 from kitti_ros2.kitti.oxts_file import parse_packet
@@ -88,7 +88,7 @@ def test_raw_drive_is_complete(tmp_path: Path) -> None:
     assert parse_timestamps(path.read_text(), path).values == [
         truth.stamps(frame).images[3] for frame in range(3)
     ]
-    image = parse_image((drive / 'image_02' / 'data' / '0000000000.png').read_bytes(), path)
+    image = parse_png((drive / 'image_02' / 'data' / '0000000000.png').read_bytes(), path)
     assert (image.width, image.height, image.channels) == (124, 38, 3)
     path = drive / 'oxts' / 'data' / '0000000001.txt'
     assert parse_packet(path.read_text(), path).vf == pytest.approx(truth.packet(1).vf)

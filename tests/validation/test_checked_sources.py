@@ -14,7 +14,8 @@ from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
 from kitti_ros2.model.errors import KittiRos2Error, MissingSourceError, UsageError
 from kitti_ros2.model.layouts import Layout
-from kitti_ros2.validation import rule, sources
+from kitti_ros2.validation import rule
+from kitti_ros2.validation import sources as checked
 from kitti_ros2.validation.results import FindingTally
 from kitti_ros2.validation.rule_table import rules_by_id
 
@@ -103,8 +104,8 @@ def test_a_recording_that_cannot_be_opened_is_an_error(root, tmp_path):
 
 
 def test_a_search_that_ends_early_is_a_warning(root, monkeypatch):
-    found = sources.data_sets_below(root)[0]
-    monkeypatch.setattr(sources, 'data_sets_below', lambda _: (found, False))
+    found = checked.data_sets_below(root)[0]
+    monkeypatch.setattr(checked, 'data_sets_below', lambda _: (found, False))
     assert 'source-large' in {each.rule for each in validate(root).findings}
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('CROP', of='dataset_tables')
+@takes('CROP', of='datasets')
 def crop(
     src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, split, sequence or whole set')],
     out: Annotated[Path, argument('OUT', 'The folder to create')],

@@ -56,7 +56,7 @@ def _one_of(words: Iterable[str]) -> str:
     return f'[{"|".join(words)}]'
 
 
-Command = TypeVar('Command', bound='Callable[..., int]')
+Marked = TypeVar('Marked', bound='Callable[..., object]')
 
 _TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
 """By name of a function: its table and its module, the options left out, its parameters."""
@@ -64,7 +64,7 @@ _TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
 
 def takes(
     table: str, *, of: str = 'table', but: tuple[str, ...] = ()
-) -> Callable[[Command], Command]:
+) -> Callable[[Marked], Marked]:
     """Mark a command whose **given are the options of a table in options/.
 
     Args:
@@ -73,10 +73,10 @@ def takes(
         but: Options that the command declares itself.
     """
 
-    def mark(command: Command) -> Command:
+    def mark(command: Marked) -> Marked:
         own = [
             each.replace(kind=Parameter.KEYWORD_ONLY)
-            for each in signature(command).parameters.values()
+            for each in signature(command, eval_str=True).parameters.values()
             if each.kind is not Parameter.VAR_KEYWORD
         ]
         _TABLES[command.__name__] = table, of, frozenset(but), own
@@ -85,21 +85,21 @@ def takes(
     return mark
 
 
-def add_options(command: Callable[..., int]) -> None:
+def add_options(command: Callable[..., object]) -> None:
     """Add the options of its table to the signature of a command, for typer to read.
 
     Only the command that runs needs them: `kitti-ros2 --help` does not import options/.
     """
     if command.__name__ not in _TABLES:
-        _with_parameters(command, [*signature(command).parameters.values()])
+        _with_parameters(command, [*signature(command, eval_str=True).parameters.values()])
         return
     name, module, excluded, own = _TABLES[command.__name__]
-    table = getattr(import_module(f'...options.{module}', __package__), name)
+    table = getattr(import_module(f'..options.{module}', __package__), name)
     declared = [_parameter(each) for each in table if each.name not in excluded]
     _with_parameters(command, [*own, *declared])
 
 
-def _with_parameters(command: Command, parameters: list[Parameter]) -> Command:
+def _with_parameters(command: Marked, parameters: list[Parameter]) -> Marked:
     with_urls = [accept_urls(each) for each in parameters]
     command.__signature__ = Signature(with_urls)  # type: ignore[attr-defined]
     return command

@@ -9,7 +9,7 @@ import typer
 from .declared import JsonOption, QuietOption, chosen, takes
 
 
-@takes('DOWNLOAD', of='dataset_tables')
+@takes('DOWNLOAD', of='datasets')
 def download(
     words: Annotated[
         Optional[list[str]],

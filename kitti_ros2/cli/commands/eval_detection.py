@@ -8,7 +8,7 @@ from typing import Annotated, Optional
 from .declared import JsonOption, OverwriteOption, QuietOption, argument, chosen, out_option, takes
 
 
-@takes('DETECTION_ALL', of='evaluation_tables')
+@takes('DETECTION_ALL', of='evaluation')
 def eval_detection(
     ground_truth: Annotated[
         Path, argument('GROUND_TRUTH', 'label_2, an object split, or a recording with labels')

@@ -8,7 +8,7 @@ from typing import Annotated
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('LIVE', of='evaluation_tables')
+@takes('LIVE', of='evaluation')
 def eval_live(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or a bag, with ground truth')],
     json: JsonOption = False,

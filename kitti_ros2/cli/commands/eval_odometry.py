@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, argument, chosen, out_option, takes
 
 
-@takes('ODOMETRY_ALL', of='evaluation_tables')
+@takes('ODOMETRY_ALL', of='evaluation')
 def eval_odometry(
     ground_truth: Annotated[Path, argument('GT', 'A poses file, a sequence or drive, or a bag')],
     result: Annotated[Path, argument('RESULT', 'A poses file, a TUM file, or a bag')],

@@ -16,7 +16,7 @@ from .declared import (
 )
 
 
-@takes('TRACKING_ALL', of='evaluation_tables')
+@takes('TRACKING_ALL', of='evaluation')
 def eval_tracking(
     ground_truth: Annotated[Path, argument('GT', 'A tracking set with label_02, or label_02')],
     results: Annotated[Path, argument('RESULTS', 'A folder of files such as 0000.txt, or a bag')],

@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, chosen, takes
 
 
-@takes('EXTRACT', of='dataset_tables')
+@takes('EXTRACT', of='datasets')
 def extract(
     paths: Annotated[
         list[Path],

@@ -10,7 +10,7 @@ import typer
 from .declared import OverwriteOption, QuietOption, argument, chosen, out_option, takes
 
 
-@takes('REPORT_ALL', of='batch')
+@takes('REPORT_ALL')
 def report(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     out: Annotated[Path, out_option('The page to write; with --all a folder of pages')] = Path(

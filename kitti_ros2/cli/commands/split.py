@@ -8,7 +8,7 @@ from typing import Annotated
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('SPLIT', of='dataset_tables')
+@takes('SPLIT', of='datasets')
 def split(
     src: Annotated[Path, argument('SRC', 'A data set: object, tracking, odometry or raw')],
     json: JsonOption = False,

@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, argument, chosen, out_option, takes
 
 
-@takes('STATS_ALL', of='dataset_tables')
+@takes('STATS_ALL', of='datasets')
 def stats(
     paths: Annotated[list[Path], argument('PATH...', 'Folders or bags; several are compared')],
     out: Annotated[

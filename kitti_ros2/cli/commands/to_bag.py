@@ -11,7 +11,7 @@ from ...model.containers import FILE_NAMES
 from .declared import JsonOption, QuietOption, argument, chosen, takes
 
 
-@takes('TO_BAG_ALL', of='batch')
+@takes('TO_BAG_ALL')
 def to_bag(
     src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence')],
     out: Annotated[

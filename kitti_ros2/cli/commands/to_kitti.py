@@ -10,7 +10,7 @@ import typer
 from .declared import JsonOption, QuietOption, chosen, takes
 
 
-@takes('TO_KITTI_ALL', of='batch')
+@takes('TO_KITTI_ALL')
 def to_kitti(
     paths: Annotated[
         list[Path],

@@ -10,7 +10,7 @@ import typer
 from .declared import AllOverwriteOption, JsonOption, QuietOption, chosen, out_option, takes
 
 
-@takes('VALIDATE_ALL', of='dataset_tables')
+@takes('VALIDATE_ALL', of='datasets')
 def validate(
     paths: Annotated[
         list[Path],

@@ -18,7 +18,7 @@ from ..picture_headers import PNG_SIGNATURE
 if TYPE_CHECKING:
     from pathlib import Path
 
-_HEADER = struct.Struct('>8s4s4sIIBB')
+_SIGNED_HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
 _CHUNK = struct.Struct('>I4s')
 _CRC_AND_CHUNK = struct.Struct('>II4s')
@@ -31,7 +31,7 @@ _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 1, 6: 3}
 _REMEDY = 'copy the file again from its source'
 
 
-def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image:
+def parse_png(data: bytes, path: Path | str, size: int | None = None) -> Image:
     """Parse an image from the bytes of a PNG file.
 
     Args:
@@ -44,9 +44,9 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
     """
     if not data:
         raise BadFileError(path, 'the file is empty', 'a PNG image', remedy=_REMEDY)
-    if len(data) < _HEADER.size or not data.startswith(PNG_SIGNATURE):
+    if len(data) < _SIGNED_HEADER.size or not data.startswith(PNG_SIGNATURE):
         raise BadFileError(path, 'no PNG signature and header', 'a PNG image', remedy=_REMEDY)
-    _, _, kind, width, height, _, colour = _HEADER.unpack_from(data)
+    _, _, kind, width, height, _, colour = _SIGNED_HEADER.unpack_from(data)
     if kind != b'IHDR' or colour not in _CHANNELS or not width or not height:
         raise BadFileError(path, 'a broken PNG header', 'a PNG image', remedy=_REMEDY)
     # Some programs put a few bytes behind the end, which decoders ignore.
