@@ -31,7 +31,7 @@ def cpu():
 SURVEY = f"""{_TIMES}
 import sys
 from pathlib import Path
-from kitti_ros2.files.freed_memory import keep_freed_memory
+from kitti_ros2.files.processes import keep_freed_memory
 from kitti_ros2.importer.survey import look
 keep_freed_memory()
 start, used = time.perf_counter(), cpu()
@@ -43,8 +43,8 @@ ENCODE = """
 import sys, time
 from concurrent.futures import ThreadPoolExecutor
 import cv2, numpy as np
-from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.workers import worker_count
+from kitti_ros2.files.image_files import encode_png
+from kitti_ros2.files.threads import worker_count
 cv2.setNumThreads(1)
 kind, paths = sys.argv[1], sys.argv[2:]
 jpegs = [np.fromfile(path, np.uint8) for path in paths]
@@ -60,7 +60,7 @@ with ThreadPoolExecutor(worker_count()) as pool:
 
 CHECK = f"""{_TIMES}
 import os, sys
-from kitti_ros2.files.checksums import crc32
+from kitti_ros2.files.local_files import crc32
 start, used = time.perf_counter(), cpu()
 file = os.open(sys.argv[1], os.O_RDONLY)
 while block := os.read(file, 2**20):
@@ -72,9 +72,9 @@ CHECK_AHEAD = f"""{_TIMES}
 import os, sys
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from kitti_ros2.files.checksums import crc32
-from kitti_ros2.files.freed_memory import keep_freed_memory
-from kitti_ros2.files.workers import worker_count
+from kitti_ros2.files.local_files import crc32
+from kitti_ros2.files.processes import keep_freed_memory
+from kitti_ros2.files.threads import worker_count
 keep_freed_memory()
 file = os.open(sys.argv[1], os.O_RDONLY)
 def check(position):

@@ -19,16 +19,16 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from kitti_ros2.files.freed_memory import keep_freed_memory
-from kitti_ros2.options.pictures import PictureOptions
+from kitti_ros2.files.processes import keep_freed_memory
+from kitti_ros2.options.outputs import PictureOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.modes import MODES
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.panel import MODES
 
 from yardsticks import make_parser, report, seconds  # isort: skip
 
 if TYPE_CHECKING:
-    from kitti_ros2.pictures.frame import FrameSource
+    from kitti_ros2.pictures.recording_frames import FrameSource
 
 OPTIONS = PictureOptions()
 BOUNDS = {'panel': '<= 4', 'perspective': '<= 2'}

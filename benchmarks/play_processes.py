@@ -26,9 +26,9 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
-from kitti_ros2.cli.ending import end_by_signal
-from kitti_ros2.files.freed_memory import keep_freed_memory
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.cli.exits import end_by_signal
+from kitti_ros2.files.processes import keep_freed_memory
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.node.message_types import message_class
 from kitti_ros2.node.middleware import start_ros
@@ -36,7 +36,7 @@ from kitti_ros2.node.outlets import Outlets
 from kitti_ros2.node.player import KittiPlayer
 from kitti_ros2.node.run import run_player
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.player.session import Session
 

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 
 from yardsticks import COMMAND, make_parser, parse_in_folder, tree_bytes
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ The drive is synthetic: 15 m/s, bends of 30 degrees/s, points measured while the
 0.02 m of noise, an Imu at 100 Hz, and a standing start, which GenZ-ICP and RKO-LIO need. Each stack
 reads its bag with its own command; only its parameter deskew differs between its two runs.
 
-Drift is KITTI's translation error of segments in % (kitti_ros2/evaluation/segment_errors.py),
+Drift is KITTI's translation error of segments in % (kitti_ros2/evaluation/trajectories.py),
 against the true poses at one moment of each turn: that of the stack's own deskewed poses. Poses
 without deskewing belong to no single moment. Their drift is shown for the same moment, and for the
 moment of the turn that gives the least.
@@ -36,14 +36,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from yardsticks import COMMAND, make_parser
 
-from kitti_ros2.evaluation.segment_errors import segment_errors
-from kitti_ros2.kitti.layout_files import make_writer
+from kitti_ros2.evaluation.trajectories import segment_errors
+from kitti_ros2.kitti.find import make_writer
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.stacks.stack_names import IMU, SCAN
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
-from kitti_ros2.synthetic.rig import CAR_T_VELO
-from kitti_ros2.synthetic.write import DATE, extract_of, write_extract
+from kitti_ros2.synthetic.drive import DATE, extract_of, write_extract
+from kitti_ros2.synthetic.scene import CAR_T_VELO
 
 if TYPE_CHECKING:
     import argparse

@@ -19,9 +19,9 @@ from pathlib import Path
 from statistics import median
 
 from kitti_ros2.bags.bag_files import OpenBag
-from kitti_ros2.files.freed_memory import keep_freed_memory
+from kitti_ros2.files.processes import keep_freed_memory
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
-from kitti_ros2.own_bags.restore import restore
+from kitti_ros2.own_bags.to_kitti import restore
 
 from yardsticks import (  # isort: skip
     COMMAND,
@@ -44,7 +44,7 @@ if kind == 'fpng_py':
 elif kind == 'opencv':
     encode = lambda p: cv2.imencode('.png', p, [cv2.IMWRITE_PNG_COMPRESSION, 1])
 else:
-    from kitti_ros2.files.png.encode import encode_png as encode
+    from kitti_ros2.files.image_files import encode_png as encode
 images = [cv2.imread(path, cv2.IMREAD_UNCHANGED) for path in paths]
 images = [i if i.ndim == 3 or kind != 'fpng_py' else np.repeat(i[..., None], 3, 2) for i in images]
 started = time.perf_counter()
@@ -55,9 +55,9 @@ print((time.perf_counter() - started) / len(images))
 
 ENCODE_AND_WRITE = """
 import os, sys, time, cv2
-from kitti_ros2.files.freed_memory import keep_freed_memory
-from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.page_cache import write_uncached
+from kitti_ros2.files.processes import keep_freed_memory
+from kitti_ros2.files.image_files import encode_png
+from kitti_ros2.files.local_files import write_uncached
 try:
     from fpng_py import fpng_encode_image_to_memory as fpng
 except ImportError:

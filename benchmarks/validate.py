@@ -25,9 +25,9 @@ import numpy as np
 from yardsticks import COMMAND, make_parser, parse_in_folder, peak_mb, report, seconds, tree_bytes
 
 from kitti_ros2.datasets import validate
-from kitti_ros2.files.checksums import crc32
+from kitti_ros2.files.local_files import crc32
 from kitti_ros2.files.processes import forked_map
-from kitti_ros2.files.workers import worker_count
+from kitti_ros2.files.threads import worker_count
 
 FOLDERS = {'image_2': '.png', 'velodyne': '.bin', 'calib': '.txt', 'label_2': '.txt'}
 SHORT = 100

@@ -34,11 +34,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitti_ros2.batch.bag_unit import run_bag_unit
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest
-from kitti_ros2.batch.results import UnitJob
+from kitti_ros2.batch.pool import UnitJob
+from kitti_ros2.batch.unit_functions import run_bag_unit
 from kitti_ros2.batch.units import find_units
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from child_runs import Usage, best, kill_when, run_together, to_bag  # isort: skip

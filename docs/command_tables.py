@@ -70,7 +70,7 @@ def _kind(kind: Any) -> str:  # noqa: ANN401
 
 def exit_codes() -> str:
     """Return the exit codes, from the constants and the texts below them."""
-    tree = ast.parse((ROOT / 'kitti_ros2/cli/exit_codes.py').read_text('utf-8'))
+    tree = ast.parse((ROOT / 'kitti_ros2/cli/exits.py').read_text('utf-8'))
     rows = [
         (str(number.value.value), str(text.value.value))
         for number, text in zip(tree.body[1:], tree.body[2:], strict=False)

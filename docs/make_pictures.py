@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from kitti_ros2.cli import main as kitti_ros2
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'tests'))

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 from markdown_tables import attributes, code, table
 
+from kitti_ros2.messages.camera_info import static_links
 from kitti_ros2.messages.naming import PRESETS, FrameNames, base_t_imu, make_frames
 from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table
-from kitti_ros2.messages.transforms import static_links
-from kitti_ros2.model.cloud_formats import FORMATS, VALUES, Order
+from kitti_ros2.model.bag_formats import FORMATS, VALUES, Order
 from kitti_ros2.options.messages import MessageOptions, Preset
-from kitti_ros2.synthetic.rig import make_calibration
+from kitti_ros2.synthetic.scene import make_calibration
 
 if TYPE_CHECKING:
-    from kitti_ros2.model.cloud_formats import CloudField
+    from kitti_ros2.model.bag_formats import CloudField
 
 CAMERAS = '{gray,color}_{left,right}'
 

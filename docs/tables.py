@@ -19,9 +19,9 @@ from markdown_tables import attributes, code, table
 from message_tables import cloud_fields, clouds, frames, renamed_topics, topics
 
 from kitti_ros2.importer import plan
-from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.stacks.catalogue import STACKS
-from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
+from kitti_ros2.model.bag_formats import CONTAINERS
+from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.validation.validate import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +37,7 @@ def fill(markdown: str) -> str:
 
 def parameters() -> str:
     """Return the ROS parameters of the player."""
-    from kitti_ros2.node.parameters import PARAMETERS  # noqa: PLC0415 - needs rclpy
+    from kitti_ros2.node.player import PARAMETERS  # noqa: PLC0415 - needs rclpy
 
     rows = [
         (
@@ -55,7 +55,7 @@ def parameters() -> str:
 
 def services() -> str:
     """Return the services of the player, with and without rosbag2_interfaces."""
-    from kitti_ros2.node.controls import plain_services, rosbag2_services  # noqa: PLC0415
+    from kitti_ros2.node.player import plain_services, rosbag2_services  # noqa: PLC0415
 
     player: Any = None  # for handlers that are not called
     types: Any = _Names('rosbag2_interfaces')
@@ -79,7 +79,7 @@ class _Names:
 
 def policies() -> str:
     """Return the policies of a file with QoS overrides."""
-    from kitti_ros2.node.qos import POLICIES  # noqa: PLC0415 - needs rclpy
+    from kitti_ros2.node.outlets import POLICIES  # noqa: PLC0415 - needs rclpy
 
     return table(
         ('policy', 'values'), ((code(name), _accepted(each)) for name, each in POLICIES.items())

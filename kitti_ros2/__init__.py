@@ -42,17 +42,12 @@ from .model.lazy_names import lazy_names
 # Importing typing takes some ms, in which Ctrl-C prints a traceback: __main__ is imported later.
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
+    from .api.arguments import *
     from .api.calibration import *
-    from .api.calibration_files import *
     from .api.conversions import *
     from .api.draw import *
-    from .api.frame import *
-    from .api.messages import *
-    from .api.objects import *
     from .api.open_recording import *
-    from .api.sensor_files import *
-    from .api.source import *
-    from .api.text_files import *
+    from .api.single_files import *
     from .model.boxes import *
     from .model.errors import *
     from .model.samples import *
@@ -62,37 +57,37 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
 _MODULES = {
     'Box': 'model.boxes',
     'CalibratedRig': 'api.calibration',
-    'Frame': 'api.frame',
-    'FrameObject': 'api.objects',
+    'Frame': 'api.open_recording',
+    'FrameObject': 'api.open_recording',
     'KittiRos2Error': 'model.errors',
-    'KittiRos2Warning': 'api.source',
+    'KittiRos2Warning': 'api.arguments',
     'OxtsPacket': 'model.samples',
     'Picture': 'api.draw',
     'PoseSeries': 'api.open_recording',
     'Recording': 'api.open_recording',
     'draw': 'api.draw',
-    'encode': 'api.messages',
+    'encode': 'api.conversions',
     'open': 'api.open_recording',
-    'read_calibration': 'api.calibration_files',
-    'read_image': 'api.sensor_files',
-    'read_labels': 'api.text_files',
-    'read_oxts': 'api.text_files',
-    'read_point_labels': 'api.sensor_files',
-    'read_poses': 'api.text_files',
-    'read_scan': 'api.sensor_files',
-    'read_stamps': 'api.text_files',
-    'read_tracklets': 'api.text_files',
+    'read_calibration': 'api.calibration',
+    'read_image': 'api.single_files',
+    'read_labels': 'api.single_files',
+    'read_oxts': 'api.single_files',
+    'read_point_labels': 'api.single_files',
+    'read_poses': 'api.single_files',
+    'read_scan': 'api.single_files',
+    'read_stamps': 'api.single_files',
+    'read_tracklets': 'api.single_files',
     'to_bag': 'api.conversions',
     'to_kitti': 'api.conversions',
-    'write_calibration': 'api.calibration_files',
-    'write_image': 'api.sensor_files',
-    'write_labels': 'api.text_files',
-    'write_oxts': 'api.text_files',
-    'write_point_labels': 'api.sensor_files',
-    'write_poses': 'api.text_files',
-    'write_scan': 'api.sensor_files',
-    'write_stamps': 'api.text_files',
-    'write_tracklets': 'api.text_files',
+    'write_calibration': 'api.calibration',
+    'write_image': 'api.single_files',
+    'write_labels': 'api.single_files',
+    'write_oxts': 'api.single_files',
+    'write_point_labels': 'api.single_files',
+    'write_poses': 'api.single_files',
+    'write_scan': 'api.single_files',
+    'write_stamps': 'api.single_files',
+    'write_tracklets': 'api.single_files',
 }
 
 __all__ = [

@@ -13,11 +13,11 @@ import numpy as np
 
 from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.label_file import parse_labels
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import decode_static
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.synthetic import SyntheticOptions
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import pytest
 from chromium import Chromium, find_chromium
 from hypothesis import settings
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
 
 from builders import SHARED  # isort: skip
 from shared_files import SyntheticRecordings  # isort: skip

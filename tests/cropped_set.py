@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.png.header import parse_png
+from kitti_ros2.files.image_files import decode_png, encode_png, parse_png
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 from shared_files import made_once
 
 from kitti_ros2.kitti.extract_oxts import add_extract
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.imu import ImuOptions, ImuStamps
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import ImuOptions, ImuStamps
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
-from kitti_ros2.synthetic.write import extract_of
+from kitti_ros2.synthetic.drive import extract_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pytest
 
-    from kitti_ros2.kitti.recording import KittiRecording
+    from kitti_ros2.kitti.kitti_recording import KittiRecording
     from kitti_ros2.options.read import ReadOptions
 
 FAST = SyntheticOptions(

@@ -9,10 +9,10 @@ import shutil
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.outputs import BagOptions
 
 from builders import convert_recording  # isort: skip
 

@@ -16,9 +16,16 @@ import cv2
 import numpy as np
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.messages.cdr import join, serialize
+from kitti_ros2.messages.camera_info import encode_static
+from kitti_ros2.messages.cdr import (
+    join,
+    make_header,
+    make_pose,
+    make_quaternion,
+    make_vector3,
+    serialize,
+)
 from kitti_ros2.messages.detections import encode_detections
-from kitti_ros2.messages.header import make_header, make_pose, make_quaternion, make_vector3
 from kitti_ros2.messages.ros_types import (
     TYPESTORE,
     CameraInfo,
@@ -36,11 +43,10 @@ from kitti_ros2.messages.ros_types import (
     TwistStamped,
     TwistWithCovariance,
 )
-from kitti_ros2.messages.transforms import encode_static
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.boxes import Cuboid
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

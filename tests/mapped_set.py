@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 from folder_and_bag import make_holes
 
-from kitti_ros2.kitti.stamps_file import format_timestamps
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import parse_stamp
+from kitti_ros2.kitti.text_file import format_timestamps
+from kitti_ros2.model.streams import Layout, parse_stamp
 
 A = '2011_09_26_drive_0001_sync'
 B = '2011_09_26_drive_0005_sync'

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kitti_ros2.kitti.layout_files import make_writer
+from kitti_ros2.kitti.find import make_writer
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.samples import Scan
+from kitti_ros2.model.samples import Scan, rect_from_velo
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions
 from kitti_ros2.synthetic.drive import SyntheticDrive
-from kitti_ros2.synthetic.path import Motion, packet_of
+from kitti_ros2.synthetic.scene import Motion, packet_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from kitti_ros2.messages.header import make_header
+from kitti_ros2.messages.cdr import make_header
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.msgtypes import DIAGNOSTICS
+from kitti_ros2.model.bag_formats import DIAGNOSTICS
 
 if TYPE_CHECKING:
     from pathlib import Path

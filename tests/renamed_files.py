@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from kitti_ros2.kitti.layouts import open_recording
 from kitti_ros2.kitti.names import IMAGE_SETS
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from kitti_ros2.importer.topic_survey import TopicSurvey
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.importer.survey import TopicSurvey
+from kitti_ros2.model import bag_formats as types
 
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 

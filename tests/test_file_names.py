@@ -15,15 +15,14 @@ import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import AmbiguousLayoutError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags.recorded_layout import find_blueprint
-from kitti_ros2.own_bags.restore import restore
+from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording, files_of, png_bytes  # isort: skip
 from renamed_files import BY_NAME, KINDS, renamed, token  # isort: skip

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import MessageOptions, Preset
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Preset
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.report.overview import inspect_recording
 

@@ -11,16 +11,13 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.cli.config_file import load_config
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.header import stamp_ns_of, transform_of, vector_of
-from kitti_ros2.model.errors import KittiRos2Error, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.losses import Loss
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.cli.command import load_config
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.cdr import deserialize, stamp_ns_of, transform_of, vector_of
+from kitti_ros2.model.errors import KittiRos2Error, Loss, UsageError
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions, Preset
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.read import Bound, SelectionOptions
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, convert_recording  # isort: skip

@@ -14,16 +14,14 @@ from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.map_frame import map_from_world
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.naming import map_from_world
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.recording import Start
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import MapFrame, MessageOptions, Preset
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.pictures.recording_frames import RecordingFrames
 

@@ -15,12 +15,11 @@ from kitti_ros2.cli import main
 from kitti_ros2.kitti.store import FileStore
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL, convert_recording  # isort: skip

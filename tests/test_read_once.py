@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:
     from pathlib import Path

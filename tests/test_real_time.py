@@ -16,15 +16,13 @@ from mapped_set import IN_TIME, A, B, C, make_mapped_set, true_stamp
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.object_mapping import DriveFrame
-from kitti_ros2.kitti.real_time import RealTimes, describe_times, parse_times_of
-from kitti_ros2.messages.header import peek_header
+from kitti_ros2.kitti.object_set import DriveFrame, RealTimes, describe_times, parse_times_of
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.cdr import peek_header
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Clock, Stream
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 

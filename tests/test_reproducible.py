@@ -12,7 +12,7 @@ import threading
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 RUNS = 3
 BAGS = {

@@ -13,11 +13,11 @@ import kitti_ros2
 from kitti_ros2 import datasets
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import guess_layout
+from kitti_ros2.kitti.opening import guess_layout
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.clouds import read_field
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.table import make_settings
 
 from builders import SMALL, files_of  # isort: skip

@@ -12,16 +12,14 @@ from hypothesis import given
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.drawing.semantic import SEMANTIC_COLORS as COLORS
-from kitti_ros2.kitti.layouts import guess_layout, open_recording
-from kitti_ros2.kitti.semantic_file import format_point_labels, parse_point_labels
+from kitti_ros2.drawing.drawn_objects import SEMANTIC_COLORS as COLORS
+from kitti_ros2.kitti.opening import guess_layout, open_recording
+from kitti_ros2.kitti.scan_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.clouds import read_field
-from kitti_ros2.messages.point_values import packed_colors
-from kitti_ros2.messages.scan import decode_scan
+from kitti_ros2.messages.scan import decode_scan, packed_colors
 from kitti_ros2.model.errors import BadFileError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions
 

@@ -14,12 +14,11 @@ from rosbags.interfaces import Nodetype
 from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import ANNOTATIONS, DIAGNOSTICS
-from kitti_ros2.model.streams import CAMERA_NAMES
+from kitti_ros2.model.bag_formats import ANNOTATIONS, DIAGNOSTICS
+from kitti_ros2.model.streams import CAMERA_NAMES, Layout
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program, reserved_by_node
+from kitti_ros2.player.bag_program import open_program, reserved_by_node
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 STATE = '/kitti_player/state'

@@ -1,26 +1,31 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The conversions from Python, with the options of the command line."""
+"""The conversions from Python, of recordings and of one frame, with options of the command line."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from ..bags.open_folder import open_folder
-from ..bags.open_source import open_bag_source
+from ..bags.open_source import open_bag_source, open_folder
+from ..exporter.encode import Encoder
+from ..exporter.schedule import make_schedule
 from ..exporter.to_bag import ExportOptions, convert
 from ..files.remote import as_path
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
-from ..kitti.predictions import add_predictions
-from ..model.errors import UsageError
-from ..options.batch import BatchOptions
-from ..options.table import TO_BAG, TO_KITTI, make_import_options, make_settings
+from ..kitti.kitti_recording import KittiRecording
+from ..kitti.prepare import add_predictions
+from ..model.bag_formats import STRING
+from ..model.errors import KittiRos2Error, UsageError
+from ..model.streams import Stream
+from ..options.read import Bound
+from ..options.table import TO_BAG, TO_KITTI, BatchOptions, make_import_options, make_settings
 from ..own_bags.to_kitti import Conversion
-from .keywords import by_name
-from .source import require, warn
+from ..pictures.recording_frames import RecordingFrames
+from .arguments import by_name, require, warn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -29,11 +34,17 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..exporter.to_bag import ExportReport
-    from ..importer.report import ImportReport
-    from ..model.losses import Loss
-    from .keywords import ToBagKeywords, ToKittiKeywords
-    from .paths import AnyPath
+    from ..importer.kitti_frames import ImportReport
+    from ..model.errors import Loss
+    from .arguments import ToBagKeywords, ToKittiKeywords
+    from .open_recording import Frame
+    from .single_files import AnyPath
 
+
+# The conversions from Python, with the options of the command line.
+
+
+if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
 
 
@@ -152,3 +163,56 @@ def _shown(
 def _warn_of(losses: Iterable[Loss]) -> None:
     for loss in losses:
         warn(loss.text())
+
+
+# The messages of a frame, as to-bag writes and the player publishes them.
+
+
+_OF_RECORDING = (Stream.RECORDING, Stream.PATH)
+
+
+def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[str, bytes]]:
+    """Serialise the messages of a frame of a KITTI folder, without ROS.
+
+    They are the bytes that `kitti-ros2 to-bag` writes for the frame: its scan, images, camera_info,
+    IMU, labels and transforms. Topics of the whole recording (path, and the verbatim texts on
+    /kitti/source) are left out.
+
+    Args:
+        frame: Of a recording opened from a KITTI folder.
+        options: Those of `kitti-ros2 to-bag` that concern messages and topics: images='raw',
+            topics=[...], ring_time=True, preset='kitti2bag', map='devkit', ...
+
+    Returns:
+        Topic to the name of the type and the message, CDR with its encapsulation header; publish it
+        with rclpy as `publisher.publish(data)` of a publisher of that type.
+
+    Raises:
+        KittiRos2Error: The frame is of a bag, an option is invalid, or data cannot be read.
+
+    Examples:
+        >>> msgtype, data = kitti_ros2.encode(recording.frame(1))['/kitti/velo/points']
+        >>> msgtype
+        'sensor_msgs/msg/PointCloud2'
+    """
+    frames = frame.source.frames
+    recording = frames.recording if isinstance(frames, RecordingFrames) else None
+    if not isinstance(recording, KittiRecording):
+        raise UsageError(f'{frame.source.path}: encode needs a KITTI folder; a bag has messages')
+    settings = make_settings(by_name(options, TO_BAG))
+    only = Bound(frame=frame.number)
+    selection = replace(settings.selection, start=only, end=only)
+    schedule = make_schedule(recording, selection)
+    encoder = Encoder(recording, schedule, settings.messages, selection)
+    found: dict[str, tuple[str, bytes]] = {}
+    for entry in schedule:
+        if entry.stream in _OF_RECORDING:
+            continue
+        messages, losses = encoder.encode(entry)
+        for loss in losses:
+            raise KittiRos2Error(loss.text())
+        for message in messages:
+            row = encoder.table[message.channel]
+            if row.msgtype != STRING:
+                found[row.topic] = row.msgtype, b''.join(message.parts)
+    return found

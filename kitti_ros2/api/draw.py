@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.png.encode import encode_png
+from ..files.image_files import encode_png
 from ..model.errors import UsageError
 from ..options.declare import options_of
-from ..options.pictures import BirdOptions, PictureOptions
+from ..options.outputs import BirdOptions, PictureOptions
 from ..options.table import make_view_settings
-from ..pictures.modes import MODES
-from .keywords import by_name, keyword_of
+from ..pictures.panel import MODES
+from .arguments import by_name, keyword_of
 
 if TYPE_CHECKING:
     import os
 
     from typing_extensions import Unpack
 
-    from .frame import Frame
-    from .keywords import DrawKeywords
+    from .arguments import DrawKeywords
+    from .open_recording import Frame
 
 DRAW = (*options_of(PictureOptions), *options_of(BirdOptions))
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of the container of a bag from its content, and of the files that belong to it."""
+"""The bags in a folder by their names, the container of a bag by its content, and its files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from fnmatch import fnmatchcase
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from ..files.remote import is_remote
-from ..files.upload_marker import refuse_incomplete
-from ..model.containers import CONTAINERS
+from ..files.remote import is_remote, refuse_incomplete
+from ..model.bag_formats import CONTAINERS
 from ..model.errors import BadBagError, NotABagError, naming
-from .decompressors import ZSTD_MAGIC, decompress_file
+from .decompression import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from ..files.remote import RemotePath
+
+
+# Detection of the container of a bag from its content, and of the files that belong to it.
+
 
 METADATA = 'metadata.yaml'
 _MOST_METADATA = 32 << 20  # of a recording in a hundred thousand files
@@ -36,7 +39,7 @@ class BagFiles:
 
     Attributes:
         path: As the user gave it.
-        storage: The container of its files, one of model.containers.
+        storage: The container of its files, one of model.bag_formats.
         files: The files with messages, in order.
         directory: Whether it is a rosbag2 directory (or one of ROS 1 files).
         compression_mode: rosbag2's own compression around the storage: '', file or message.
@@ -120,7 +123,7 @@ def _files(path: Path) -> dict[str, tuple[Path, ...]]:
 
 
 def _listed(path: RemotePath) -> Iterable[str]:
-    from ..files.remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+    from ..files.remote_reads import listing_of  # noqa: PLC0415 - for URLs only
 
     return listing_of(path)
 
@@ -248,3 +251,42 @@ def _compression_mode(information: dict[str, Any]) -> str:
     if scheme != 'zstd' or mode not in {'file', 'message'}:
         raise ValueError(f'compression {scheme!r} by {mode} is not known here')
     return mode
+
+
+# The bags in a folder, by the names of its files; none is opened.
+
+
+_GLOBS = tuple(glob for each in CONTAINERS.values() for glob in each.globs)
+_ENDINGS = tuple(glob.removeprefix('*') for glob in _GLOBS)
+
+
+def is_bag_name(path: Path) -> bool:
+    """Whether a file has the name of a bag of any container."""
+    return any(path.match(glob) for glob in _GLOBS)
+
+
+def stem_of(path: Path) -> str:
+    """Return the name of a bag without the ending of its container."""
+    for ending in _ENDINGS:
+        if path.name.endswith(ending) and path.name != ending:
+            return path.name.removesuffix(ending)
+    return path.name
+
+
+def bags_among(folder: Path, names: Iterable[str]) -> list[Path]:
+    """Return the bags in a folder, in the order of their names.
+
+    Files named FOLDER_N are one bag, which is the folder: a ROS 1 bag that was split, or a rosbag2
+    directory whose metadata.yaml is missing.
+
+    Args:
+        folder: A folder.
+        names: Names of its files.
+    """
+    if METADATA in names:
+        return [folder]
+    files = [folder / name for name in sorted(names) if is_bag_name(folder / name)]
+    part = re.compile(rf'{re.escape(folder.name)}_\d+\.')
+    if files and all(part.match(each.name) for each in files):
+        return [folder]
+    return files

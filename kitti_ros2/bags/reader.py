@@ -4,22 +4,476 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import cached_property, partial
+from heapq import heappop, heappush, heapreplace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from ..files.remote import real_place
-from ..model.errors import UsageError
+from ..files.threads import SpareThreads
+from ..kitti.recording_index import turn_length
+from ..messages.cdr import lacking_field
+from ..messages.naming import RECORDING, SWEEP, decode_description, decode_sweep
+from ..model.bag_formats import STRING
+from ..model.errors import BadBagError, Loss, UsageError
+from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .bag_files import BagSource, OpenBag, opened, path_of
-from .message_source import BagMessages
-from .reading import BagMessage
-from .summary import BagIndex, BagSummary, TopicSummary, summarize
+from .container_file import LAST_NS, BagIndex, BagSummary, Findings, TopicSummary, summarize
+from .stored_messages import (
+    READ,
+    Definitions,
+    MissingLibraryError,
+    ToCdr,
+    described,
+    is_stored_as_cdr,
+    stored,
+    types_of,
+    why_unread,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
+    from rosbags.typesys.store import Typestore
+    from typing_extensions import Self
+
+    from ..files.threads import ThreadTask
+    from ..messages.ros_types import String
     from ..model.samples import Int64Array
+    from .container_file import BagFile, FetchedPiece, Piece, StoredChannel, StoredMessage
+
+
+# A message read from a bag, and a channel that messages are read from.
+#
+# Nothing that outlives a message refers to the chunk that it was read from: one number that is kept
+# would keep megabytes. Small messages have bytes of their own. Large ones are views of their chunk,
+# for it takes long to copy them: see Decoder.
+
+
+LENT_FROM = 2**16
+"""Bytes of the smallest message that may be a view of its chunk."""
+
+
+class BagMessage(NamedTuple):
+    """One message.
+
+    Attributes:
+        topic: Topic name.
+        msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
+        stamp_ns: Log time, nanoseconds since 1970.
+        data: CDR with its encapsulation header; ROS 1 messages are converted. A memoryview is of a
+            chunk: what is kept of it must be copied. After BagMessages.skim perhaps only its
+            MessageStart.
+    """
+
+    topic: str
+    msgtype: str
+    stamp_ns: int
+    data: bytes | memoryview
+
+
+class Reading(NamedTuple):
+    """A channel that is read, with the number of its file, its id there, and bag and file."""
+
+    number: int
+    channel_id: int
+    bag: Path
+    file: Path
+    channel: StoredChannel
+
+
+# The merge of the messages of a bag's files by time.
+#
+# A piece is read when its time comes and dropped after its last message, so merging a bag of any
+# size takes the memory of the pieces that overlap, and of a few that threads read ahead of their
+# turn.
+
+
+_AHEAD = 4
+_LEAST_FETCHED = 2**16  # handing over a smaller piece costs as much as reading it
+_MOST_FETCHED = 2**23  # bytes of all pieces ahead: they are the larger part of the memory
+
+
+def in_time_order(
+    files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int
+) -> Iterator[tuple[int, StoredMessage]]:
+    """Yield the messages of files from a stamp on, with the number of their file.
+
+    Args:
+        files: Each with the ids of the requested channels.
+        since_ns: The first requested stamp.
+    """
+    # By stamp, file and position, which are unique, so messages are never compared.
+    active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
+    with _Turns(files, since_ns) as turns:
+        while True:
+            while turns.start_ns is not None and (not active or turns.start_ns <= active[0][0]):
+                number, position, found = turns.take()
+                messages = iter(found)
+                first = next(messages, None)
+                if first is not None:
+                    heappush(active, (first[0], number, position, first, messages))
+            if not active:
+                return
+            _, number, position, message, messages = active[0]
+            yield number, message
+            following = next(messages, None)
+            if following is None:
+                heappop(active)
+            else:
+                heapreplace(active, (following[0], number, position, following, messages))
+
+
+class _Turns:
+    """The pieces in the order of their first stamps; those that are next are read in threads.
+
+    Their number grows with the number of pieces taken: who wants the first message only does not
+    wait for others.
+    """
+
+    def __init__(self, files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int) -> None:
+        self._files = files
+        self._since_ns = since_ns
+        waiting = [
+            (number, piece)
+            for number, (file, wanted) in enumerate(files)
+            for piece in file.pieces
+            if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(wanted)
+        ]
+        waiting.sort(key=lambda each: (each[1].start_ns, each[0], each[1].position))
+        self._waiting = deque(waiting)
+        self._ahead: deque[ThreadTask[FetchedPiece] | None] = deque()
+        self._most_ahead = 0
+        self._threads = SpareThreads()
+
+    @property
+    def start_ns(self) -> int | None:
+        """The first stamp of the next piece; None after the last one."""
+        return self._waiting[0][1].start_ns if self._waiting else None
+
+    def take(self) -> tuple[int, int, Iterable[StoredMessage]]:
+        """Read the next piece: the number of its file, its position, and its messages."""
+        number, piece = self._waiting.popleft()
+        ahead = self._ahead.popleft() if self._ahead else None
+        fitting = max(1, _MOST_FETCHED // max(1, piece.length))
+        self._most_ahead = min(self._most_ahead + 1, _AHEAD, fitting)
+        while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
+            self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
+        file, wanted = self._files[number]
+        # What a thread could not read is tried again here, where errors are handled.
+        fetched = None if ahead is None or ahead.error() else ahead.result()
+        return number, piece.position, file.read(piece, wanted, self._since_ns, fetched)
+
+    def _request(self, number: int, piece: Piece) -> ThreadTask[FetchedPiece] | None:
+        file = self._files[number][0]
+        can_fetch = file.fetches and _LEAST_FETCHED <= piece.length <= _MOST_FETCHED
+        ahead = self._threads.submit(file.fetch, piece) if can_fetch else None
+        if ahead is None:
+            file.expect(piece)
+        return ahead
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.close()
+
+
+# The messages of bags in time order, always as CDR, from any container.
+
+
+_BEGINNING = -(2**63)
+_LAST_STORED_NS = 2**64 - 1
+
+
+class BagMessages:
+    """The messages of bags: a context manager, and inside it an iterable in time order.
+
+    Damaged messages are skipped and entered into the findings when they are found, which may be
+    while messages are read.
+
+    Args:
+        bags: The bags to read; several are merged by time. Those that are open already stay open.
+        topics: The topics to read; all of them by default.
+        as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
+            and the typestore returns the original texts of definitions.
+        as_ros: Whether messages with Foxglove's schemas are converted, and log times beyond int64
+            become the last one; by default unless as_stored.
+        must_read: Whether a requested topic that cannot be read is an error; else it is left out.
+
+    Attributes:
+        channels: Topic and type of each channel that is read, sorted by topic.
+        sources: The channels as stored in their files, by topic; of several the first.
+        left_out: Unreadable channels, of an unsupported encoding or an undefined type, with the
+            number of their messages and the reason.
+        latched: The depth of each topic that offers its last messages to late subscribers.
+        compressions: Names of the compressions known before messages are read.
+
+    Raises:
+        BadBagError: A bag cannot be read at all, bags disagree about a topic's type, or the type of
+            a topic that must be read is undefined, or defined differently by two bags.
+    """
+
+    def __init__(
+        self,
+        bags: Sequence[BagSource],
+        topics: Collection[str] | None = None,
+        *,
+        as_stored: bool = False,
+        as_ros: bool | None = None,
+        must_read: bool = True,
+    ) -> None:
+        self._path = path_of(bags[0])
+        self._findings = Findings()
+        self._must_read = must_read and topics is not None
+        self._as_stored = as_stored
+        as_ros = not as_stored if as_ros is None else as_ros
+        self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
+        self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
+        self.left_out: list[tuple[StoredChannel, Loss]] = []
+        self._first_lost: dict[tuple[Reading, str], int] = {}
+        with ExitStack() as stack:
+            entered = [stack.enter_context(opened(bag)) for bag in bags]
+            found = [
+                (bag.path, path, file)
+                for bag in entered
+                for path, file in bag.files(self._findings, stack)
+            ]
+            self._files = [file for _, _, file in found]
+            self._readings = {
+                (number, channel_id): Reading(
+                    number, channel_id, bag, path, channel if as_ros else stored(channel)
+                )
+                for number, (bag, path, file) in enumerate(found)
+                for channel_id, channel in file.channels.items()
+                if topics is None or channel.topic in topics
+            }
+            self.compressions = {'zstd' for bag in entered if bag.located.compression_mode}.union(
+                *(file.compressions for file in self._files)
+            )
+            self._leave_out_encodings()
+            self._leave_out_second_types()
+            self._define()
+            self._prepare()
+            self._stack = stack.pop_all()
+        readings = self._readings.values()
+        self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
+        self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
+        self.latched = {
+            each.channel.topic: each.channel.depth for each in readings if each.channel.latched
+        }
+
+    @cached_property
+    def typestore(self) -> Typestore:
+        """The types as the bags themselves define them, to decode the data with.
+
+        Made when first used: generating the classes of types that are new to the process takes
+        35 ms, and many readers do without.
+        """
+        store = self._definitions.typestore()
+        return self._definitions.with_original_texts(store) if self._as_stored else store
+
+    @property
+    def complete(self) -> bool:
+        """Whether no file is known to be truncated or damaged, as far as it was read."""
+        return self._findings.complete
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Notes and losses found so far, one line each."""
+        return self._findings.lines
+
+    @property
+    def expected(self) -> int:
+        """Number of messages listed in the files, including those in damaged pieces."""
+        return sum(map(self._count, self._readings.values()))
+
+    @property
+    def losses(self) -> dict[str, int | None]:
+        """The damage, one line each, with the number of messages lost; None if unknown."""
+        return dict(self._findings.losses)
+
+    def skim(self, is_enough: Callable[[str], bool]) -> None:
+        """Let the MessageStart of a large message do, where files save work by it.
+
+        Args:
+            is_enough: Asked with a topic before a message of it is read, which may be before the
+                message before it is yielded if a topic is in several files. It is also asked some
+                messages ahead, without effect on what is yielded.
+        """
+        known: list[dict[int, str]] = [{} for _ in self._files]
+        for each in self._readings.values():
+            if is_stored_as_cdr(each.channel):
+                known[each.number][each.channel_id] = each.channel.topic
+        for file, topics in zip(self._files, known, strict=True):
+            file.is_start_enough = partial(_is_enough, topics, is_enough)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files; does nothing if they are closed."""
+        self._stack.close()
+
+    def __iter__(self) -> Iterator[BagMessage]:
+        return self.since(None)
+
+    def since(self, start_ns: int | None) -> Iterator[BagMessage]:
+        """Yield the messages from a log time on; None is the beginning."""
+        channels: list[set[int]] = [set() for _ in self._files]
+        for number, channel_id in self._readings:
+            channels[number].add(channel_id)
+        files = list(zip(self._files, channels, strict=True))
+        since_ns = _BEGINNING if start_ns is None else start_ns
+        for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
+            reading = self._readings[number, channel_id]
+            try:
+                cdr = self._to_cdr(reading.channel, data, stamp_ns)
+            except Exception as error:  # noqa: BLE001 - converters may raise anything
+                self._lose(reading, stamp_ns, error)
+                continue
+            if isinstance(cdr, memoryview) and len(cdr) < LENT_FROM:
+                cdr = bytes(cdr)
+            channel = reading.channel
+            yield BagMessage(channel.topic, channel.msgtype, min(stamp_ns, self._last_ns), cdr)
+
+    def _lose(self, reading: Reading, stamp_ns: int, error: Exception) -> None:
+        """Enter a lost message; those of one topic and reason share one line."""
+        reason = ' '.join(str(error).split())
+        first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
+        place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
+        self._findings.lose_one(f'{place} cannot be read ({reason})')
+
+    def _leave_out_encodings(self) -> None:
+        """Skip channels that cannot be converted to CDR.
+
+        Raises:
+            BadBagError: No channel is left.
+        """
+        found: set[str] = set()
+        for reading in list(self._readings.values()):
+            channel = reading.channel
+            if channel.encoding not in READ:
+                found.add(channel.encoding)
+                self._leave_out(reading, why_unread(channel))
+        if found and not self._readings:
+            kinds = ', '.join(each or 'an encoding that is not named' for each in sorted(found))
+            expected = 'messages in cdr or of ROS 1, of which none is there'
+            raise BadBagError(self._path, f'has messages in {kinds}', expected)
+
+    def _leave_out(self, reading: Reading, text: str) -> None:
+        """Skip a channel that is undamaged: a loss only if the bag is copied."""
+        del self._readings[reading.number, reading.channel_id]
+        reason = f'{reading.file}: {text}'
+        channel, count = reading.channel, self._count(reading)
+        self.left_out.append((channel, Loss(channel.topic, count, reason)))
+        if self._as_stored:
+            self._findings.lose(reason, count)
+        else:
+            self._findings.note(reason)
+
+    def _leave_out_second_types(self) -> None:
+        """Read only the first type of each topic.
+
+        Raises:
+            BadBagError: Bags disagree about the type.
+        """
+        first: dict[str, Reading] = {}
+        for reading in list(self._readings.values()):
+            topic, msgtype = reading.channel.topic, reading.channel.msgtype
+            known = first.setdefault(topic, reading)
+            if known.channel.msgtype == msgtype:
+                continue
+            both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
+            if known.bag != reading.bag:
+                expected = 'bags of one recording, which agree; give those of the other apart'
+                raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
+            self._lose_channel(reading, f'{both} before; the latter is read')
+
+    def _define(self) -> None:
+        """Make the typestore, and skip topics of undefined types.
+
+        Raises:
+            BadBagError: Such a topic was requested by name.
+        """
+        definitions = Definitions(self._findings)
+        for reading in list(self._readings.values()):
+            conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
+            if conflict:
+                self._leave_out_undefined(reading, conflict)
+        needed = {name for each in self._readings.values() for name in types_of(each.channel)}
+        undefined = definitions.complete(needed)
+        self._definitions = definitions
+        reasons = {
+            msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
+            for msgtype in sorted(undefined)
+        }
+        if self._as_stored:
+            for reason in reasons.values():
+                self._findings.note(f'{self._path}: {reason}; it is copied as it is')
+            return
+        for reading in list(self._readings.values()):
+            lacking = [name for name in types_of(reading.channel) if name in reasons]
+            if lacking:
+                self._leave_out_undefined(reading, reasons[lacking[0]])
+
+    def _prepare(self) -> None:
+        """Skip channels whose messages cannot be converted.
+
+        Raises:
+            MissingLibraryError: A library is not installed, and a topic was requested by name, or
+                nothing can be read without it.
+        """
+        encodings = {stored(each.channel).encoding for each in self._readings.values()}
+        for reading in list(self._readings.values()):
+            try:
+                self._to_cdr.prepare(reading.channel, self._definitions)
+            except MissingLibraryError as error:
+                if self._must_read or encodings == {'protobuf'}:
+                    raise
+                self._lose_channel(reading, str(error))
+            except ValueError as error:
+                self._lose_channel(reading, f'{reading.channel.topic} cannot be read: {error}')
+
+    def _leave_out_undefined(self, reading: Reading, reason: str) -> None:
+        text = f'{reading.channel.topic} cannot be read: {reason}'
+        if self._must_read:
+            raise BadBagError(reading.bag, text, 'a definition that holds for all that is read')
+        if reading.channel.definition.strip():
+            # The definition is present but unusable: it may be damaged.
+            self._lose_channel(reading, text)
+        else:
+            self._leave_out(reading, text)
+
+    def _lose_channel(self, reading: Reading, text: str) -> None:
+        """Skip a channel whose messages are lost."""
+        del self._readings[reading.number, reading.channel_id]
+        self._findings.lose(f'{reading.file}: {text}', self._count(reading))
+
+    def _count(self, reading: Reading) -> int:
+        return self._counts[reading.number][reading.channel_id]
+
+    @cached_property
+    def _counts(self) -> list[Counter[int]]:
+        """Messages by file and channel id: a sum for each channel would take channels x pieces."""
+        found: list[Counter[int]] = [Counter() for _ in self._files]
+        for file, counts in zip(self._files, found, strict=True):
+            for piece in file.pieces:
+                counts.update(piece.counts)
+        return found
+
+
+def _is_enough(
+    topics: Mapping[int, str], is_enough: Callable[[str], bool], channel_id: int
+) -> bool:
+    return channel_id in topics and is_enough(topics[channel_id])
+
 
 __all__ = [
     'BagIndex',
@@ -110,3 +564,120 @@ def _each_once(bags: Bags) -> Sequence[BagSource]:
             raise UsageError(f'{path}: is given twice; give each bag once')
         known.add(place)
     return bags
+
+
+# Decoding of messages by the definitions in their bags.
+
+
+class Decoder:
+    """A decoder of messages whose types have all the fields that are read.
+
+    Args:
+        typestore: The types as the bags define them.
+        lent: Whether arrays of large messages may be views of the chunks of the bag; only where
+            all of these are dropped before many more messages are read.
+    """
+
+    def __init__(self, typestore: Typestore, *, lent: bool = False) -> None:
+        self._typestore = typestore
+        self._lent = lent
+        self._missing: dict[str, str] = {}
+
+    def __call__(self, message: BagMessage, expected: str = '') -> Any:  # noqa: ANN401 - of the bag's types
+        """Decode a message to an object.
+
+        Args:
+            message: Of a bag with these types.
+            expected: The type it must have; any if empty.
+
+        Raises:
+            ValueError: The message cannot be decoded, is of another type than expected, or a field
+                is missing in its type.
+        """
+        msgtype = message.msgtype
+        if expected and msgtype != expected:
+            raise ValueError(f'is a {msgtype}, not a {expected}')
+        if msgtype not in self._missing:
+            self._missing[msgtype] = lacking_field(self._typestore, msgtype)
+        if self._missing[msgtype]:
+            raise ValueError(
+                f'cannot be decoded (the bag defines {msgtype} without {self._missing[msgtype]},'
+                f' or as another kind of value)'
+            )
+        data = message.data if self._lent else bytes(message.data)
+        try:
+            return self._typestore.deserialize_cdr(data, msgtype)
+        except Exception as error:  # generated code may raise anything
+            raise ValueError(f'cannot be decoded ({error})') from error
+
+
+# The times at which the scanner faced forward, for bags whose scans are stamped at the start.
+#
+# In such a bag written by to-bag, scans are half a turn earlier than the images of their frame, and
+# would match those of the previous frame.
+
+
+class ForwardStamps:
+    """A collector of the description of the scans that to-bag writes."""
+
+    topics = frozenset({RECORDING, SWEEP})
+
+    def __init__(self) -> None:
+        self._at_start = False
+        self._period_ns = NOMINAL_PERIOD_NS
+        self._lengths: dict[int, int] = {}
+
+    def take(self, topic: str, text: String, stamp_ns: int) -> None:
+        """Enter a message of one of the topics.
+
+        Raises:
+            ValueError: The message was not written by to-bag.
+        """
+        try:
+            if topic == SWEEP:
+                length = turn_length(*decode_sweep(text))
+                if length is not None:
+                    self._lengths[stamp_ns] = length
+                return
+            values = decode_description(text)
+            self._at_start = values.get('scan_stamp') == ScanStamp.START.value
+            period = values.get('period_ns')
+        except (KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise ValueError(f'{topic} is not what kitti-ros2 writes ({error})') from error
+        if isinstance(period, int) and is_period(period):
+            self._period_ns = period
+
+    @property
+    def lead_ns(self) -> int:
+        """Nanoseconds by which scan stamps precede facing forward, from the nominal period."""
+        return self._period_ns // 2 if self._at_start else 0
+
+    def forward(self, stamps_ns: Iterable[int]) -> dict[int, int]:
+        """Map scan stamps to the times of facing forward; empty if they are the same."""
+        if not self._at_start:
+            return {}
+        return {
+            stamp: stamp + self._lengths.get(stamp, self._period_ns) // 2 for stamp in stamps_ns
+        }
+
+
+def read_lead_ns(bag: BagSource) -> int:
+    """Read the nanoseconds by which a bag's scan stamps precede facing forward (nominal period).
+
+    The result is 0 for bags not written by to-bag, and if their description cannot be read.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+    found = ForwardStamps()
+    with open_messages(bag, {RECORDING}) as messages:
+        if (RECORDING, STRING) not in messages.channels:
+            return 0
+        for message in messages:
+            try:
+                text: Any = messages.typestore.deserialize_cdr(bytes(message.data), STRING)
+                found.take(RECORDING, text, message.stamp_ns)
+            except Exception:  # noqa: BLE001 - generated code may raise anything
+                return 0
+            break
+    return found.lead_ns

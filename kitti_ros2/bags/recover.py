@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
-from ..model.containers import CONTAINERS
+from ..model.bag_formats import CONTAINERS
 from ..model.errors import BadBagError, KittiRos2Error, NotABagError, UsageError, describe_error
-from ..options.bag import BagOptions
+from ..options.outputs import BagOptions
 from .locate import locate_bag
-from .message_source import BagMessages
+from .reader import BagMessages
 from .writer import guess_storage, open_bag
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .locate import BagFiles
-    from .reading import BagMessage
+    from .reader import BagMessage
     from .writer import BagWriter
 
 
@@ -62,7 +62,7 @@ def recover(
     Args:
         path: The bag, of any container.
         out: The repaired bag: a name with the suffix of a container, or a rosbag2 directory.
-        storage: One of model.containers; by default that of out's suffix, else the bag's own.
+        storage: One of model.bag_formats; by default that of out's suffix, else the bag's own.
         overwrite: Whether an existing bag may be replaced.
         fsync: Whether the repaired bag outlasts a power cut.
         progress: Called with the number of messages done and the number expected.
@@ -108,7 +108,7 @@ def _located(path: Path) -> BagFiles:
     try:
         return locate_bag(path)
     except NotABagError as error:
-        from .mistaken import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
+        from .bag_files import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
 
         raise explain_no_bag(path, error) from None
 

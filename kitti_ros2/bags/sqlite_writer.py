@@ -13,16 +13,15 @@ import sqlite3
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..files.durability import WritingOut
-from ..files.workers import OrderedPool
-from .compressors import POOL_AHEAD, compressor
-from .metadata import ROS_DISTRO, VERSION, qos_text
+from ..files.local_files import WritingOut
+from ..files.threads import OrderedPool
+from .segment_writer import POOL_AHEAD, ROS_DISTRO, VERSION, compressor, qos_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..model.channels import Channel
-    from .contract import Parts, SegmentContext
+    from ..model.bag_formats import Channel
+    from .segment_writer import Parts, SegmentContext
 
 _SCHEMA_VERSION = 4
 

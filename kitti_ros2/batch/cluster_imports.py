@@ -4,10 +4,10 @@
 
 from importlib import import_module
 
-from ..files.kept_imports import imports_of_a_worker
+from ..files.processes import imports_of_a_worker
 
 with imports_of_a_worker():
     import_module('distributed.nanny')
-    from . import dask_unit, worker_imports
+    from ..batch import dask_cluster, worker_imports
 
 __all__ = ['dask_cluster', 'worker_imports']

@@ -15,24 +15,122 @@ then the journal is gone for good, and nothing can be undone. Source: sqlite.org
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import sqlite3
+import tempfile
 import time
+from collections import Counter
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.durability import sync_folders
-from ..model.errors import MissingPathError
-from .manifest_file import check, connect, create_tables, manifest_errors, version_of
+from ..files.local_files import sync_folders
+from ..files.local_staging import lock_exclusively, make_folder, reported, sweep
+from ..files.remote import is_remote
+from ..files.remote_requests import objects_at, read_object, refuse_read_only, write_object
+from ..model.errors import BadFileError, MissingPathError, OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from typing_extensions import Self
 
-    from .results import UnitResult
+    from ..files.remote import RemotePath
+    from ..files.uploads import StoreLock
+    from .pool import UnitResult
+
+
+# The SQLite file of a manifest: its tables, checks and errors.
+
+
+_VERSION = 1  # of the tables, in user_version
+_BUSY_S = 30.0
+_TABLES = """
+CREATE TABLE units (
+    name TEXT PRIMARY KEY,
+    source TEXT NOT NULL,
+    state TEXT NOT NULL CHECK (state IN ('todo', 'running', 'done', 'failed')),
+    input TEXT NOT NULL DEFAULT '',
+    options TEXT NOT NULL DEFAULT '',
+    version TEXT NOT NULL DEFAULT '',
+    ours INTEGER NOT NULL DEFAULT 0,
+    counts TEXT NOT NULL DEFAULT '{}',
+    bad INTEGER NOT NULL DEFAULT 0,
+    losses TEXT NOT NULL DEFAULT '[]',
+    reason TEXT NOT NULL DEFAULT '',
+    seconds REAL NOT NULL DEFAULT 0,
+    attempts INTEGER NOT NULL DEFAULT 0,
+    run INTEGER NOT NULL DEFAULT 0,
+    ended REAL
+) WITHOUT ROWID;
+CREATE TABLE runs (
+    run INTEGER PRIMARY KEY,
+    command TEXT NOT NULL,
+    jobs INTEGER NOT NULL,
+    started REAL NOT NULL
+);
+"""
+
+
+def connect(path: Path) -> sqlite3.Connection:
+    """Open a file, or create it; transactions are begun and committed by the caller.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+    with manifest_errors(path):
+        return sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)
+
+
+def version_of(database: sqlite3.Connection) -> int:
+    """Return the version of the tables; 0 before they are created."""
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    return int(version)
+
+
+def create_tables(database: sqlite3.Connection) -> None:
+    """Create the tables."""
+    database.executescript(f'BEGIN IMMEDIATE; {_TABLES} PRAGMA user_version = {_VERSION}; COMMIT;')
+
+
+def check(database: sqlite3.Connection, path: Path) -> None:
+    """Refuse a database of others, or of another version of these tables."""
+    tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
+    version = version_of(database)
+    if version not in {0, _VERSION} or (version == 0 and tables):
+        raise _no_manifest(path, f'is a database of version {version}')
+    if version and not {'units', 'runs'} <= tables:
+        raise _no_manifest(path, 'lacks its tables')
+    pages, page = (database.execute(f'PRAGMA page_{of}').fetchone()[0] for of in ('count', 'size'))
+    if path.stat().st_size < pages * page:
+        raise _no_manifest(path, 'is truncated')
+
+
+@contextmanager
+def manifest_errors(path: Path) -> Iterator[None]:
+    """Convert errors of SQLite about a file to one line."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        locked = 'locked' in str(error)
+        remedy = (
+            'close the program that has it open'
+            if locked
+            else ('check the room on the disk and the permissions of the folder')
+        )
+        raise OSError(0, f'{error} (SQLite); {remedy}', str(path)) from error
+    except (sqlite3.DatabaseError, ValueError) as error:
+        raise _no_manifest(path, str(error)) from error
+
+
+def _no_manifest(path: Path, found: str) -> BadFileError:
+    return BadFileError(
+        path, found, 'the manifest of a collection', remedy='choose another OUT, or move it away'
+    )
+
 
 MANIFEST = 'manifest.sqlite'
 TODO, RUNNING, DONE, FAILED = STATES = ('todo', 'running', 'done', 'failed')
@@ -274,3 +372,323 @@ def _record(row: tuple[Any, ...]) -> UnitRecord:
         name, state, Identity(*identity), bool(ours), json.loads(counts), bad,
         tuple(json.loads(losses)), reason, seconds, attempts, run, ended,
     )  # fmt: skip
+
+
+# How much of a collection is done, and how fast it goes.
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How much is done, and how fast.
+
+    Attributes:
+        states: Number of units by state, each of STATES.
+        lossy: Units that are done, with some data skipped.
+        bad: Samples and files that were skipped.
+        frames, messages, bytes: Sums over the units that are done.
+        unit_seconds: Sum of the times of the units, however many ran at a time.
+        recent: Units that the last run has ended.
+        recent_seconds: From the start of the last run to the end of its last unit.
+        recent_bytes: What they have written.
+        seconds_left: Estimate for the units that are left; None without a measured one.
+    """
+
+    states: dict[str, int]
+    lossy: int
+    bad: int
+    frames: int
+    messages: int
+    bytes: int
+    unit_seconds: float
+    recent: int
+    recent_seconds: float
+    recent_bytes: int
+    seconds_left: float | None
+
+    @property
+    def left(self) -> int:
+        """Number of units that are neither done nor failed."""
+        return self.states[TODO] + self.states[RUNNING]
+
+
+def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pace:
+    """Summarize the units of a manifest and its last run."""
+    states = dict.fromkeys((TODO, RUNNING, DONE, FAILED), 0)
+    states.update(Counter(each.state for each in records))
+    totals: Counter[str] = Counter()
+    for each in records:
+        totals.update(each.counts)
+    recent = [each for each in records if run and each.run == run.number and each.ended]
+    ends = [each.ended for each in recent if each.ended is not None]
+    # A clock that was set back gives no rate.
+    seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
+    left = states[TODO] + states[RUNNING]
+    return Pace(
+        states=states,
+        lossy=sum(each.state == DONE and each.bad > 0 for each in records),
+        bad=totals_bad(records),
+        frames=totals['frames'],
+        messages=totals['messages'],
+        bytes=totals['bytes'],
+        unit_seconds=sum(each.seconds for each in records),
+        recent=len(recent),
+        recent_seconds=seconds,
+        recent_bytes=sum(each.counts.get('bytes', 0) for each in recent),
+        seconds_left=left * seconds / len(recent) if recent and seconds else None,
+    )
+
+
+def totals_bad(records: Sequence[UnitRecord]) -> int:
+    """Return the number of samples and files that were skipped."""
+    return sum(each.bad for each in records)
+
+
+# The place of a collection's outputs and manifest: a local folder, or a folder of a store.
+#
+# SQLite needs a file. The manifest of a collection in a store is kept in a local state folder,
+# fetched from OUT/manifest.sqlite at the start, and put back every few seconds and at the end.
+# Where the state folder has what this machine put there last, it is newer than the store: a run
+# that was killed goes on from it.
+
+
+_LOCK = f'.{MANIFEST}.lock'
+_PUT_BACK = 'put_back'
+"""File of the state folder: SHA-256 of the manifest as this machine put it into the store last."""
+_COPY = f'{MANIFEST}.copy'
+_SAVE_S = 10.0
+_LOCK_WAIT_S = 5.0
+_LOCK_POLL_S = 0.05
+
+
+class LocalPlace:
+    """A local folder of outputs, locked against other runs.
+
+    Attributes:
+        folder: Where the manifest is.
+        lock: The descriptor that holds the lock; it ends with the last process that has it open.
+    """
+
+    def __init__(self, folder: Path, lock: int) -> None:
+        self.folder = folder
+        self.lock = lock
+
+    def has(self, out: Path) -> bool:
+        """Whether there is something at an output."""
+        return os.path.lexists(out)
+
+    def sweep(self, out: Path) -> None:
+        """Remove what an earlier run has left beside an output that it made, or gave up."""
+        sweep(out)
+
+    def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StorePlace
+        """Return the outputs that a run may claim beforehand; here a start is recorded at once."""
+        return []
+
+    def make_room(self, out: Path) -> None:
+        """Make the folder of an output.
+
+        Raises:
+            OutputError: The disk refuses.
+        """
+        with reported(out):
+            # Here, as a worker that fails would remove a folder that another one counts on.
+            make_folder(out.parent)
+
+    def changed(self) -> None:
+        """Take note that the manifest has changed."""
+
+    def save(self) -> None:
+        """Save the manifest; here it is where it belongs."""
+
+
+class StorePlace(LocalPlace):
+    """A folder of a store, locked against other runs as well as the store allows.
+
+    Args:
+        out: The folder.
+        folder: The local state folder.
+        lock: As LocalPlace.lock.
+        held: The lock in the store.
+    """
+
+    def __init__(self, out: RemotePath, folder: Path, lock: int, held: StoreLock) -> None:
+        super().__init__(folder, lock)
+        self._out = out
+        self._held = held
+        self._saved = time.monotonic()
+        self._names = _complete_names(objects_at(out))
+        self._fetch()
+
+    def has(self, out: Path) -> bool:
+        """Whether there is something at an output, as listed at the start of the run."""
+        return out.relative_to(self._out).as_posix() in self._names
+
+    def sweep(self, out: Path) -> None:
+        """Do nothing: what is in a store without its marker is complete."""
+
+    def absent(self, outs: Iterable[Path]) -> list[Path]:
+        """Return the outputs that are not there.
+
+        The store may get the manifest some time after an output, so that all that this run may
+        write are recorded as its own beforehand.
+        """
+        return [out for out in outs if not self.has(out)]
+
+    def make_room(self, out: Path) -> None:
+        """Do nothing: stores have no folders."""
+
+    def changed(self) -> None:
+        """Put the manifest back, not too often.
+
+        Raises:
+            OutputError: The store refuses, or another run has taken the lock.
+        """
+        self._held.check()
+        if time.monotonic() - self._saved >= _SAVE_S:
+            self.save()
+
+    def save(self) -> None:
+        """Put the manifest back.
+
+        Raises:
+            OutputError: The store refuses, or another run has taken the lock.
+        """
+        self._held.check()
+        data = _snapshot(self.folder / MANIFEST)
+        if data is None:
+            return
+        write_object(self._out / MANIFEST, data)
+        (self.folder / _PUT_BACK).write_text(hashlib.sha256(data).hexdigest())
+        self._saved = time.monotonic()
+
+    def _fetch(self) -> None:
+        """Take the manifest from the store, unless this machine's is newer."""
+        local, put_back = self.folder / MANIFEST, self.folder / _PUT_BACK
+        data = read_object(self._out / MANIFEST)
+        known = put_back.read_text() if put_back.is_file() else ''
+        if data is not None and local.is_file() and hashlib.sha256(data).hexdigest() == known:
+            return
+        for path in (local, local.with_name(f'{MANIFEST}-journal'), put_back):
+            path.unlink(missing_ok=True)
+        if data is not None:
+            local.write_bytes(data)
+
+
+@contextmanager
+def open_place(out: Path) -> Iterator[LocalPlace]:
+    """Lock a folder of outputs, with its manifest in a local folder.
+
+    In a store, the manifest is put back at the end, also of a run that fails.
+
+    Args:
+        out: The folder; a local one is made.
+
+    Raises:
+        OutputError: Another run is writing there, or the disk or the store refuses.
+    """
+    if not is_remote(out):
+        with reported(out):
+            make_folder(out)
+        with _locked(out, out) as lock:
+            yield LocalPlace(out, lock)
+        return
+    refuse_read_only(out)
+    folder = _state_folder(out)
+    from ..files.uploads import locked_in_store  # noqa: PLC0415 - for URLs only
+
+    with _locked(folder, out) as lock, locked_in_store(out / _LOCK) as held:
+        place = StorePlace(out, folder, lock, held)
+        try:
+            yield place
+        except BaseException:
+            with suppress(OutputError):
+                place.save()
+            raise
+        place.save()
+
+
+@contextmanager
+def manifest_folder(out: Path) -> Iterator[Path]:
+    """Yield a local folder with the manifest of a folder of outputs, for reading.
+
+    Raises:
+        MissingPathError: There is none.
+        StoreError: The store cannot be asked.
+    """
+    if not is_remote(out):
+        yield out
+        return
+    data = read_object(out / MANIFEST)
+    if data is None:
+        raise MissingPathError(out / MANIFEST)
+    with tempfile.TemporaryDirectory(prefix='kitti_ros2-') as name:
+        folder = Path(name)
+        (folder / MANIFEST).write_bytes(data)
+        yield folder
+
+
+def _complete_names(objects: Iterable[str]) -> set[str]:
+    """Return the names of objects and folders without those whose upload was not completed."""
+    names: set[str] = set()
+    for name in objects:
+        while name and name not in names:
+            names.add(name)
+            name = name.rpartition('/')[0]  # noqa: PLW2901 - up to the top
+    return {each for each in names if _marker_name(each) not in names}
+
+
+def _marker_name(name: str) -> str:
+    folder, slash, last = name.rpartition('/')
+    return f'{folder}{slash}.{last}.partial'
+
+
+def _snapshot(path: Path) -> bytes | None:
+    """Return a database as of its last transaction; None if it is being written, or absent."""
+    if not path.is_file():
+        return None
+    target = path.with_name(_COPY)
+    target.unlink(missing_ok=True)
+    with (
+        suppress(sqlite3.OperationalError),
+        closing(sqlite3.connect(path, timeout=0)) as source,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        source.backup(copy)
+        copy.close()
+        return target.read_bytes()
+    return None
+
+
+def _state_folder(out: RemotePath) -> Path:
+    """Return the folder of this user for a URL, made if needed."""
+    home = os.environ.get('XDG_STATE_HOME') or Path.home() / '.local' / 'state'
+    name = hashlib.sha256(str(out).encode()).hexdigest()[:16]
+    folder = Path(home, 'kitti_ros2', 'collections', name)
+    with reported(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / 'url').write_text(f'{out}\n')
+    return folder
+
+
+@contextmanager
+def _locked(folder: Path, out: Path) -> Iterator[int]:
+    """Lock a folder against other runs; yield the descriptor that holds the lock."""
+    with reported(folder):
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        _wait_for(lambda: lock_exclusively(lock, out))
+        yield lock
+    finally:
+        os.close(lock)
+
+
+def _wait_for(acquire: Callable[[], None]) -> None:
+    """Acquire a lock that the workers of a killed run hold for another moment."""
+    end = time.monotonic() + _LOCK_WAIT_S
+    while True:
+        try:
+            return acquire()
+        except OutputError:
+            if time.monotonic() > end:
+                raise
+        time.sleep(_LOCK_POLL_S)

@@ -16,22 +16,87 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.util import get_temp_dir
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
-from ..files.freed_memory import keep_freed_memory
-from ..files.workers import hold_to_one_thread
-from .results import LostWorker
+from ..files.processes import keep_freed_memory
+from ..files.threads import hold_to_one_thread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator, Mapping
     from multiprocessing.context import ForkServerProcess
+    from pathlib import Path
 
-    from .results import Advance, UnitJob, UnitResult
+    from .units import WorkUnit
 
+
+# Descriptions of work and its results; both are pickled.
+
+
+Advance: TypeAlias = Callable[[int, int], None]
+"""Called with the samples done and the number of all."""
+
+
+@dataclass(frozen=True)
+class UnitJob:
+    """A unit with all that is needed to run it.
+
+    Attributes:
+        unit: The unit.
+        out: Its output.
+        options: Values of the command's options by name.
+        attempt: 1, or more after a worker process was lost.
+    """
+
+    unit: WorkUnit
+    out: Path
+    options: Mapping[str, object]
+    attempt: int = 1
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """The result of a unit.
+
+    Attributes:
+        counts: What was written: frames, messages, bytes.
+        bad: Number of samples and files that were skipped.
+        losses: What was skipped, one line for each reason; the first few.
+        notes: Non-fatal remarks.
+        reason: Why it failed; empty if it did not.
+        seconds: Time taken.
+    """
+
+    counts: Mapping[str, int] = field(default_factory=dict)
+    bad: int = 0
+    losses: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    reason: str = ''
+    seconds: float = 0.0
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no output."""
+        return bool(self.reason)
+
+
+@dataclass(frozen=True)
+class LostWorker:
+    """A worker process ended in the middle of a unit.
+
+    Attributes:
+        how: By which signal, or with which exit code.
+    """
+
+    how: str
+
+
+if TYPE_CHECKING:
     RunUnit: TypeAlias = Callable[[UnitJob, Advance], UnitResult]
     Outcome: TypeAlias = tuple[UnitJob, UnitResult | LostWorker]
     ShowUnit: TypeAlias = Callable[[str, int, int], None]

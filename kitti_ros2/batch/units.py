@@ -1,33 +1,223 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Units of work; those of recordings: drives, sequences, splits, or slices of an object set."""
+"""Units of work of a collection: recordings and slices of them, bags, results with ground truth."""
 
 from __future__ import annotations
 
+import glob
+import os
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..bags.bag_files import explain_file, explain_no_bag
+from ..bags.locate import bags_among, is_bag_name, stem_of
+from ..files import remote
 from ..files.remote import is_remote, real_place, relative_place
 from ..files.staging import refuse_inside
 from ..kitti.find import absolute
-from ..kitti.layouts import data_sets_at, open_recording
-from ..kitti.nearby import data_set_in, explain, is_inside
-from ..model.errors import UsageError
-from ..model.text import some_of
+from ..kitti.label_file import find_frame_files
+from ..kitti.names import SEQUENCE_DIGITS, TRACKING_LABELS, TXT
+from ..kitti.opening import data_set_in, data_sets_at, explain, is_inside, open_recording
+from ..model.errors import (
+    KittiRos2Error,
+    MissingPathError,
+    NotABagError,
+    UsageError,
+    describe_error,
+    naming,
+    some_of,
+)
+from ..model.streams import Layout, Stream
 from ..options.read import ReadOptions
-from .folders import FolderSearch, common_folder, relative_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from ..kitti.find import Candidate
-    from ..kitti.nearby import DataSet
-    from ..model.layouts import Layout
+    from ..kitti.opening import DataSet
+
+
+# The folders of a collection: roots, globs and lists; the folders below them.
+
+
+if TYPE_CHECKING:
+    Visit = Callable[[Path, Sequence[str], Sequence[str]], Sequence[str]]
+
+_LIST = '.txt'
+_MOST_LEVELS = 8
+
+
+def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> list[Path]:
+    """Return the folders of a collection: a root itself, the matches of a glob, or a list's.
+
+    A list is a text file with one path or URL per line, relative to the list; # begins a comment.
+
+    Args:
+        source: A path as the user gave it.
+        is_file: Whether a file that a glob matches is meant, too; None for folders only.
+
+    Raises:
+        KittiRos2Error: There is no such path.
+        OSError: The list cannot be read.
+    """
+    noun = 'folder' if is_file is None else 'folder or file'
+    if source.is_file() and source.suffix == _LIST:
+        found = list(_listed(source))
+        if not found:
+            raise UsageError(f'{source}: names no {noun}; expected one path per line')
+    elif source.exists() or not glob.has_magic(str(source)):
+        return [source]
+    else:
+        found = [
+            path
+            for path in _matches(source)
+            if path.is_dir() or (is_file is not None and is_file(path))
+        ]
+        if not found:
+            raise UsageError(f'{source}: no {noun} matches; quote the pattern, or give a root')
+    for path in found:
+        if not path.exists():
+            raise MissingPathError(path)
+    return list(dict.fromkeys(found))
+
+
+def find_all_roots(
+    sources: Sequence[Path], is_file: Callable[[Path], bool] | None = None
+) -> list[Path]:
+    """Return the folders of several collections, as find_roots."""
+    return list(dict.fromkeys(root for each in sources for root in find_roots(each, is_file)))
+
+
+def _listed(path: Path) -> Iterator[Path]:
+    try:
+        with naming(path):
+            lines = path.read_text('utf-8').splitlines()
+    except UnicodeDecodeError:
+        raise UsageError(f'{path}: not UTF-8 text; expected one path per line') from None
+    for line in lines:
+        text = line.partition('#')[0].strip()
+        if text:
+            given = remote.as_path(text)
+            yield given if remote.is_remote(given) else path.parent / given
+
+
+def _matches(pattern: Path) -> list[Path]:
+    if remote.is_remote(pattern):
+        from ..files.remote_reads import matches_of  # noqa: PLC0415 - for URLs only
+
+        return [*matches_of(pattern)]
+    found = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - it may be absolute
+    return [Path(each) for each in sorted(found)]
+
+
+def common_folder(roots: Sequence[Path]) -> Path:
+    """Return the only root, or the folder that holds all of several.
+
+    Raises:
+        UsageError: They are in several stores, or in a store and on this machine.
+    """
+    if len(roots) == 1:
+        return absolute(roots[0])
+    try:
+        return remote.common_folder([absolute(root).parent for root in roots])
+    except ValueError:
+        raise UsageError(
+            f'{roots[0]} and {roots[-1]} are in no common folder; run one command for each store'
+        ) from None
+
+
+def relative_name(path: Path, base: Path) -> str:
+    """Return the name of a path below a folder; of the folder itself its own name."""
+    return path.name if path == base else Path(remote.relative_place(path, base)).as_posix()
+
+
+@dataclass
+class FolderSearch:
+    """A search of folders for units, and what it could not search.
+
+    Attributes:
+        exclude: Folders that are not searched, such as the output.
+        problems: What could not be searched, or has no counterpart, one line for each.
+    """
+
+    exclude: Sequence[Path] = ()
+    problems: list[str] = field(default_factory=list)
+
+    def nothing(self) -> UsageError | None:
+        """Return the error for a search that found nothing, if folders could not be read."""
+        return UsageError(f'nothing is found; {self.problems[0]}') if self.problems else None
+
+    def walk(self, root: Path, visit: Visit) -> None:
+        """Visit a folder and the folders below it, each once, also if links lead back.
+
+        Hidden folders are not visited, nor those more than eight levels below.
+
+        Args:
+            root: The first folder.
+            visit: Called with a folder, the names of its folders and of its other entries, both
+                in order; returns the names of the folders to visit.
+
+        Raises:
+            OSError: The first folder cannot be read.
+        """
+        excluded = {remote.real_place(each) for each in self.exclude}
+        seen: set[str] = set()
+        stack = [(root, 0)]
+        while stack:
+            folder, level = stack.pop()
+            place = remote.real_place(folder)  # links may lead back
+            if place in seen or place in excluded:
+                continue
+            seen.add(place)
+            try:
+                folders, others = _entries(folder)
+            except OSError as error:
+                if not level:
+                    raise
+                self.problems.append(describe_error(error))
+                continue
+            below = visit(folder, folders, others)
+            if below and level == _MOST_LEVELS:
+                self.problems.append(
+                    f'{folder}: the folders in it are more than {_MOST_LEVELS} levels below {root};'
+                    f' give it as a root of its own'
+                )
+                continue
+            stack += [(folder / name, level + 1) for name in reversed(below)]
+
+
+def _entries(folder: Path) -> tuple[list[str], list[str]]:
+    """Return the names of the folders in a folder, and of its other entries, without hidden."""
+    folders: list[str] = []
+    others: list[str] = []
+    if remote.is_remote(folder):
+        from ..files.remote_reads import listing_of  # noqa: PLC0415 - for URLs only
+
+        for name, entry in listing_of(folder).items():
+            if not name.startswith('.'):
+                (folders if entry.is_folder else others).append(name)
+        return folders, others
+    with os.scandir(folder) as entries:
+        for each in entries:
+            if not each.name.startswith('.'):
+                (folders if _is_folder(each) else others).append(each.name)
+    return sorted(folders), sorted(others)
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:  # a link to itself
+        return False
+
+
+# Units of work; those of recordings: drives, sequences, splits, or slices of an object set.
+
 
 _FRAME_DIGITS = 6
 
@@ -196,3 +386,307 @@ def _slices(unit: WorkUnit, frames: int) -> Iterator[WorkUnit]:
         part = numbers[start : start + frames]
         name = f'{unit.name}/{part[0]:0{_FRAME_DIGITS}d}-{part[-1]:0{_FRAME_DIGITS}d}'
         yield replace(unit, name=name, first=part[0], last=part[-1])
+
+
+# The units of a collection of bags, or of recordings and bags.
+
+
+def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit]:
+    """Find the bags of a collection; the endings of files are no part of the names of units.
+
+    Args:
+        roots: Bags, and folders of any number of them.
+        search: Knows which folders are left out; gets those that could not be read.
+
+    Raises:
+        KittiRos2Error: There is no bag, or the outputs of two would be at one place.
+        OSError: A root cannot be read.
+    """
+    base = common_folder(roots)
+    found: dict[Path, WorkUnit] = {}
+    for root in roots:
+        bags = list(bags_at(root, search)) if root.exists() else []
+        if not bags:
+            found_none = (
+                'has no bag, nor has a folder below it'
+                if root.exists()
+                else 'there is no such file or directory'
+            )
+            raise search.nothing() or explain_no_bag(root, NotABagError(root, found_none))
+        for bag in bags:
+            name = stem_of(bag) if bag.is_file() else bag.name
+            place = Path(relative_name(bag, base)).with_name(name)
+            found.setdefault(bag, WorkUnit(place.as_posix(), bag))
+    units = in_order(found.values(), roots)
+    _refuse_nested(units)
+    return units
+
+
+def _refuse_nested(units: Iterable[WorkUnit]) -> None:
+    """Refuse two outputs of which one lies inside the other."""
+    bags = {unit.name: unit.source for unit in units}
+    for name, bag in bags.items():
+        for parent in Path(name).parents:
+            other = bags.get(parent.as_posix())
+            if other is not None:
+                raise UsageError(
+                    f'{bag}: its data set would lie inside that of {other}; choose among them with'
+                    f' a glob or a list'
+                )
+
+
+def find_source_units(
+    roots: Sequence[Path], layout: Layout | None, search: FolderSearch
+) -> list[WorkUnit]:
+    """Find the recordings and the bags of a collection; names of bags have their endings.
+
+    Args:
+        roots: Recordings, data sets, bags, and folders of any number of them.
+        layout: Only recordings of this layout, and no bags; None takes all.
+        search: Knows which folders are left out; gets those that could not be read.
+
+    Raises:
+        KittiRos2Error: A root has none, a layout is ambiguous, or two units have one name.
+        OSError: A root cannot be read.
+    """
+    base = common_folder(roots)
+    found: dict[tuple[Path, str | None], WorkUnit] = {}
+    for root in roots:
+        units = recordings_at(root, base, layout, search) if root.is_dir() else []
+        if layout is None and root.exists():
+            units += [WorkUnit(relative_name(bag, base), bag) for bag in bags_at(root, search)]
+        if not units:
+            raise search.nothing() or (explain_file(root) if root.is_file() else explain(root))
+        for unit in units:
+            found.setdefault((unit.source, unit.sequence), unit)
+    return in_order(found.values(), roots)
+
+
+def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
+    """Yield the bags at a path and below it, except within the folder of another.
+
+    Args:
+        root: A folder, or a file, which is taken as a bag whatever its name.
+        search: As in find_bag_units.
+
+    Raises:
+        OSError: The root cannot be read.
+    """
+    place = absolute(root)
+    if place.is_file():
+        yield place
+        return
+    found: list[Path] = []
+
+    def visit(folder: Path, folders: Sequence[str], others: Sequence[str]) -> Sequence[str]:
+        bags = bags_among(folder, others)
+        found.extend(bags)
+        return () if bags == [folder] else folders
+
+    search.walk(place, visit)
+    yield from found
+
+
+# The units of evaluations: results, each with the ground truth that it is compared with.
+
+
+_DATA = 'data'
+"""Folder of a tracker's files, below the name of the tracker."""
+_TRAJECTORIES = (TXT, '.tum')
+
+
+@dataclass(frozen=True)
+class PairKind:
+    """What an evaluation compares.
+
+    Attributes:
+        stream: What the ground truth has, of a recording.
+        layout: The only layout of the ground truth; None for any, and bags.
+        frames: Whether a folder of files named by frame is a result.
+        texts: Whether a text file of any name is a result, or only one named by sequence.
+    """
+
+    stream: Stream
+    layout: Layout | None = None
+    frames: bool = False
+    texts: bool = False
+
+
+DETECTION = PairKind(Stream.LABELS, frames=True)
+TRACKING = PairKind(Stream.LABELS, Layout.TRACKING)
+ODOMETRY = PairKind(Stream.POSE, texts=True)
+
+
+def find_pairs(
+    truth: Path,
+    results: Path,
+    kind: PairKind,
+    layout: Layout | None,
+    search: FolderSearch,
+) -> list[WorkUnit]:
+    """Find the results of an evaluation, each with its ground truth.
+
+    If there is one ground truth, all results are compared with it. Otherwise a result is compared
+    with the ground truth whose last name it has, or most of whose last names.
+
+    Args:
+        truth: A root, a glob or a list of recordings or bags; of trajectories also of poses files.
+        results: A root, a glob or a list of result files, folders of them, or bags.
+        kind: Of the evaluation.
+        layout: Only recordings of this layout; None takes all.
+        search: Knows which folders are left out; gets the paths that have no counterpart.
+
+    Raises:
+        KittiRos2Error: There is no ground truth, no result, or no pair of both.
+        OSError: A root cannot be read.
+    """
+    found = dict(_results(results, kind, search))
+    if not found:
+        raise UsageError(f'{results}: has no result; see kitti-ros2 eval ... --help for its files')
+    known = list(_truths(truth, kind, layout, replace(search, exclude=[*search.exclude, results])))
+    units = []
+    for name, path in found.items():
+        chosen = known if len(known) == 1 else _closest(name, known)
+        if len(chosen) == 1:
+            units.append(replace(chosen[0], name=name, result=path))
+        else:
+            several = some_of([each.name for each in chosen])
+            why = f'fits {several} in {truth}' if chosen else f'has no ground truth in {truth}'
+            search.problems.append(f'{path}: {why}; not scored')
+    if not units:
+        names = f'{some_of([*found])} and {some_of([each.name for each in known])}'
+        raise UsageError(f'{results}: no result has the name of a ground truth: {names}')
+    compared = {(unit.source, unit.sequence) for unit in units}
+    absent = [each.name for each in known if (each.source, each.sequence) not in compared]
+    if absent:
+        search.problems.append(f'{results}: no result for {some_of(absent, 6)}; not scored')
+    return in_order(units, [results])
+
+
+def _closest(name: str, known: Iterable[WorkUnit]) -> list[WorkUnit]:
+    """Return the ground truths that share most last names with a result, at least one."""
+    lengths = [(_common_tail(name, each), each) for each in known]
+    longest = max(length for length, _ in lengths)
+    return [each for length, each in lengths if length == longest] if longest else []
+
+
+def _common_tail(name: str, truth: WorkUnit) -> int:
+    """Return how many last names a result shares with a ground truth."""
+    path = PurePosixPath(truth.name)
+    own = (*path.parent.parts, stem_of(Path(path.name)) if truth.layout is None else path.name)
+    pairs = zip(reversed(PurePosixPath(name).parts), reversed(own), strict=False)
+    count = 0
+    for one, other in pairs:
+        if one != other:
+            break
+        count += 1
+    return count
+
+
+def _truths(
+    source: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
+) -> Iterator[WorkUnit]:
+    """Yield the ground truths: recordings that have it, bags, files of poses."""
+    roots = find_roots(source, lambda path: is_bag_name(path) or (kind.texts and _is_text(path)))
+    base = common_folder(roots)
+    for root in roots:
+        if not root.exists():
+            raise explain(root)
+        found = list(_truths_at(root, base, kind, layout, search))
+        if not found:
+            raise search.nothing() or explain(root)
+        having = [each for each in found if _has(each, kind.stream)]
+        if not having:
+            raise UsageError(
+                f'{root}: {some_of([each.name for each in found])}: no {kind.stream.value} to'
+                f' compare with; KITTI publishes none of its test data'
+            )
+        yield from having
+
+
+def _truths_at(
+    root: Path, base: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
+) -> Iterator[WorkUnit]:
+    wanted = kind.layout or layout
+    place = absolute(root)
+    if place.is_dir():
+        split = place.parent if kind.layout and place.name == TRACKING_LABELS else place
+        found = recordings_at(split, base, wanted, search)
+        yield from found
+        if wanted is None and not found:
+            if kind.frames and find_frame_files(place) is not None:
+                yield WorkUnit(relative_name(place, base), place)
+            for path in sorted(place.iterdir()) if kind.texts else ():
+                if _is_text(path):
+                    yield WorkUnit(_result_name(path, base), path)
+    if wanted is None:
+        for bag in bags_at(root, search):
+            yield WorkUnit(_result_name(bag, base), bag)
+
+
+def _has(unit: WorkUnit, stream: Stream) -> bool:
+    """Whether a recording has a stream; one that cannot be opened fails with its reason later."""
+    if unit.layout is None:
+        return True
+    try:
+        return stream in open_recording(unit.source, unit.read, scans=False).streams
+    except (KittiRos2Error, OSError):
+        return True
+
+
+def _results(source: Path, kind: PairKind, search: FolderSearch) -> Iterator[tuple[str, Path]]:
+    """Yield the results with their names.
+
+    Raises:
+        UsageError: Two have one name.
+    """
+    roots = find_roots(source, Path.is_file)
+    base = common_folder(roots)
+    found: dict[str, Path] = {}
+    for root in roots:
+        if not root.exists():
+            raise MissingPathError(root)
+        for path in [absolute(root)] if root.is_file() else _results_below(root, kind, search):
+            name = _result_name(path, base)
+            if found.setdefault(name, path) != path:
+                raise UsageError(
+                    f'{source}: {found[name]} and {path} have one name, {name}; choose among them'
+                    f' with a glob or a list'
+                )
+    yield from found.items()
+
+
+def _results_below(root: Path, kind: PairKind, search: FolderSearch) -> list[Path]:
+    found: list[Path] = []
+
+    def visit(folder: Path, folders: Sequence[str], others: Sequence[str]) -> Sequence[str]:
+        bags = bags_among(folder, others)
+        found.extend(bags)
+        if bags == [folder]:
+            return ()
+        if kind.frames and find_frame_files(folder) is not None:
+            found.append(folder)
+            return ()
+        texts = [folder / name for name in others if _is_text(folder / name)]
+        found.extend(each for each in texts if kind.texts or _is_sequence(each))
+        return folders
+
+    search.walk(absolute(root), visit)
+    return found
+
+
+def _is_text(path: Path) -> bool:
+    return path.suffix in _TRAJECTORIES and path.is_file()
+
+
+def _is_sequence(path: Path) -> bool:
+    return path.suffix == TXT and len(path.stem) == SEQUENCE_DIGITS and path.stem.isdecimal()
+
+
+def _result_name(path: Path, base: Path) -> str:
+    """Return the name of a result or ground truth: without ending, and folders named data."""
+    last = path.name
+    if path.is_file():
+        last = path.stem if path.suffix in _TRAJECTORIES else stem_of(path)
+    *above, _ = PurePosixPath(relative_name(path, base)).parts
+    return PurePosixPath(*(name for name in above if name != _DATA), last).as_posix()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line, ``kitti-ros2``: one error boundary.
 
-commands/ declares the words and options of each sub-command, which is all that --help imports; the
-module of the same name beside it runs the command.
+Each sub-command has a module, which declares its words and options and runs it. Only the requested
+one is imported, and what it works with only when it runs.
 """
 
 from __future__ import annotations

@@ -1,25 +1,41 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sub-commands of the command line, and the parser of its arguments."""
+"""Sub-commands of the command line, the parser of its arguments, and what is said of mistakes."""
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..model.errors import UsageError
-from .commands.command import Command
-from .commands.declared import add_options
-from .completion import VARIABLE, answering, complete_at_first_tab, completion_words
-from .exit_codes import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from ..files.remote import as_path
+from ..model.bag_formats import CONTAINERS
+from ..model.errors import UsageError, did_you_mean
+from .command import (
+    VARIABLE,
+    Command,
+    add_options,
+    answering,
+    complete_at_first_tab,
+    completion_words,
+)
+from .exits import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+
+    from ..model.errors import Remedy
+
+
+# Sub-commands of the command line, and the parser of its arguments.
+
 
 _COMMANDS = {
     'info': ('info', 'Summarize a KITTI folder or a bag.'),
@@ -31,7 +47,10 @@ _COMMANDS = {
     'status': ('status', 'Show how much of a collection is done, failed and left.'),
     'recover': ('recover', 'Repair a truncated or damaged bag; each loss is listed.'),
     'download': ('download_extract', "Download KITTI's archives by name and extract them."),
-    'extract': ('download_extract', "Extract KITTI's archives into the folders that readers expect."),
+    'extract': (
+        'download_extract',
+        "Extract KITTI's archives into the folders that readers expect.",
+    ),
     'validate': ('validate', 'Check every file of KITTI folders and bags.'),
     'stats': ('stats', 'Count what is in data sets: objects, sensors, routes.'),
     'crop': ('crop_split', 'Cut scans by view, box, range, height, lasers or voxels.'),
@@ -133,7 +152,6 @@ def run(words: list[str]) -> int:
         if type(error).__name__ == 'NoArgsIsHelpError':
             typer.echo(message(), err=True)
             return EXIT_USAGE
-        from .usage import describe_usage_error
 
         raise UsageError(describe_usage_error(error)) from error
     if result == EXIT_INTERRUPTED:
@@ -178,3 +196,170 @@ def _imported(name: str) -> Callable[..., int]:
     command: Callable[..., int] = getattr(import_module(f'.{module}', __package__), function)
     add_options(command)
     return command
+
+
+# Errors of the parser of arguments: misspelt commands and options, missing arguments.
+
+
+_NO_COMMAND = re.compile(r"No such command '(.*?)'")
+_EXTRA = re.compile(r'Got unexpected extra argument\S* \((.*)\)')
+
+
+def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own copy of click
+    """Describe an error of typer's parser in one line, with a correction or the usage."""
+    message = error.format_message().rstrip('.')
+    context = getattr(error, 'ctx', None)
+    if context is None:
+        return f'{message}; see kitti-ros2 --help'
+    command, path = context.command, context.command_path
+    unknown = _NO_COMMAND.match(message)
+    if unknown is not None:
+        return _no_command(unknown[1], list(command.commands))
+    kind = type(error).__name__  # its class cannot be imported from all versions of typer
+    if kind == 'NoSuchOption':
+        hint = did_you_mean(error.option_name, _spellings(command))
+        message = f'there is no option {error.option_name}{hint}'
+        return f'{message} See {path} --help' if hint else f'{message}; {_usage(command, path)}'
+    if kind == 'MissingParameter':
+        return missing_argument(error.param, context)
+    extra = _EXTRA.match(message)
+    if extra is not None:
+        return f'unexpected argument {extra[1]}; {_usage(command, path)}'
+    return f'{message}; see {path} --help'
+
+
+def missing_argument(argument: Any, context: Any) -> str:  # noqa: ANN401 - as above
+    """Describe a missing argument, with the usage of its command."""
+    meaning = argument.help.rstrip('.')
+    usage = _usage(context.command, context.command_path)
+    return f'{_name(argument)} is missing ({meaning[:1].lower()}{meaning[1:]}); {usage}'
+
+
+def _usage(command: Any, path: str) -> str:  # noqa: ANN401 - as above
+    names = [
+        _name(each) if each.required else f'[{_name(each)}]'
+        for each in command.params
+        if each.param_type_name == 'argument'
+    ]
+    return f'usage: {" ".join([path, *names])} [OPTIONS]'
+
+
+def _name(argument: Any) -> str:  # noqa: ANN401 - as above
+    name: str = argument.metavar or argument.name.upper()
+    return name
+
+
+def _spellings(command: Any) -> list[str]:  # noqa: ANN401 - as above
+    return [flag for each in command.params for flag in (*each.opts, *each.secondary_opts)]
+
+
+def _no_command(word: str, known: list[str]) -> str:
+    hint = did_you_mean(word, known)
+    if not hint and Path(word).exists():
+        hint = f'; give a command first, such as kitti-ros2 info {word}'
+    listed = ', '.join(known)
+    return f'there is no command {word}{hint or f"; there are {listed}"}'
+
+
+# The commands that do what was meant, made from the words of the one that failed.
+
+
+_PROGRAM = 'kitti-ros2'
+_ROS_ARGS = '--ros-args'
+_FOLDER, _NAME = 'd', 's'
+"""The variables of shell loops: over folders, over the names of sequences."""
+
+
+def format_remedies(remedies: Sequence[Remedy], words: Sequence[str]) -> str:
+    """Format the commands of remedies, joined by or; '' if the source is not among the words.
+
+    Args:
+        remedies: Those of an error.
+        words: The arguments of the command line.
+    """
+    known = [each for each in remedies if _place(words, each.given) is not None]
+    return ' or '.join(_format(each, list(words)) for each in known)
+
+
+def _format(remedy: Remedy, words: list[str]) -> str:
+    given = _arguments(words)
+    if remedy.command and remedy.command != words[0]:
+        command = _other_command(remedy, given)
+    else:
+        command = _same_command(remedy, words, given)
+    if remedy.before:
+        return f'{remedy.before} && {command}'
+    if not remedy.each:
+        return command
+    variable = _NAME if remedy.by_name else _FOLDER
+    return f'all: for {variable} in {remedy.each}; do {command}; done'
+
+
+def _same_command(remedy: Remedy, words: list[str], given: dict[str, Any]) -> str:
+    """Return the command with another source, and with an output of its own in a loop."""
+    changed = [shlex.quote(word) for word in words]
+    place = _place(words, remedy.given)
+    if place is not None:
+        over_folders = remedy.each and not remedy.by_name
+        changed[place] = f'"${_FOLDER}"' if over_folders else shlex.quote(str(remedy.source))
+    added = [shlex.quote(word) for word in remedy.options]
+    if remedy.frame is not None and words[0] == 'view' and not {'--frame', '--frames'} & {*words}:
+        added += ['--frame', str(remedy.frame)]
+    if remedy.each and remedy.by_name:
+        added += ['--sequence', f'"${_NAME}"']
+    out = given.get('out') or given.get('save')
+    if remedy.each and out is not None:
+        name, at = (
+            _output_of_each(as_path(out), by_name=remedy.by_name),
+            _place(words, as_path(out)),
+        )
+        if at is None:
+            added += ['-o', name]
+        else:
+            changed[at] = name
+    end = changed.index(_ROS_ARGS) if _ROS_ARGS in changed else len(changed)
+    return ' '.join([_PROGRAM, *changed[:end], *added, *changed[end:]])
+
+
+def _output_of_each(out: Path, *, by_name: bool) -> str:
+    """Return the output of a loop's command: in the same folder, with the same ending."""
+    folder = '' if out.parent == Path() else f'{shlex.quote(str(out.parent))}/'
+    name = f'${_NAME}' if by_name else f'$(basename "${_FOLDER}")'
+    return f'{folder}"{name}{out.suffix}"'
+
+
+def _other_command(remedy: Remedy, given: dict[str, Any]) -> str:
+    """Return another command for the source, with an output that is like the one given."""
+    words = [remedy.command, str(remedy.source), *remedy.options]
+    if remedy.command != 'play':
+        out = as_path(given.get('out') or given['paths'][-1])
+        if out == remedy.given:  # OUT was not needed
+            out = Path(remedy.source.absolute().name)
+        words.insert(2, _output_for(remedy, out))
+    return shlex.join([_PROGRAM, *words])
+
+
+def _output_for(remedy: Remedy, out: Path) -> str:
+    suffixes = {container.suffix for container in CONTAINERS.values()}
+    if remedy.command == 'to-kitti':
+        return str(out.with_suffix('')) if out.suffix in suffixes else str(out)
+    return str(out) if out.suffix in suffixes else f'{out}.mcap'
+
+
+def _place(words: Sequence[str], path: Path) -> int | None:
+    """Return the index of the word that is a path."""
+    for index, word in enumerate(words[1:], 1):
+        if word and as_path(word).expanduser() == path.expanduser():
+            return index
+    return None
+
+
+def _arguments(words: list[str]) -> dict[str, Any]:
+    """Parse the arguments of a command line that was parsed before."""
+    words = words[: words.index(_ROS_ARGS)] if _ROS_ARGS in words else words
+    with suppress(Exception):  # typer has its own kinds of errors
+        name, command = find_command(words)
+        rest = words[len(name.split()) :]
+        found: dict[str, Any] = command.make_context(name, rest).params
+        return found
+    return {}

@@ -22,9 +22,9 @@ from ..model.errors import (
     describe_error,
     interruption_of,
     notes_of,
+    one_line,
 )
-from ..model.text import one_line
-from .exit_codes import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
+from .exits import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK, EXIT_TERMINATED, EXIT_USAGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ def main(args: list[str] | None = None) -> int:
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup
             signal.signal(signal.SIGHUP, _end)
         if words[:1] == ['play']:
-            from .ending import end_by_signal
+            from .exits import end_by_signal
 
             # From the start: a player that is stopped by a signal exits without an error.
             ending = end_by_signal()
@@ -195,7 +195,7 @@ _end = _End()
 
 def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:
     if isinstance(error, KittiRos2Error) and error.remedies:
-        from .remedies import format_remedies
+        from .app import format_remedies
 
         commands = format_remedies(error.remedies, words)
         text = str(error)

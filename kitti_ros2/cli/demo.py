@@ -6,16 +6,17 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from ..model.errors import OutputExistsError
+from ..model.streams import Layout
+from .command import OverwriteOption, QuietOption, argument, choice
 from .info import overlook, print_overview
-from .progress import step_progress
-from .text import format_path
+from .output import format_path, step_progress
 from .to_bag import run_to_bag
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _NEXT = """
 What to do next:
@@ -40,8 +41,9 @@ def run_demo(
     Raises:
         OutputExistsError: out exists and overwrite is not given.
     """
-    from ..files.staging import refuse_link, staged
-    from ..kitti.replacing import keep_all_but_data_sets
+    from ..files.local_staging import refuse_link
+    from ..files.staging import staged
+    from ..kitti.opening import keep_all_but_data_sets
     from ..options.read import ReadOptions
     from ..options.table import make_settings
     from ..synthetic import SyntheticOptions, write_synthetic
@@ -67,3 +69,28 @@ def run_demo(
         print_overview(overlook(bag, ReadOptions()))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
     return code
+
+
+def demo(
+    out: Annotated[
+        Path,
+        argument('OUT', 'Folder for the recording and its bag [default: kitti_ros2_demo]'),
+    ] = Path('kitti_ros2_demo'),
+    layout: Annotated[
+        str, choice([each.value for each in Layout], 'Layout of the recording')
+    ] = 'raw',
+    frames: Annotated[int, typer.Option(metavar='N', help='Number of frames')] = 20,
+    seed: Annotated[
+        int,
+        typer.Option(metavar='N', help='Seed of the street; the same seed gives the same bytes'),
+    ] = 0,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Write a synthetic recording, convert it, and summarize it.
+
+    Examples:
+      kitti-ros2 demo
+      kitti-ros2 demo street --layout tracking --frames 100
+    """
+    return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)

@@ -5,29 +5,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from ..files.kept_imports import keep_imports
-from ..model.stamps import format_stamp
-from ..model.streams import Clock
-from ..model.text import one_line
+from ..files.processes import keep_imports
+from ..model.errors import format_bytes, format_count, format_duration, one_line
+from ..model.streams import Clock, format_stamp
 from ..options.table import make_settings
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import print_json
-from .tables import cell, plain_table
-from .text import format_bytes, format_count, format_duration, show_losses
+from .command import JsonOption, QuietOption, argument, chosen, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import cell, plain_table, print_json, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from rich.table import Table
 
-    from ..bags.summary import TopicSummary
+    from ..bags.container_file import TopicSummary
     from ..model.recording import FrameOrigin
     from ..options.read import ReadOptions
-    from ..report.glances import LinkGlance
-    from ..report.overview import Overview
+    from ..report.overview import LinkGlance, Overview
+
 
 _MOST_FRAMES = 24
 
@@ -56,8 +54,8 @@ def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool
 
 def overlook(path: Path, options: ReadOptions) -> Overview:
     """Return the overview of a bag, or of a KITTI folder."""
+    from ..bags.bag_files import OpenBag
     from ..bags.open_source import open_source
-    from ..bags.reader import OpenBag
     from ..report.overview import inspect_bag, inspect_recording
 
     keep_imports()
@@ -185,3 +183,21 @@ def _link_table(overview: Overview) -> Table:
     for root in [parent for parent in children if parent not in placed]:
         add(root, 0, None)
     return table
+
+
+@takes('SOURCE')
+def info(
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Summarize a KITTI folder or a bag.
+
+    Layout or container, streams with counts, rates and gaps, calibration.
+
+    Examples:
+      kitti-ros2 info 2011_09_26/2011_09_26_drive_0005_sync
+      kitti-ros2 info drive_0005.mcap --json
+    """
+    return run_info(src, chosen(given), json=json, quiet=quiet)

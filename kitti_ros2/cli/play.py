@@ -6,22 +6,25 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
+import typer
+
+from ..files.processes import keep_imports
 from ..model.errors import UsageError
 from ..node.installed import check_installed
-from ..options.parsers import parse_texts
+from ..options.declare import parse_texts
 from ..options.table import PLAY, make_play_settings
-from .ending import end_by_signal
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .text import complain, say
+from .command import QuietOption, argument, chosen, takes
+from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
+from .output import complain, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from .ending import Ending
+    from .exits import Ending
+
 
 _ROS_ARGS = '--ros-args'
 _FOXGLOVE = '--foxglove'
@@ -113,12 +116,12 @@ def run_play(
     Returns:
         The exit code: also 0 after Ctrl-C.
     """
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
 
     ending = end_by_signal()
     chosen = dict(given)
     if config:
-        from .config_file import add_config
+        from .command import add_config
 
         chosen = add_config(config, chosen, PLAY)
     if viewers is not None:
@@ -146,8 +149,8 @@ def _play_for_viewers(
     keyboard: bool,
     quiet: bool,
 ) -> int:
-    from ..files.freed_memory import keep_freed_memory
-    from ..player.status import StatusLine, Terminal
+    from ..files.processes import keep_freed_memory
+    from ..player.to_the_end import StatusLine, Terminal
 
     if not 0 <= viewers.port <= _LAST_PORT:
         raise UsageError(f'invalid port {viewers.port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')
@@ -158,8 +161,8 @@ def _play_for_viewers(
     # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
     try:
-        from ..bridge.admission import Admission, parse_origin
-        from ..bridge.run import run_bridge
+        from ..bridge.server import run_bridge
+        from ..bridge.websocket import Admission, parse_origin
     except ImportError as error:  # the SDK is missing or too old for playback control
         raise UsageError(
             "--foxglove needs foxglove-sdk 0.30; run pip install 'kitti_ros2[foxglove]'"
@@ -181,3 +184,76 @@ def _play_for_viewers(
     terminal = Terminal(tell, warn, status, keyboard=keyboard, quiet=quiet)
     failures = run_bridge(str(src), settings, viewers.port, admission, ending, terminal)
     return EXIT_LOSSES if failures else EXIT_OK
+
+
+_PLAYBACK = 'Playback'
+
+
+@takes('PLAY', but=('loop',))
+def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
+    context: typer.Context,
+    src: Annotated[
+        Optional[Path], argument('SRC', 'A KITTI folder or a bag [default: parameter source]')
+    ] = None,
+    config: Annotated[
+        Optional[Path],
+        typer.Option(metavar='PATH', help='A YAML file of options; the command line wins'),
+    ] = None,
+    foxglove: Annotated[
+        Optional[int],
+        typer.Option(
+            metavar='[PORT]',
+            help='Play for Foxglove, not for ROS: ws://127.0.0.1:PORT (8765; 0 any free one)',
+        ),
+    ] = None,
+    bind: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar='ADDRESS',
+            help='With --foxglove: the address that viewers connect to, 0.0.0.0 for all of this'
+            ' machine [default: 127.0.0.1]',
+        ),
+    ] = None,
+    allow_origin: Annotated[
+        Optional[list[str]],
+        typer.Option(
+            metavar='ORIGIN...',
+            help='With --foxglove: web pages that may connect, besides those of Foxglove and of'
+            ' this machine, such as https://viewer.example.org',
+        ),
+    ] = None,
+    keyboard: Annotated[
+        bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
+    ] = True,
+    quiet: QuietOption = False,
+    loop: Annotated[
+        bool, typer.Option('--loop', '-l', help='Play endlessly', rich_help_panel=_PLAYBACK)
+    ] = False,
+    times: Annotated[
+        Optional[int],
+        typer.Option(
+            metavar='N', help='Play so many times [default: 1]', rich_help_panel=_PLAYBACK
+        ),
+    ] = None,
+    **given: object,
+) -> int:
+    """Play a KITTI folder or a bag live, in ROS 2 or for Foxglove.
+
+    The controls are those of ros2 bag play. In a terminal: space pauses, right and left play the
+    next frame and the one before, up and down change the rate, q quits.
+
+    Arguments after --ros-args go to ROS: parameters (-p), remappings (-r), a parameter file.
+
+    With --foxglove it plays without ROS. It starts when the first viewer connects; the play
+    controls of the viewer pause, seek and set the speed. At the end it pauses, unless --at-end
+    exit is given. --clock is then how often viewers receive the time [default: 20].
+
+    Examples:
+      kitti-ros2 play 2011_09_26/2011_09_26_drive_0005_sync --loop
+      kitti-ros2 play drive_0005.mcap --rate 0.5 --topics /kitti/velo/points '/tf*'
+    """
+    settings = chosen({'loop': 0 if loop else times, **given})
+    viewers = viewer_access(foxglove, bind, allow_origin or ())
+    return run_play(
+        src, settings, config, context.obj, viewers=viewers, keyboard=keyboard, quiet=quiet
+    )

@@ -6,17 +6,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import print_json
-from .progress import step_progress
-from .text import complain, format_bytes, format_count, format_path, say
+from ..files.processes import keep_imports
+from ..model.bag_formats import CONTAINERS
+from ..model.errors import format_bytes, format_count
+from .command import FsyncOption, JsonOption, OverwriteOption, QuietOption, argument, choice
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import complain, format_path, print_json, say, step_progress
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ..bags.recover import RecoveryReport
 
 
@@ -45,7 +45,7 @@ def run_recover(
         The exit code.
     """
     from ..bags.recover import recover as repair
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
 
     keep_imports()
     keep_freed_memory()
@@ -84,3 +84,24 @@ def _lost(report: RecoveryReport) -> str:
     if not report.lost:
         return 'an unknown number of messages lost'
     return f'at least {format_count(report.lost, "message")} lost'
+
+
+def recover(
+    bag: Annotated[Path, argument('BAG', 'A truncated or damaged bag')],
+    out: Annotated[Path, argument('OUT', 'The repaired bag, named like OUT of to-bag')],
+    storage: Annotated[
+        Optional[str],
+        choice(CONTAINERS, 'Container of the repaired bag [default: by OUT, else that of BAG]'),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    fsync: FsyncOption = True,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Repair a truncated or damaged bag; each loss is listed.
+
+    Examples:
+      kitti-ros2 recover truncated.mcap repaired.mcap
+      kitti-ros2 recover recording.bag repaired --storage mcap
+    """
+    return run_recover(bag, out, storage, overwrite=overwrite, fsync=fsync, json=json, quiet=quiet)

@@ -5,22 +5,22 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
-from ..files.replacing import KEEP_ALL_BUT_PAGES, keep_all
-from ..model.errors import UsageError
-from ..options.batch import split_batch_options
-from ..options.eval_detection import DetectionOptions
-from ..options.table import make_settings
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .page_output import ENDINGS, open_page
-from .progress import step_progress
-from .text import complain, format_bytes, format_count, format_path, say
+import typer
+
+from ..files.processes import keep_imports
+from ..files.staging import KEEP_ALL_BUT_PAGES, keep_all
+from ..model.errors import UsageError, format_bytes, format_count
+from ..options.evaluation import DetectionOptions
+from ..options.table import make_settings, split_batch_options
+from .command import OverwriteOption, QuietOption, argument, chosen, out_option, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import ENDINGS, complain, format_path, open_page, say, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from ..evaluation.detection import DetectionScores
     from ..options.read import ReadOptions
@@ -50,8 +50,9 @@ def run_report(
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
-    from ..files.freed_memory import keep_freed_memory
-    from ..files.staging import Staging, staged_file
+    from ..files.local_staging import Staging
+    from ..files.processes import keep_freed_memory
+    from ..files.staging import staged_file
     from ..report.gather import gather, with_scores
     from ..report.page import make_page
 
@@ -60,7 +61,7 @@ def run_report(
     started = time.monotonic()
     batch, given = split_batch_options(given)
     if batch.whole:
-        from .report_collection import run_report_collection
+        from .collection import run_report_collection
 
         chosen = {**given, 'overwrite': overwrite}
         return run_report_collection(
@@ -97,6 +98,35 @@ def run_report(
 
 def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
     from ..evaluation.detection import score_paths
-    from ..options.bag_results import BagResultsOptions
+    from ..options.evaluation import BagResultsOptions
 
     return score_paths(src, results, options, DetectionOptions(), BagResultsOptions())
+
+
+@takes('REPORT_ALL')
+def report(
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
+    out: Annotated[Path, out_option('The page to write; with --all a folder of pages')] = Path(
+        'report.html'
+    ),
+    results: Annotated[
+        Optional[Path],
+        typer.Option('--results', metavar='PATH', help='Result files of a detector, to score'),
+    ] = None,
+    show: Annotated[bool, typer.Option('--open', help='Open the page in the browser')] = False,
+    overwrite: OverwriteOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Write an HTML report on a KITTI folder or a bag.
+
+    One self-contained file: findings, frames in pictures, streams with gaps and jitter, route,
+    objects, calibration. With --all: a page for each recording and bag below SRC, and an index.
+
+    Examples:
+      kitti-ros2 report 2011_09_26/2011_09_26_drive_0005_sync --open
+      kitti-ros2 report drive_0005.mcap -o drive_0005.html
+    """
+    return run_report(
+        src, out, chosen(given), results=results, overwrite=overwrite, show=show, quiet=quiet
+    )

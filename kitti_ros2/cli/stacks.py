@@ -8,22 +8,23 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
-from ..files.kept_imports import keep_imports
-from ..model.errors import UsageError
-from ..model.spelling import not_one_of
+import typer
+
+from ..files.processes import keep_imports
+from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
-from .exit_codes import EXIT_OK
-from .json_text import print_json
-from .tables import cell, plain_table
-from .text import complain, format_path, say
+from .command import JsonOption, OverwriteOption, QuietOption, chosen, takes
+from .exits import EXIT_OK
+from .output import cell, complain, format_path, plain_table, print_json, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..stack_setup.commands import RunCommands
+    from ..stack_setup.setup_files import RunCommands
     from ..stacks.stack import Setting, Stack
+
 
 _COLUMNS = 80
 
@@ -52,7 +53,7 @@ def run_stacks(
     Returns:
         The exit code.
     """
-    from ..stacks.catalogue import STACKS
+    from ..stacks.stack_catalogue import STACKS
 
     keep_imports()
     if drive is None and (out is not None or overwrite or source):
@@ -103,7 +104,7 @@ def _write(
 
 
 def _list(*, json: bool, quiet: bool) -> None:
-    from ..stacks.catalogue import STACKS
+    from ..stacks.stack_catalogue import STACKS
 
     if json:
         print_json([_values(stack) for stack in STACKS.values()])
@@ -134,7 +135,7 @@ def _show(stack: Stack) -> None:
 
 
 def _example(stack: Stack) -> RunCommands:
-    from ..stack_setup.commands import commands_of
+    from ..stack_setup.setup_files import commands_of
 
     return commands_of(stack, 'DRIVE', {'imu_from': 'DRIVE_extract'} if stack.imu_hz else {})
 
@@ -192,3 +193,49 @@ def _values(stack: Stack) -> dict[str, Any]:
         'notes': stack.notes,
         'commands': {**asdict(_example(stack)), 'start': stack.start},
     }
+
+
+def _complete_stack(incomplete: str) -> list[str]:
+    from ..stacks.stack_names import StackName
+
+    return [each.value for each in StackName if each.value.startswith(incomplete)]
+
+
+@takes('STACK_DRIVE')
+def stacks(
+    stack: Annotated[
+        Optional[str],
+        typer.Argument(
+            metavar='STACK', help='One of the listed stacks', autocompletion=_complete_stack
+        ),
+    ] = None,
+    drive: Annotated[
+        Optional[Path],
+        typer.Option(
+            '--config', metavar='DRIVE', help='Write files to run STACK on a KITTI folder'
+        ),
+    ] = None,
+    out: Annotated[
+        Optional[Path],
+        typer.Option('--out', '-o', metavar='DIR', help='Folder of these files [default: STACK]'),
+    ] = None,
+    overwrite: OverwriteOption = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """List the stacks that --for knows, or show and set up one of them.
+
+    With STACK: what it asks of messages, with the place in its source, the options, topics and
+    frames that --for sets, and the commands to record, run and score it.
+
+    With --config: its parameter file with the extrinsics of the drive, and a launch file that
+    starts it and plays the drive.
+
+    Examples:
+      kitti-ros2 stacks kiss-icp
+      kitti-ros2 stacks dlio --config 2011_09_26/2011_09_26_drive_0005_sync -o run
+    """
+    return run_stacks(
+        stack, drive, chosen(given), out=out, overwrite=overwrite, json=json, quiet=quiet
+    )

@@ -4,23 +4,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
+import typer
+
+from ..files.processes import keep_imports
 from ..model.errors import UsageError
-from ..options.batch import split_batch_options
-from ..options.dataset_tables import make_statistics_options
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import print_json
-from .plot_output import check_output, check_plot
-from .progress import step_progress
-from .text import format_path, say, show_losses
+from ..options.datasets import make_statistics_options
+from ..options.table import split_batch_options
+from .command import JsonOption, QuietOption, argument, chosen, out_option, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import (
+    check_output,
+    check_plot,
+    format_path,
+    print_json,
+    say,
+    show_losses,
+    step_progress,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from .result_output import ResultOutput
+    from .output import ResultOutput
 
 
 def run_stats(
@@ -41,19 +49,17 @@ def run_stats(
     Returns:
         The exit code: 1 where something is missing or damaged.
     """
-    from ..datasets.set_statistics import count_set, find_sources
-    from ..datasets.statistics_rows import plain_values, write_csv
-    from ..files.freed_memory import keep_freed_memory
+    from ..datasets.set_statistics import count_set, find_sources, plain_values, write_csv
+    from ..files.processes import keep_freed_memory
     from ..files.staging import staged_file
-    from .stats_comparison import titles_of
-    from .stats_output import KEEP_ALL_BUT_TABLES, TABLE, print_sets
+    from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets, titles_of
 
     keep_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
     read, options = make_statistics_options(given)
     if batch.whole:
-        from .stats_collection import run_statistics_collection
+        from .collection import run_statistics_collection
 
         if table is not None:
             raise UsageError(f'{table}: with --all the table is OUT/{TABLE}; leave --csv out')
@@ -85,3 +91,36 @@ def run_stats(
     losses = tuple(loss for each in sets for loss in each.total.losses)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
+
+
+@takes('STATS_ALL', of='datasets')
+def stats(
+    paths: Annotated[list[Path], argument('PATH...', 'Folders or bags; several are compared')],
+    out: Annotated[
+        Optional[Path], out_option('Picture to draw (.png, .pdf, .svg); a folder with --all')
+    ] = None,
+    csv: Annotated[
+        Optional[Path], typer.Option('--csv', metavar='FILE', help='Table to write, all figures')
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='Replace existing files at OUT and FILE')
+    ] = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Count what is in data sets: objects, sensors, routes.
+
+    Classes with difficulty, occlusion, truncation, distance, size, points and tracks; length, speed
+    and turn rate of routes; points by SemanticKITTI's class. A folder may hold any number of drives
+    and sequences; several folders or bags are compared. With --all: each recording and bag to
+    OUT/NAME.json on several processes, then all together, and as a table OUT/statistics.csv.
+
+    Examples:
+      kitti-ros2 stats object/training --points -o stats.png
+      kitti-ros2 stats 2011_09_26 tracking --csv stats.csv
+    """
+    from .output import ResultOutput
+
+    output = ResultOutput(out, overwrite, json, quiet)
+    return run_stats(paths, chosen(given), output, table=csv)

@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated
 
-from ..files.kept_imports import keep_imports
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import print_json
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from ..files.processes import keep_imports
+from .command import JsonOption, QuietOption, argument
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import print_json
 
 
 def run_status(out: Path, *, json: bool, quiet: bool) -> int:
@@ -26,10 +25,8 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
     Returns:
         The exit code: 1 with failed units or skipped data.
     """
-    from ..batch.manifest import STATES, read_manifest
-    from ..batch.pace import measure_pace
-    from ..batch.place import manifest_folder
-    from .collection_tables import complain_of, print_groups, print_pace, record_json
+    from ..batch.manifest import STATES, manifest_folder, measure_pace, read_manifest
+    from .collection import complain_of, print_groups, print_pace, record_json
 
     keep_imports()
     with manifest_folder(out) as folder:
@@ -51,3 +48,19 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
         print_pace(out, pace)
     complain_of(records, command)
     return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK
+
+
+def status(
+    out: Annotated[Path, argument('OUT', 'The folder that a command with --all writes')],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Show how much of a collection is done, failed and left.
+
+    Also how fast it goes, and why units failed. It may be asked while the collection is written.
+
+    Examples:
+      kitti-ros2 status bags
+      kitti-ros2 status bags --json
+    """
+    return run_status(out, json=json, quiet=quiet)

@@ -8,27 +8,35 @@ import time
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
-from ..model.errors import KeptInterruptError, UsageError, notes_of
+import typer
+
+from ..files.processes import keep_imports
+from ..files.staging import losses_json
+from ..model.bag_formats import FILE_NAMES
+from ..model.errors import (
+    KeptInterruptError,
+    UsageError,
+    format_bytes,
+    format_count,
+    format_duration,
+    notes_of,
+)
 from ..model.streams import Clock
-from ..options.batch import split_batch_options
 from ..options.messages import Images
-from ..options.table import TO_BAG, make_settings
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import losses_json, print_json
-from .progress import conversion_progress
-from .text import format_bytes, format_count, format_duration, format_path, say, show_losses
+from ..options.table import TO_BAG, make_settings, split_batch_options
+from .command import JsonOption, QuietOption, argument, chosen, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import conversion_progress, format_path, print_json, say, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from pathlib import Path
 
     from ..exporter.to_bag import ExportReport
     from ..model.recording import ReadableRecording
-    from ..options.batch import BatchOptions
-    from ..options.settings import Settings
+    from ..options.table import BatchOptions, Settings
 
 
 def run_to_bag(
@@ -53,17 +61,17 @@ def run_to_bag(
     Returns:
         The exit code.
     """
-    from ..bags.open_folder import open_folder
+    from ..bags.open_source import open_folder
     from ..exporter.to_bag import ExportOptions, convert
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
     from ..kitti.extract_oxts import add_extract
-    from ..kitti.predictions import add_predictions
+    from ..kitti.prepare import add_predictions
 
     keep_imports()
     batch, chosen = split_batch_options(given, jobs_alone=True)
     if config:
-        from .config_file import add_config
+        from .command import add_config
 
         chosen = add_config(config, chosen, TO_BAG)
     settings = make_settings(chosen)
@@ -115,10 +123,9 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection."""
-    from ..batch.bag_unit import bag_suffix, run_bag_unit
     from ..batch.collection import Collection
-    from ..batch.folders import find_roots
-    from ..batch.units import find_units
+    from ..batch.unit_functions import bag_suffix, run_bag_unit
+    from ..batch.units import find_roots, find_units
     from .collection import refuse_sequence, run_collection
 
     if chosen.get('keep_partial'):
@@ -166,3 +173,39 @@ def _summarize(
     )
     if images is Images.COMPRESSED and recording.cameras:
         say('images are the files themselves, PNG or JPEG; --images raw decodes them')
+
+
+@takes('TO_BAG_ALL')
+def to_bag(
+    src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence')],
+    out: Annotated[
+        Path,
+        argument('OUT', f'The bag: {FILE_NAMES}, or a rosbag2 directory'),
+    ],
+    config: Annotated[
+        Optional[Path],
+        typer.Option(metavar='PATH', help='A YAML file of these options; the command line wins'),
+    ] = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).
+
+    With --all: every drive, sequence and split below SRC, to OUT/NAME.mcap. A run that was stopped
+    goes on where it was; the command status shows what is done.
+
+    Examples:
+      kitti-ros2 to-bag 2011_09_26/2011_09_26_drive_0005_sync drive_0005.mcap
+      kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
+    """
+    values = chosen(given)
+    scheduler = values.get('scheduler')
+    alone = str(values.get('jobs')) == '1' and not scheduler
+    if values.get('all') and not alone and scheduler in {None, 'local'}:
+        from ..batch.pool import prepare_workers
+
+        # They import while this process does.
+        prepare_workers(cluster=scheduler is not None)
+
+    return run_to_bag(src, out, values, config, json=json, quiet=quiet)

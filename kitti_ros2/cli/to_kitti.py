@@ -1,42 +1,364 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""kitti-ros2 to-kitti."""
+"""kitti-ros2 to-kitti, and the look at its plan before anything is written."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
-from contextlib import ExitStack
-from dataclasses import asdict
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 
-from ..files.kept_imports import keep_imports
-from ..model.errors import UsageError
-from ..options.batch import split_batch_options
-from ..options.table import make_import_options
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import losses_json, print_json
-from .plan_look import (
-    PlanRequest,
-    check_preview,
-    drawn_values,
-    print_look,
-    print_table,
-    say_drawn,
-    see,
+import typer
+
+from ..files.processes import keep_imports
+from ..files.staging import keep_all, losses_json
+from ..model.errors import UsageError, format_bytes, format_count, one_line
+from ..model.streams import Stream
+from ..options.table import make_import_options, split_batch_options
+from .command import JsonOption, QuietOption, chosen, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import (
+    cell,
+    conversion_progress,
+    format_path,
+    plain_table,
+    print_json,
+    say,
+    show_losses,
 )
-from .progress import conversion_progress
-from .text import format_bytes, format_count, format_path, say, show_losses
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from ..bags.reader import OpenBag
-    from ..importer.report import ImportReport
-    from ..options.batch import BatchOptions
-    from ..options.importing import ImportOptions
+    from rich.table import Table
+
+    from ..bags.bag_files import OpenBag
+    from ..importer.apply_plan import PlannedTopic, PlanOverview
+    from ..importer.kitti_frames import ImportReport
+    from ..options.outputs import ImportOptions
+    from ..options.table import BatchOptions
+    from ..own_bags.to_kitti import Outlook
+    from ..pictures.preview import Preview
+
+
+# The plan of a conversion as a table for a terminal, and as values for JSON.
+
+
+_MOST_PASSED_OVER = 12
+_PASSED_OVER = '-'
+_PASSED = 'passed over: '
+_SHORT = {Stream.CALIBRATION.value: 'calib'}
+"""Names of streams in the table where theirs are long."""
+
+
+def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
+    """Print which topic becomes which stream, and what is passed over.
+
+    Args:
+        names: Of the bags.
+        outlook: The plan and how it was made.
+        overview: What it makes of the bags.
+    """
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(one_line(f'{names}: {_head(outlook, overview)}'), style='bold', markup=False)
+    console.print(_topic_table(overview), soft_wrap=False)
+    if overview.passed_over:
+        say(f'{_PASSED_OVER}: passed over in this layout')
+
+
+def _head(outlook: Outlook, overview: PlanOverview) -> str:
+    plan = overview.plan
+    because = f' ({outlook.reason})' if outlook.reason else ''
+    head = f'layout {plan.layout.value}{because}, {plan.name}'
+    if overview.frames is None:
+        return head
+    return f'{head}, {format_count(overview.frames, "frame")}, one for each {plan.reference}'
+
+
+def _topic_table(overview: PlanOverview) -> Table:
+    table = plain_table('stream', ())
+    table.add_column('topic', overflow='fold')
+    table.add_column('type', overflow='fold')
+    table.add_column('count', justify='right', no_wrap=True)
+    table.add_column('Hz', justify='right', no_wrap=True)
+    table.add_column('frame', overflow='fold')
+    for each in overview.used:
+        _add(table, ' '.join(_SHORT.get(name, name) for name in each.streams), each)
+    for each in overview.passed_over[:_MOST_PASSED_OVER]:
+        _add(table, _PASSED_OVER, each)
+    more = len(overview.passed_over) - _MOST_PASSED_OVER
+    if more > 0:
+        table.add_row(_PASSED_OVER, f'{more} more; all with --json', '', '', '', '')
+    return table
+
+
+def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
+    rate = '' if topic.rate_hz is None else f'{topic.rate_hz:.1f}'
+    kind = topic.msgtype.rsplit('/', 1)[-1]
+    table.add_row(stream, cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame))
+
+
+def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
+    """Print why a conversion would fail, the notes, and the layouts to choose from."""
+    from rich.console import Console
+
+    for fault in overview.faults:
+        say(f'cannot be converted: {fault}')
+    for note in _joined(dict.fromkeys((*outlook.notes, *overview.notes))):
+        say(f'note: {note}')
+    if outlook.layouts:
+        table = plain_table('layout')
+        table.add_column('streams', overflow='fold')
+        for layout, streams in outlook.layouts.items():
+            shown = ' (shown)' if layout is outlook.plan.layout else ''
+            table.add_row(layout.value + shown, ' '.join(streams))
+        Console(highlight=False).print(table)
+
+
+def _joined(notes: Iterable[str]) -> Iterator[str]:
+    """Yield notes, those on single topics that are passed over as one, where the first is."""
+    notes = list(notes)
+    parts = [note.removeprefix(_PASSED).partition('; ') for note in notes if _is_single(note)]
+    for note in notes:
+        if not _is_single(note):
+            yield note
+        elif parts:
+            yield _PASSED + '; '.join(f'{topic}, {reason}' for topic, _, reason in parts)
+            parts = []
+
+
+def _is_single(note: str) -> bool:
+    return note.startswith(_PASSED) and '; ' in note
+
+
+def print_next(commands: Iterable[tuple[str, str]]) -> None:
+    """Print commands that may follow, each below its purpose."""
+    say('Next:')
+    for purpose, command in commands:
+        sys.stdout.write(f'  # {one_line(purpose)}\n  {one_line(command)}\n')
+
+
+def plan_values(
+    paths: Iterable[Path], outlook: Outlook, overview: PlanOverview
+) -> dict[str, object]:
+    """Return a plan and what it makes of bags, for JSON."""
+    return {
+        'bags': list(paths),
+        'layout': overview.plan.layout.value,
+        'frames': overview.frames,
+        'topics': [asdict(each) for each in overview.used],
+        'passed_over': [asdict(each) for each in overview.passed_over],
+        'faults': overview.faults,
+        'notes': tuple(dict.fromkeys((*outlook.notes, *overview.notes))),
+        'layouts': _by_name(outlook),
+        'plan': asdict(overview.plan),
+    }
+
+
+def _by_name(outlook: Outlook) -> Mapping[str, object]:
+    """Return the streams of each possible layout."""
+    if outlook.layouts is None:
+        return {}
+    return {layout.value: streams for layout, streams in outlook.layouts.items()}
+
+
+# A look at the plan of a conversion before anything is written: its table, its preview.
+
+
+_OF_THE_PLAN = ('layout', 'name', 'calib')
+"""Options that --plan takes as well."""
+_SPELLINGS = {'train_fraction': 'split'}
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What a user wants to see of a plan.
+
+    Attributes:
+        given: Options by name, as the user gave them.
+        options: The same.
+        plan_file: A plan to use.
+        preview: The picture to write, if any.
+    """
+
+    given: Mapping[str, Any]
+    options: ImportOptions
+    plan_file: Path | None
+    preview: Path | None
+
+
+class Seen(NamedTuple):
+    """The result of a look: the plan, and the preview if one is requested."""
+
+    outlook: Outlook
+    drawn: Preview | None
+
+
+def check_preview(preview: Path, bags: Sequence[Path], out: Path | None) -> None:
+    """Raise for an invalid path of a picture before anything is read.
+
+    Raises:
+        UsageError: Its ending is unsupported, or it lies in a bag or in the output.
+    """
+    from ..files.staging import lies_inside, refuse_inside
+    from ..pictures.series import PICTURES
+
+    if preview.suffix.lower() not in PICTURES:
+        raise UsageError(f'--preview {preview}: unsupported ending; expected {", ".join(PICTURES)}')
+    for bag in bags:
+        refuse_inside(bag, preview)
+    if out is not None and lies_inside(preview, out):
+        raise UsageError(
+            f'--preview {preview}: lies inside OUT, which must be new or empty; give a path'
+            f' outside of it'
+        )
+
+
+def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = False) -> Seen:
+    """Survey bags, make or read their plan, and write the preview if there is one.
+
+    Args:
+        request: What is wanted.
+        bags: Those of one recording.
+        any_layout: Whether a missing layout is chosen by the content of the bags.
+    """
+    from ..files.staging import staged_file
+    from ..own_bags.to_kitti import make_outlook
+
+    with ExitStack() as stack:
+        place = None
+        if request.preview is not None:
+            from ..pictures.series import keep_all_but_pictures
+
+            refusal = keep_all_but_pictures if request.options.overwrite else keep_all
+            # Entered first: an existing file is refused before bags are read.
+            place = stack.enter_context(staged_file(request.preview, refusal))
+        outlook = make_outlook(bags, request.options, request.plan_file, any_layout=any_layout)
+        drawn = None
+        if place is not None:
+            from ..pictures.series import write_picture
+
+            drawn = _draw(request, bags, outlook)
+            write_picture(place, drawn.picture)
+    return Seen(outlook, drawn)
+
+
+def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
+    """Draw what a conversion would write: by the plan, or the original files."""
+    from ..bags.bag_files import path_of
+    from ..importer.survey import look
+    from ..pictures.bag_frames import open_own_recording
+    from ..pictures.preview import draw_preview, draw_recorded
+    from ..pictures.recording_frames import RecordingFrames
+
+    if outlook.restored:
+        survey = outlook.survey if len(bags) == 1 else look(bags[:1])
+        recording = open_own_recording(bags[0], survey)
+        if recording is not None:
+            with closing(RecordingFrames(recording, path_of(bags[0]).name)) as source:
+                return draw_recorded(source, request.options.selection)
+    return draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
+
+
+def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+    """Print which topic becomes which stream."""
+    from ..bags.bag_files import path_of
+
+    names = ', '.join(format_path(path_of(bag)) for bag in bags)
+    overview = _overlook(bags, outlook)
+    print_plan(names, outlook, overview)
+    return overview
+
+
+def _overlook(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+    from ..importer.apply_plan import overlook_plan
+
+    return overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
+
+
+def print_look(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
+    """Show the plan of bags without an output, or write the preview; return the exit code."""
+    from ..bags.bag_files import path_of
+
+    seen = see(request, bags, any_layout=True)
+    losses = () if seen.drawn is None else seen.drawn.losses
+    if json:
+        overview = _overlook(bags, seen.outlook)
+        values = plan_values([path_of(bag) for bag in bags], seen.outlook, overview)
+        print_json(values | drawn_values(request, seen.drawn))
+    elif request.preview is None:
+        overview = print_table(bags, seen.outlook)
+        print_remarks(seen.outlook, overview)
+        print_next(_commands(request, bags, seen.outlook, overview))
+    elif not quiet:
+        say_drawn(request, seen)
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
+def say_drawn(request: PlanRequest, seen: Seen) -> None:
+    """Print what the preview shows, if there is one, and what could not be drawn."""
+    drawn = seen.drawn
+    if request.preview is None or drawn is None:
+        return
+    for reason in drawn.missing:
+        say(f'note: {reason}')
+    numbers = ', '.join(map(str, drawn.numbers))
+    height, width = drawn.picture.shape[:2]
+    size = format_bytes(request.preview.stat().st_size)
+    layout = seen.outlook.plan.layout.value
+    what = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
+    say(f'{format_path(request.preview)}: preview, {what}')
+
+
+def drawn_values(request: PlanRequest, drawn: Preview | None) -> dict[str, object]:
+    """Return what the preview shows, for JSON; nothing without one."""
+    if drawn is None:
+        return {}
+    shown = {'path': request.preview, 'frames': drawn.numbers, 'missing': drawn.missing}
+    return {'preview': shown | {'losses': losses_json(drawn.losses)}}
+
+
+def _commands(
+    request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
+) -> Iterator[tuple[str, str]]:
+    """Yield the purpose and the words of commands that may follow."""
+    from ..bags.bag_files import path_of
+
+    given = dict(request.given)
+    plan_file = [] if request.plan_file is None else ['--plan-file', str(request.plan_file)]
+    if not plan_file and not outlook.restored:
+        given['layout'] = outlook.plan.layout.value
+    start = ['kitti-ros2', 'to-kitti', *(str(path_of(bag)) for bag in bags)]
+    of_the_plan = _words({name: given[name] for name in _OF_THE_PLAN if name in given})
+    if not overview.faults and (outlook.plan.scan or outlook.plan.cameras):
+        preview = [*start, *plan_file, *_words(given), '--preview', 'preview.png']
+        yield 'see points and boxes of three frames on the images', shlex.join(preview)
+    if not plan_file:
+        plan = shlex.join([*start, *of_the_plan, '--plan'])
+        yield 'edit the plan, then pass it with --plan-file plan.yaml', f'{plan} > plan.yaml'
+    if not overview.faults:
+        yield 'convert', shlex.join([*start, 'OUT', *plan_file, *_words(given)])
+
+
+def _words(given: Mapping[str, Any]) -> Iterator[str]:
+    """Yield options as words of a command line."""
+    for name, value in given.items():
+        spelling = _SPELLINGS.get(name, name).replace('_', '-')
+        if isinstance(value, bool):
+            yield f'--{spelling}' if value else f'--no-{spelling}'
+        else:
+            yield from (f'--{spelling}', str(value))
+
+
+# kitti-ros2 to-kitti.
 
 
 _NO_OUT = 'OUT is missing (the folder to create)'
@@ -70,7 +392,7 @@ def run_to_kitti(
     Raises:
         UsageError: The arguments are invalid.
     """
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
     from ..own_bags.to_kitti import is_restored, own_bags
 
@@ -120,11 +442,10 @@ def _run_whole(
     json: bool,
 ) -> int:
     """Convert a collection of bags, each to a folder of its own."""
-    from ..bags.search import is_bag_name
+    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.folders import find_all_roots
-    from ..batch.kitti_unit import PLAN_FILE, run_kitti_unit
-    from ..batch.source_units import find_bag_units
+    from ..batch.unit_functions import PLAN_FILE, run_kitti_unit
+    from ..batch.units import find_all_roots, find_bag_units
     from .collection import run_collection
 
     *sources, out = paths
@@ -227,8 +548,8 @@ def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
 
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
     """Print the plan as YAML, with missing data as comments."""
-    from ..importer.plan_text import format_plan
-    from ..own_bags.outlook import make_outlook
+    from ..importer.plan import format_plan
+    from ..own_bags.to_kitti import make_outlook
 
     with ExitStack() as stack:
         outlook = make_outlook(_open(paths, stack), options)
@@ -245,4 +566,54 @@ def _summarize(report: ImportReport, out: Path, elapsed: float) -> None:
         f'{format_path(out)}: layout {report.layout.value}, {report.name},'
         f' {format_count(report.frames, "frame")}, {format_bytes(report.size_bytes)} ({files});'
         f' took {elapsed:.1f} s ({rate})'
+    )
+
+
+@takes('TO_KITTI_ALL')
+def to_kitti(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar='BAG... OUT',
+            help='Bags of one recording, then the folder to create; a terminal shows the plan'
+            ' where OUT is left out',
+        ),
+    ],
+    plan: Annotated[
+        bool, typer.Option('--plan', help='Print which topic is which stream, and stop; no OUT')
+    ] = False,
+    plan_file: Annotated[
+        Optional[Path],
+        typer.Option(metavar='PATH', help='Use this plan, in the format that --plan prints'),
+    ] = None,
+    preview: Annotated[
+        Optional[Path],
+        typer.Option(
+            metavar='PATH',
+            help='First draw points and boxes of three frames on the images (.png, .jpg, .webp);'
+            ' without OUT only that',
+        ),
+    ] = None,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
+
+    A bag written by to-bag becomes the original recording; others are converted by a plan. In a
+    terminal, a bag without OUT shows the plan: which topic becomes what. With --all: every bag
+    below BAG, to OUT/NAME.
+
+    Examples:
+      kitti-ros2 to-kitti drive_0005.mcap raw_data
+      kitti-ros2 to-kitti drive.bag my_set --layout object --start 10s --end 20s
+    """
+    return run_to_kitti(
+        paths,
+        chosen(given),
+        plan_file,
+        plan_only=plan,
+        preview=preview,
+        json=json,
+        quiet=quiet,
     )

@@ -6,24 +6,26 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
-from ..files.kept_imports import keep_imports
-from ..model.text import one_line
-from ..options.batch import split_batch_options
-from ..options.dataset_tables import make_validation_options
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .json_text import print_json
-from .progress import step_progress
-from .text import complain, format_bytes, format_count, format_path
+import typer
+
+from ..files.processes import keep_imports
+from ..model.errors import format_bytes, format_count, one_line
+from ..options.datasets import make_validation_options
+from ..options.table import split_batch_options
+from .command import AllOverwriteOption, JsonOption, QuietOption, chosen, out_option, takes
+from .exits import EXIT_LOSSES, EXIT_OK
+from .output import complain, format_path, print_json, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from ..options.batch import BatchOptions
-    from ..validation.results import RuleFindings, ValidationReport
-    from .result_output import ResultOutput
+    from ..options.table import BatchOptions
+    from ..validation.rule import RuleFindings, ValidationReport
+    from .output import ResultOutput
+
 
 _SHOWN_PLACES = 3
 _SHOWN_SOURCES = 12
@@ -45,7 +47,7 @@ def run_validate(paths: Sequence[Path], given: Mapping[str, Any], output: Result
     Raises:
         UsageError: Options do not go together.
     """
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
     from ..validation.validate import validate as check
 
     keep_imports()
@@ -77,11 +79,10 @@ def _run_whole(
     output: ResultOutput,
 ) -> int:
     """Check the recordings and bags of a collection."""
-    from ..bags.search import is_bag_name
+    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.folders import find_all_roots
-    from ..batch.source_units import find_source_units
-    from ..batch.validation_unit import run_validation_unit
+    from ..batch.unit_functions import run_validation_unit
+    from ..batch.units import find_all_roots, find_source_units
     from .collection import need_folder, refuse_sequence, run_collection
 
     read, _ = make_validation_options(given)
@@ -146,3 +147,30 @@ def _complain_of_errors(report: ValidationReport) -> None:
 def _count(report: ValidationReport) -> str:
     counts = (report.errors, 'error'), (report.warnings, 'warning'), (report.notes, 'note')
     return ', '.join(format_count(count, noun) for count, noun in counts)
+
+
+@takes('VALIDATE_ALL', of='datasets')
+def validate(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(metavar='PATH...', help='KITTI folders, folders of several, or bags'),
+    ],
+    out: Annotated[Optional[Path], out_option('With --all: folder of findings as JSON')] = None,
+    overwrite: AllOverwriteOption = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Check every file of KITTI folders and bags.
+
+    All drives, sequences and splits at PATH are checked. Errors (exit code 1) are wrong or
+    unreadable data, warnings suspicious or missing data. Findings have file, line and remedy. With
+    --all: each recording and bag is checked on its own, to OUT/NAME.json, on several processes.
+
+    Examples:
+      kitti-ros2 validate object
+      kitti-ros2 validate 2011_09_26 drive_0005.mcap --json
+    """
+    from .output import ResultOutput
+
+    return run_validate(paths, chosen(given), ResultOutput(out, overwrite, json, quiet))

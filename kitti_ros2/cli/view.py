@@ -1,33 +1,44 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""kitti-ros2 view, as pictures and films."""
+"""kitti-ros2 view: pictures and films, or Rerun."""
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from contextlib import closing
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.kept_imports import keep_imports
-from ..files.replacing import keep_all
-from ..model.errors import UsageError
-from ..model.spelling import did_you_mean, not_one_of
+import typer
+
+from ..files.processes import keep_imports
+from ..files.staging import keep_all, keep_all_but_files
+from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
 from ..model.streams import Stream
-from ..options.table import make_view_settings
-from .exit_codes import EXIT_LOSSES, EXIT_OK
-from .progress import step_progress
-from .text import format_bytes, format_count, format_path, say, show_losses
+from ..options.table import make_settings, make_view_settings
+from .command import QuietOption, argument, chosen, out_option, takes
+from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
+from .output import complain, conversion_progress, format_path, say, show_losses, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
-    from pathlib import Path
+    from contextlib import AbstractContextManager
 
-    from ..drawing.pixels import Pixels
+    from ..drawing.drawn_objects import Pixels
     from ..kitti.names import FileNames
-    from ..model.losses import Loss
-    from ..options.settings import ViewSettings
-    from ..pictures.frame import FrameData, FrameSource
+    from ..model.errors import Loss
+    from ..options.table import ViewSettings
+    from ..pictures.recording_frames import FrameData, FrameSource
     from ..pictures.series import PictureTally
+    from ..player.program import Program
+    from ..rerun_view.show import ShowReport
+
+
+# kitti-ros2 view, as pictures and films.
+
 
 _MOVIE = '.mp4'
 
@@ -48,12 +59,12 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
         UsageError: The arguments are invalid.
         MissingDataError: No picture could be drawn.
     """
-    from ..files.freed_memory import keep_freed_memory
+    from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
-    from ..kitti.result_files import ResultFiles
-    from ..pictures.output import PICTURES
-    from ..pictures.predictions import Predictions
-    from ..pictures.sources import open_frames
+    from ..kitti.label_file import ResultFiles
+    from ..pictures.bag_frames import open_frames
+    from ..pictures.painters import Predictions
+    from ..pictures.series import PICTURES
 
     settings = make_view_settings(given)
     single = out.suffix.lower() in PICTURES
@@ -73,7 +84,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
 
 def _names_of(source: FrameSource) -> FileNames | None:
     """Return how the frames are named, if KITTI's numbers of them are known."""
-    from ..kitti.recording import KittiRecording
+    from ..kitti.kitti_recording import KittiRecording
     from ..own_bags.recording import BagRecording
     from ..pictures.recording_frames import RecordingFrames
 
@@ -90,10 +101,16 @@ def _draw(
     quiet: bool,
 ) -> tuple[Loss, ...]:
     """Draw and write the requested frames; return the losses."""
-    from ..pictures.modes import MODES
-    from ..pictures.movie import NO_H264, has_h264
-    from ..pictures.output import PICTURES
-    from ..pictures.series import PictureTally, concerned_losses, draw_frames, rate_of
+    from ..pictures.panel import MODES
+    from ..pictures.series import (
+        NO_H264,
+        PICTURES,
+        PictureTally,
+        concerned_losses,
+        draw_frames,
+        has_h264,
+        rate_of,
+    )
 
     single = out.suffix.lower() in PICTURES
     _check_camera(settings, source)
@@ -121,7 +138,7 @@ def _draw(
 
 def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:
     """Return a note on each requested class that is missing, such as a misspelt one."""
-    from ..pictures.modes import MODES
+    from ..pictures.panel import MODES
 
     wanted = settings.pictures.classes
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
@@ -142,7 +159,7 @@ def _keep(frame: FrameData) -> FrameData:
 
 def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
     """Raise for a camera without any images; a few missing ones are reported per frame."""
-    from ..pictures.modes import MODES
+    from ..pictures.panel import MODES
 
     camera = settings.pictures.camera
     if camera is None or camera in source.cameras or not MODES[settings.mode].image:
@@ -165,8 +182,8 @@ def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> li
 
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
     """Raise for invalid arguments before anything is read."""
-    from ..pictures.modes import MODES
-    from ..pictures.output import PICTURES
+    from ..pictures.panel import MODES
+    from ..pictures.series import PICTURES
 
     if settings.mode not in MODES:
         raise not_one_of('mode', settings.mode, list(MODES))
@@ -197,8 +214,7 @@ def _write(
         MissingDataError: There are no pictures.
     """
     from ..files.staging import staged, staged_file
-    from ..pictures.movie import Movie
-    from ..pictures.output import PICTURES, keep_all_but_pictures, write_picture
+    from ..pictures.series import PICTURES, Movie, keep_all_but_pictures, write_picture
 
     refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:
@@ -222,3 +238,204 @@ def _write(
         tally.check()
         total = sum(path.stat().st_size for path in folder.iterdir())
     return f'PNG, {format_bytes(total)}'
+
+
+# kitti-ros2 view --rerun.
+
+
+_SHOWN_LOSSES = 20
+_KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])
+# A page's memory is limited to 4 GB (WebAssembly); Rerun drops data somewhat earlier.
+_PAGE_BYTES = 2 << 30
+
+
+def run_rerun(
+    src: Path,
+    given: Mapping[str, object],
+    *,
+    web: bool = False,
+    save: Path | None = None,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> int:
+    """Show a KITTI folder or a bag in Rerun: in its window, on a page for browsers, or in a file.
+
+    Args:
+        src: KITTI folder or bag.
+        given: Options by name: layout, sequence, start, end and topics, as in to-bag.
+        web: Serve a page on localhost until Ctrl-C.
+        save: Write this .rrd file.
+        overwrite: Whether an existing .rrd file may be replaced.
+        quiet: Print only errors and losses.
+
+    Returns:
+        The exit code: 1 where something could not be shown.
+
+    Raises:
+        UsageError: Rerun is not installed, its viewer does not start, or options exclude others.
+        OutputExistsError: The file exists.
+        OutputError: The file cannot be written.
+    """
+    from ..player.bag_program import open_program
+
+    if web and save is not None:
+        raise UsageError('--web and --save exclude each other; open the saved file with rerun')
+    if save is not None and save.suffix != '.rrd':
+        raise UsageError(f'{save}: expected a name that ends in .rrd')
+    if find_spec('rerun') is None:
+        raise UsageError(
+            "--rerun needs rerun-sdk, which is not installed; run pip install 'kitti_ros2[rerun]'"
+        )
+    # Rerun's log repeats on several lines what is printed here in one.
+    os.environ.setdefault('RUST_LOG', 'off')
+    settings = make_settings(given)
+    with closing(open_program(src, settings)) as program:
+        keep_imports()
+        if save is not None:
+            report = _save(program, save, overwrite=overwrite, quiet=quiet)
+        else:
+            report = _view(program, web=web, quiet=quiet)
+    _show_losses(report)
+    return EXIT_LOSSES if report.losses or report.missing else EXIT_OK
+
+
+def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> ShowReport:
+    from ..files.staging import staged_file
+    from ..rerun_view.viewer import write_file
+
+    refusal = _KEEP_ALL_BUT_RRD if overwrite else keep_all
+    with staged_file(path, refusal) as file, _progress(program, quiet=quiet) as progress:
+        report = write_file(program, file, progress)
+        size_bytes = file.stat().st_size
+    if not quiet:
+        _summarize(report, f'{format_path(path)}: {format_bytes(size_bytes)}, ')
+    return report
+
+
+def _view(program: Program, *, web: bool, quiet: bool) -> ShowReport:
+    from ..rerun_view.viewer import Viewer
+
+    with Viewer(web=web) as viewer:
+        if web:
+            say(f'{viewer.page}')
+            sys.stdout.flush()
+        with _progress(program, quiet=quiet) as progress:
+            report = viewer.show(program, progress)
+        if not quiet:
+            _summarize(report, '')
+        if web:
+            ending = end_by_signal()
+            if report.size_bytes > _PAGE_BYTES:
+                size = format_bytes(report.size_bytes)
+                say(
+                    f'note: {size} exceeds the memory of a page, which drops the oldest data;'
+                    f' select less with --start, --end or --topics, or use --save'
+                )
+            if not quiet:
+                say('Open the page above in a browser; Ctrl-C ends it.')
+            sys.stdout.flush()
+            viewer.wait(ending)
+    return report
+
+
+def _progress(
+    program: Program, *, quiet: bool
+) -> AbstractContextManager[Callable[[int, int], None]]:
+    frames = len(set(program.frames.tolist()))
+    return conversion_progress(len(program.stamps_ns), frames, show=not quiet)
+
+
+def _summarize(report: ShowReport, where: str) -> None:
+    for note in report.notes:
+        say(f'note: {note}')
+    say(
+        f'{where}{format_count(report.messages, "message")}, {format_count(report.frames, "frame")}'
+    )
+
+
+def _show_losses(report: ShowReport) -> None:
+    """Print missing data on standard error."""
+    lines = [f'missing: {text}' for text in report.missing]
+    lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]
+    for line in lines[:_SHOWN_LOSSES]:
+        complain(f'{" ".join(line.split())}')
+    if len(lines) > _SHOWN_LOSSES:
+        complain(f'and {len(lines) - _SHOWN_LOSSES} more lines like these')
+    if lines:
+        count = format_count(sum(report.losses.values()), 'message')
+        complain(f'kitti-ros2: {count} skipped, listed above; exit code 1')
+
+
+_COMMON = (
+    'layout',
+    'sequence',
+    'deskew',
+    'undo_deskew',
+    'overwrite',
+    'start',
+    'end',
+    'predictions',
+    'iou',
+)
+"""Options of pictures and of Rerun."""
+_TOPICS = ('topics', 'exclude_topics')
+_RERUN = 'Rerun'
+
+
+@takes('VIEW')
+def view(
+    src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
+    out: Annotated[
+        Optional[Path],
+        out_option(
+            'Picture (.png, .jpg, .webp), film (.mp4) or folder of pictures',
+            rich_help_panel='Pictures',
+        ),
+    ] = None,
+    rerun: Annotated[
+        bool,
+        typer.Option('--rerun', help='Show it all in the Rerun viewer', rich_help_panel=_RERUN),
+    ] = False,
+    web: Annotated[
+        bool, typer.Option('--web', help='With --rerun: in a browser', rich_help_panel=_RERUN)
+    ] = False,
+    save: Annotated[
+        Optional[Path],
+        typer.Option(
+            metavar='PATH', help='With --rerun: write an .rrd file instead', rich_help_panel=_RERUN
+        ),
+    ] = None,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Draw frames of a KITTI folder or a bag, or show it in Rerun.
+
+    camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
+    boxes from above. perspective: the same from behind. panel: all about a frame on one page.
+
+    A picture shows --frame, or the first frame from --start on. A film or a folder of pictures
+    shows all frames from --start to --end, or --frames.
+
+    Examples:
+      kitti-ros2 view object/training --frame 8 --mode boxes -o boxes.png
+      kitti-ros2 view drive_0005.mcap --start 5s --end 15s -o drive.mp4
+    """
+    drawn = chosen(given)
+    if rerun:
+        selected = {name: drawn.pop(name) for name in (*_COMMON, *_TOPICS) if name in drawn}
+        pictures = ['out'] * (out is not None) + list(drawn)
+        if pictures:
+            option = pictures[0].replace('_', '-')
+            raise UsageError(f'--{option} is for pictures and does not go with --rerun')
+
+        overwrite = bool(selected.pop('overwrite', False))
+        return run_rerun(src, selected, web=web, save=save, overwrite=overwrite, quiet=quiet)
+    if web or save is not None or drawn.keys() & set(_TOPICS):
+        raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
+    if out is None:
+        raise UsageError(
+            'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC -o OUT,'
+            ' or kitti-ros2 view SRC --rerun'
+        )
+
+    return run_view(src, out, drawn, quiet=quiet)

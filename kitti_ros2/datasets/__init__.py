@@ -14,7 +14,7 @@ from ..model.lazy_names import lazy_names
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from ..fetch.download import *
     from ..fetch.extract import *
-    from ..validation.results import *
+    from ..validation.rule import *
     from ..validation.validate import validate as validate
     from .cropping import *
     from .set_statistics import *
@@ -23,8 +23,8 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
 _MODULES: dict[str, str] = {
     'SetStatistics': 'datasets.set_statistics',
     'SplitReport': 'datasets.splitting',
-    'ValidationFinding': 'validation.results',
-    'ValidationReport': 'validation.results',
+    'ValidationFinding': 'validation.rule',
+    'ValidationReport': 'validation.rule',
     'crop': 'datasets.cropping',
     'download': 'fetch.download',
     'extract': 'fetch.extract',

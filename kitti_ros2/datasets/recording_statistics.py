@@ -4,26 +4,414 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
+import math
+from bisect import bisect_left, bisect_right
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field, fields
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from ..files.workers import ordered_map, worker_count
-from ..model.boxes import DONT_CARE
-from ..model.losses import Loss
-from ..model.streams import FRAME_STREAMS, Stream
+import numpy as np
+
+from ..drawing.drawn_objects import SEMANTIC_NAMES
+from ..files.threads import ordered_map, worker_count
+from ..kitti.kitti_recording import no_calibration, rect_from_imu
+from ..model.boxes import (
+    DONT_CARE,
+    LIMITS,
+    OCCLUSIONS,
+    Box,
+    Difficulty,
+    count_points,
+    difficulty_of,
+    has_cuboid,
+    is_absurd,
+)
+from ..model.errors import KittiRos2Error, Loss, describe_error
+from ..model.geometry import Transform
+from ..model.recording import route_of
+from ..model.samples import FrameLabels, Pose, Scan, cuboids_of
+from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..pictures.recording_frames import RecordingFrames
-from .distribution import Distribution
-from .frame_facts import read_facts
-from .object_statistics import OBJECTS, ObjectStatistics, ObjectTally
-from .route_statistics import RouteStatistics, RouteTrace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
-    from ..pictures.frame import FrameSource
-    from .frame_facts import FrameFacts
+    import numpy.typing as npt
+
+    from ..model.boxes import Cuboid
+    from ..model.samples import Sample
+    from ..pictures.recording_frames import FrameSource
+
+
+# A histogram with mean, standard deviation and extremes, computed without keeping the values.
+
+
+@dataclass
+class Distribution:
+    """The distribution of the values added so far.
+
+    Attributes:
+        edges: Lower edges of the bins, ascending. A bin is [edge, next edge); the last is open, and
+            the first also holds lower values.
+        counts: Number of values in each bin.
+        count: Number of all values.
+        mean, deviation: Mean and standard deviation (of the population); NaN without values.
+        least, greatest: Extremes; NaN without values.
+    """
+
+    edges: tuple[float, ...]
+    counts: list[int] = field(init=False)
+    count: int = field(default=0, init=False)
+    mean: float = field(default=math.nan, init=False)
+    least: float = field(default=math.nan, init=False)
+    greatest: float = field(default=math.nan, init=False)
+    _squares: float = field(default=0.0, init=False, repr=False)  # of deviations from the mean
+
+    def __post_init__(self) -> None:
+        self.counts = [0] * len(self.edges)
+
+    @property
+    def deviation(self) -> float:
+        """See the class."""
+        return math.sqrt(self._squares / self.count) if self.count else math.nan
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the bins, such as 0-10 and 80+."""
+        bounded = [f'{low:g}-{high:g}' for low, high in pairwise(self.edges)]
+        return [*bounded, f'{self.edges[-1]:g}+']
+
+    def add(self, value: float) -> None:
+        """Add a value; one that is not finite is unknown, and left out."""
+        if not math.isfinite(value):
+            return
+        self.counts[max(bisect_right(self.edges, value) - 1, 0)] += 1
+        self._include(1, value, 0.0, value, value)
+
+    def restore(
+        self,
+        counts: Iterable[int],
+        *,
+        count: int,
+        mean: float,
+        deviation: float,
+        least: float,
+        greatest: float,
+    ) -> None:
+        """Set counts and moments, as they were read from an equal distribution."""
+        self.counts = list(counts)
+        self.count, self.mean, self.least, self.greatest = count, mean, least, greatest
+        self._squares = deviation * deviation * count
+
+    def merge(self, other: Distribution) -> None:
+        """Add all values of another distribution with the same bins."""
+        self.counts = [one + two for one, two in zip(self.counts, other.counts, strict=True)]
+        if other.count:
+            values = other.count, other.mean, other._squares
+            self._include(*values, other.least, other.greatest)
+
+    def _include(
+        self, count: int, mean: float, squares: float, least: float, greatest: float
+    ) -> None:
+        """Update the moments (Chan, Golub, LeVeque, "Updating Formulae ...", 1979)."""
+        if not self.count:
+            self.mean, self.least, self.greatest = mean, least, greatest
+        apart = mean - self.mean
+        before, self.count = self.count, self.count + count
+        self.mean += apart * count / self.count
+        self._squares += squares + apart * apart * before * count / self.count
+        self.least, self.greatest = min(self.least, least), max(self.greatest, greatest)
+
+
+# Statistics of labelled objects: counts by class, and their distributions.
+
+
+DISTANCES_M = tuple(range(0, 85, 5))
+SIZES_M = tuple(value / 4 for value in range(81))
+POINTS = (0, 1, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
+OBJECTS = tuple(range(31))
+TRACK_FRAMES = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+
+DIFFICULTIES = (*(level.value for level in Difficulty), 'beyond')
+"""The levels of the benchmark, and labels that are beyond all of them."""
+
+_CUTS = (0.0, *(limits.truncated for limits in LIMITS.values()))
+TRUNCATIONS = ('none', *(f'to {cut:.2f}' for cut in _CUTS[1:]), f'over {_CUTS[-1]:.2f}')
+"""Truncation, by the limits of the levels of difficulty."""
+
+
+def _zeros(names: Iterable[str]) -> Counter[str]:
+    return Counter(dict.fromkeys(names, 0))
+
+
+@dataclass
+class ObjectStatistics:
+    """The objects of one class; of DontCare regions only count, frames and most.
+
+    Attributes:
+        count: Number of labels.
+        frames: Number of frames with one.
+        most: Greatest number in a frame.
+        difficulty: Number by DIFFICULTIES, each label at its easiest level; of labels with 2D box.
+        occlusion: Number by OCCLUSIONS; of labels with a value.
+        truncation: Number by TRUNCATIONS; of labels with a value. Tracking has levels 0, 1 and 2
+            instead of a fraction: 0 is none.
+        distance_m: Horizontal distance of the box's middle from the sensor that labels are given
+            for: camera 0 of label files, the scanner of tracklets and other boxes.
+        length_m, width_m, height_m: Sizes of 3D boxes.
+        points: Points of the scan inside a 3D box, if counted.
+        tracks: Length of each track, in frames that it is labelled in.
+    """
+
+    count: int = 0
+    frames: int = 0
+    most: int = 0
+    difficulty: Counter[str] = field(default_factory=lambda: _zeros(DIFFICULTIES))
+    occlusion: Counter[str] = field(default_factory=lambda: _zeros(OCCLUSIONS))
+    truncation: Counter[str] = field(default_factory=lambda: _zeros(TRUNCATIONS))
+    distance_m: Distribution = field(default_factory=partial(Distribution, DISTANCES_M))
+    length_m: Distribution = field(default_factory=partial(Distribution, SIZES_M))
+    width_m: Distribution = field(default_factory=partial(Distribution, SIZES_M))
+    height_m: Distribution = field(default_factory=partial(Distribution, SIZES_M))
+    points: Distribution = field(default_factory=partial(Distribution, POINTS))
+    tracks: Distribution = field(default_factory=partial(Distribution, TRACK_FRAMES))
+
+    def add_frame(self, labels: Sequence[Box | Cuboid]) -> None:
+        """Add the labels of this class in one frame."""
+        self.count += len(labels)
+        self.frames += 1
+        self.most = max(self.most, len(labels))
+        for label in labels:
+            if label.class_name == DONT_CARE:
+                continue
+            if isinstance(label, Box):
+                self._add_box(label)
+            else:
+                self._add_solid(label.velo_T_box.translation[:2].tolist(), label.size_lwh)
+
+    def _add_box(self, box: Box) -> None:
+        left, top, right, bottom = box.box_2d
+        if right > left and bottom > top:
+            level = difficulty_of(box)
+            self.difficulty[DIFFICULTIES[-1] if level is None else level.value] += 1
+        if 0 <= box.occluded < len(OCCLUSIONS):
+            self.occlusion[OCCLUSIONS[box.occluded]] += 1
+        if box.truncated >= 0:
+            self.truncation[TRUNCATIONS[bisect_left(_CUTS, box.truncated)]] += 1
+        if has_cuboid(box) and not is_absurd(box):
+            height, width, length = box.size_hwl
+            self._add_solid((box.location[0], box.location[2]), (length, width, height))
+
+    def _add_solid(self, place: Iterable[float], size_lwh: tuple[float, float, float]) -> None:
+        self.distance_m.add(math.hypot(*place))
+        sizes = (self.length_m, self.width_m, self.height_m)
+        for distribution, size in zip(sizes, size_lwh, strict=True):
+            distribution.add(size)
+
+    def merge(self, other: ObjectStatistics) -> None:
+        """Add the objects of another recording."""
+        self.count += other.count
+        self.frames += other.frames
+        self.most = max(self.most, other.most)
+        for each in fields(self):
+            mine, theirs = getattr(self, each.name), getattr(other, each.name)
+            if isinstance(mine, Counter):
+                mine.update(theirs)
+            elif isinstance(mine, Distribution):
+                mine.merge(theirs)
+
+
+class ObjectTally:
+    """Counts the labels of a recording, frame by frame.
+
+    Attributes:
+        classes: By class name.
+        a_frame: Number of objects in a labelled frame, without DontCare.
+    """
+
+    def __init__(self) -> None:
+        self.classes: dict[str, ObjectStatistics] = defaultdict(ObjectStatistics)
+        self.a_frame = Distribution(OBJECTS)
+        self._tracks: Counter[tuple[str, int]] = Counter()
+
+    def add(
+        self, labels: Iterable[Box | Cuboid], box_points: Iterable[tuple[str, int]] = ()
+    ) -> None:
+        """Add the labels of a frame, possibly none, and the points inside each 3D box."""
+        by_class: dict[str, list[Box | Cuboid]] = defaultdict(list)
+        for label in labels:
+            by_class[label.class_name].append(label)
+            if label.track_id is not None and label.track_id >= 0:
+                self._tracks[label.class_name, label.track_id] += 1
+        for class_name, found in by_class.items():
+            self.classes[class_name].add_frame(found)
+        self.a_frame.add(
+            sum(len(found) for class_name, found in by_class.items() if class_name != DONT_CARE)
+        )
+        for class_name, count in box_points:
+            self.classes[class_name].points.add(count)
+
+    def finish(self) -> None:
+        """Add the tracks, after the last frame."""
+        for (class_name, _), frames in self._tracks.items():
+            self.classes[class_name].tracks.add(frames)
+
+
+# Statistics of the route of the vehicle: length, speed, turn rate.
+
+
+SPEEDS_M_S = tuple(range(41))
+TURN_RATES_DEG_S = tuple(range(61))
+
+
+@dataclass
+class RouteStatistics:
+    """The route of the vehicle; several recordings are added, not joined.
+
+    Attributes:
+        poses: Number of poses.
+        length_m: Length without jumps. With oxts over the ground, of the GPS/IMU unit; with poses
+            of odometry in space, of camera 0: each as KITTI's own tools compute it.
+        duration_s: From the first pose to the last; 0 if the recording has no time.
+        jumps: Number of steps faster than 100 m/s, which are no part of the route.
+        speed_m_s: Speed at each pose; empty if neither speeds nor times are known.
+        turn_rate_deg_s: Turn rate at each pose, to the left or right; empty as speed_m_s.
+    """
+
+    poses: int = 0
+    length_m: float = 0.0
+    duration_s: float = 0.0
+    jumps: int = 0
+    speed_m_s: Distribution = field(default_factory=partial(Distribution, SPEEDS_M_S))
+    turn_rate_deg_s: Distribution = field(default_factory=partial(Distribution, TURN_RATES_DEG_S))
+
+    def merge(self, other: RouteStatistics) -> None:
+        """Add the route of another recording."""
+        self.poses += other.poses
+        self.length_m += other.length_m
+        self.duration_s += other.duration_s
+        self.jumps += other.jumps
+        self.speed_m_s.merge(other.speed_m_s)
+        self.turn_rate_deg_s.merge(other.turn_rate_deg_s)
+
+
+class RouteTrace:
+    """The poses of a recording, collected frame by frame."""
+
+    def __init__(self, source: FrameSource) -> None:
+        self._stamp_of = dict(zip(source.numbers.tolist(), source.stamps_ns.tolist(), strict=True))
+        self._stamps: list[int] = []
+        self._poses: list[Pose] = []
+        self._clock, self._on_ground = Clock.UTC, False
+        self._imu_t_sensor = Transform.identity()
+        if isinstance(source, RecordingFrames):
+            recording = source.recording
+            self._clock = recording.clock
+            self._on_ground = Stream.POSE not in recording.layout.traits.streams  # by oxts
+            if not self._on_ground:
+                self._imu_t_sensor = rect_from_imu(recording.calibration(0)).inverse()
+
+    def add(self, number: int, pose: Pose) -> None:
+        """Add the pose of a frame."""
+        place = (pose.world_T_imu @ self._imu_t_sensor).translation
+        moved = Transform(pose.world_T_imu.rotation, place)
+        self._stamps.append(self._stamp_of[number])
+        self._poses.append(Pose(moved, pose.velocity, pose.angular_velocity))
+
+    def statistics(self) -> RouteStatistics | None:
+        """Return the statistics of the route; None for less than two poses."""
+        route = route_of(self._stamps, self._poses)
+        if route is None:
+            return None
+        length_m = route.ground_m if self._on_ground else route.length_m
+        found = RouteStatistics(len(route.positions), length_m, jumps=route.jumps)
+        timed = self._clock is not Clock.NOMINAL
+        if timed:
+            found.duration_s = route.duration_s
+        if timed or route.measured:
+            for speed in route.speeds_m_s.tolist():
+                found.speed_m_s.add(speed)
+            for rate in np.degrees(np.abs(route.turn_rates_rad_s)).tolist():
+                found.turn_rate_deg_s.add(rate)
+        return found
+
+
+# The facts of one frame that statistics use: labels, pose, and counts of points.
+
+
+@dataclass
+class FrameFacts:
+    """The facts of one frame; no scan is kept.
+
+    Attributes:
+        number: The frame.
+        labels: Its labels; None without, or if unreadable.
+        pose: Pose of the vehicle, if any.
+        scan_points: Number of points of the scan, if it was read.
+        box_points: Class and number of points inside each 3D box, if the scan was read.
+        point_classes: Number of points by SemanticKITTI's name, of a scan with labels.
+        missing: Missing or unreadable data: stream and reason, one line.
+    """
+
+    number: int
+    labels: Sequence[Box | Cuboid] | None = None
+    pose: Pose | None = None
+    scan_points: int | None = None
+    box_points: list[tuple[str, int]] = field(default_factory=list)
+    point_classes: Counter[str] = field(default_factory=Counter)
+    missing: list[tuple[str, str]] = field(default_factory=list)
+
+
+def read_facts(source: FrameSource, number: int, streams: Collection[Stream]) -> FrameFacts:
+    """Read some streams of a frame: labels, poses, scans."""
+    facts = FrameFacts(number)
+    samples: dict[Stream, Sample | None] = {}
+    for stream in streams:
+        try:
+            samples[stream] = source.read(stream, number)
+        except (KittiRos2Error, OSError) as error:
+            facts.missing.append((stream.value, describe_error(error)))
+    labels, pose, scan = (samples.get(each) for each in (Stream.LABELS, Stream.POSE, Stream.SCAN))
+    if isinstance(labels, FrameLabels):
+        facts.labels = [*labels.cuboids, *(box for box in labels.boxes if box is not None)]
+        facts.missing += [(Stream.LABELS.value, reason) for reason in labels.missing.values()]
+    if isinstance(pose, Pose):
+        facts.pose = pose
+    if isinstance(scan, Scan):
+        facts.scan_points = len(scan.points)
+        facts.missing += [(Stream.SCAN.value, reason) for reason in scan.missing.values()]
+        if scan.labels is not None and not scan.missing:
+            facts.point_classes = _count_classes(scan.labels)
+        if isinstance(labels, FrameLabels):
+            _count_in_boxes(source, labels, scan, facts)
+    return facts
+
+
+def _count_classes(labels: npt.NDArray[np.uint32]) -> Counter[str]:
+    counts = np.bincount(labels & 0xFFFF)
+    found = np.flatnonzero(counts).tolist()
+    return Counter({SEMANTIC_NAMES.get(each, f'class {each}'): int(counts[each]) for each in found})
+
+
+def _count_in_boxes(
+    source: FrameSource, labels: FrameLabels, scan: Scan, facts: FrameFacts
+) -> None:
+    """Count the points inside the 3D boxes of a frame."""
+    calibration = source.calibration(facts.number) or no_calibration('')
+    try:
+        cuboids = cuboids_of(labels, calibration)
+    except ValueError as error:
+        reasons = source.frame(facts.number, frozenset()).missing.values()
+        reason = f'{next(iter(reasons), error)}; points in boxes are not counted'
+        facts.missing.append((Stream.CALIBRATION.value, reason))
+        return
+    counts = count_points(cuboids, scan.points)
+    facts.box_points = [
+        (each.class_name, count) for each, count in zip(cuboids, counts, strict=True)
+    ]
+
 
 SCAN_POINTS = tuple(range(0, 160_000, 10_000))
 

@@ -4,34 +4,391 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ..files.local_files import walk_files
 from ..kitti import names
-from ..kitti.scan_file import parse_points, parse_rows, parse_scan_text
-from ..kitti.semantic_file import format_point_labels, parse_point_labels
+from ..kitti.find import tree_of
+from ..kitti.kitti_recording import image_size
+from ..kitti.scan_file import (
+    format_point_labels,
+    parse_point_labels,
+    parse_points,
+    parse_rows,
+    parse_scan_text,
+)
 from ..kitti.store import STORE
-from ..model.errors import KittiRos2Error, describe_error
-from ..model.scan_columns import KITTI_COLUMNS
-from ..model.streams import Stream
-from .camera_view import CameraViews
-from .empty_labels import empty_rows, without_rows
-from .point_filters import kept_points
+from ..model.boxes import count_points, cuboid_of, has_cuboid, is_absurd
+from ..model.errors import KittiRos2Error, MissingDataError, describe_error
+from ..model.samples import rect_from_velo
+from ..model.streams import KITTI_COLUMNS, Stream
+from ..options.datasets import LASERS, EmptyLabels, View
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from pathlib import Path, PurePosixPath
 
     import numpy.typing as npt
 
-    from ..files.hard_links import FilePlacer
-    from ..kitti.recording import KittiRecording
-    from ..model.samples import Float32Array, FrameLabels
-    from ..options.crop import CropOptions
-    from .crop_paths import CropPaths, Placed
-    from .point_filters import Mask
+    from ..drawing.annotate import Projection
+    from ..files.local_files import FilePlacer
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Float32Array, FrameLabels
+    from ..options.datasets import CropOptions
+
+
+# The files of a recording that is cut, and their places in the new data set.
+
+
+if TYPE_CHECKING:
+    Placed = tuple[Path, PurePosixPath]
+
+
+class CropPaths:
+    """The files of a recording, each with its place below the root of the new data set.
+
+    Attributes:
+        numbers: File numbers of the scans.
+        tops: The files and folders that contain all of its files.
+        single_files: Places of files outside of the recording's folders, which recordings share.
+        scan_folder: Place of the cut scans.
+        in_place: Whether these replace the scans, instead of lying beside them.
+        labelled: Numbers of the frames whose empty labels are dropped.
+        track_labels: The label file of the whole recording, if empty labels are dropped in it.
+        notes: Remarks.
+    """
+
+    def __init__(self, recording: KittiRecording, options: CropOptions) -> None:
+        self._recording = recording
+        self._tree = tree = tree_of(recording)
+        self.numbers: list[int] = tree.scans.numbers.tolist()
+        self.tops = frozenset(path for path, _ in tree.parts)
+        self.single_files = frozenset(place for path, place in tree.parts if path.is_file())
+        own = tree.scan_root.name
+        folder = options.folder or own
+        self.in_place = folder == own
+        self._scan_root = tree.place / folder
+        below = tree.scans.folder.relative_to(tree.scan_root)
+        self.scan_folder = self._scan_root / below.as_posix()
+        self._replaced = None if self.in_place else tree.scan_root.with_name(folder)
+        index = recording.streams.get(Stream.LABELS)
+        drop = options.empty_labels is EmptyLabels.DROP and index is not None
+        labels: list[int] = index.numbers.tolist() if drop and index is not None else []
+        self.labelled = frozenset(labels).intersection(self.numbers)
+        common = Stream.LABELS in recording.layout.traits.line_streams
+        self.track_labels = recording.path(Stream.LABELS, 0) if common and self.labelled else None
+        self.notes = self._find_notes()
+
+    def scan(self, number: int) -> Placed:
+        """Return a scan, and the place of the cut one."""
+        path = self._tree.scans.path(number)
+        return path, self.scan_folder / path.name
+
+    def point_labels(self, number: int) -> list[Placed]:
+        """Return the files with labels for the points of a scan; they need not exist."""
+        if not self.in_place:
+            return []
+        name = f'{self._tree.scans.stem(number)}{names.LABEL}'
+        return [self._placed(folder / name) for folder in self._tree.point_labels]
+
+    def frame_labels(self, number: int) -> Placed | None:
+        """Return the label file of a frame alone, if its empty labels are dropped."""
+        if self.track_labels is not None or number not in self.labelled:
+            return None
+        return self._placed(self._recording.path(Stream.LABELS, number))
+
+    def tracks(self) -> Placed | None:
+        """Return the label file of the whole recording, if empty labels are dropped in it."""
+        return None if self.track_labels is None else self._placed(self.track_labels)
+
+    def others(self, failed: Callable[[OSError], None]) -> Iterator[Placed]:
+        """Yield all other files; those are unchanged.
+
+        Args:
+            failed: Called with the error of a folder that cannot be listed.
+        """
+        made = self._made()
+        for top, _ in self._tree.parts:
+            if self._replaced in top.parents:
+                continue
+            for path in walk_files(top, lambda each: each == self._replaced, failed):
+                if path not in made:
+                    yield self._placed(path)
+        if not self.in_place:
+            yield from self._beside_scans()
+
+    def _beside_scans(self) -> Iterator[Placed]:
+        """Yield the files beside the folder of scans, such as time stamps, for the cut scans."""
+        root = self._tree.scan_root
+        if root.parent in (top for top, _ in self._tree.parts) and root != self._tree.scans.folder:
+            for name in STORE.names(root):
+                if (root / name).is_file():
+                    yield root / name, self._scan_root / name
+
+    def _made(self) -> set[Path]:
+        """Return the files that are cut or rewritten."""
+        made = {self.scan(number)[0] for number in self.numbers} if self.in_place else set()
+        for number in self.numbers:
+            made.update(path for path, _ in self.point_labels(number))
+            labels = self.frame_labels(number)
+            made.update([labels[0]] if labels else [])
+        return made | ({self.track_labels} if self.track_labels is not None else set())
+
+    def _placed(self, path: Path) -> Placed:
+        return path, self._tree.place_of(path)
+
+    def _find_notes(self) -> list[str]:
+        tree = self._tree
+        if not self.numbers:
+            return [f'{tree.scans.folder}: no scans; the other files are unchanged']
+        known = {self._replaced, tree.scan_root}
+        beside = [tree.scan_root.with_name(name) for name in STORE.names(tree.scan_root.parent)]
+        notes = [
+            f'{path}: unchanged, since only {tree.scan_root.name} is cut'
+            for path in beside
+            if path.name.startswith(names.SCANS) and path not in known
+        ]
+        if not self.in_place and tree.point_labels:
+            listed = ', '.join(folder.name for folder in tree.point_labels)
+            notes.append(f'{tree.place}: {listed} unchanged, with the scans in {names.SCANS}')
+        return notes
+
+
+# The points of a scan that a camera sees, by two rules that are in use.
+#
+# - reference: reflectance > 0, depth >= 0, u and v rounded half to even, 0 < u < width,
+#   0 < v < height. The rule of the crop scripts for the object benchmark.
+# - reduced: 0.001 < depth < 100, 0 < u < width, 0 < v < height, any reflectance. The rule of
+#   velodyne_reduced in OpenPCDet and mmdetection3d.
+#
+# Both project in float64 with the calibration of the scan's frame: P_i R0_rect Tr_velo_to_cam in
+# object and tracking, P_i Tr in odometry, P_rect_i R_rect_00 [R|T] in raw, and by K and D of the
+# camera in a raw extract. Width and height are those of the frame's own image in object, whose
+# sizes differ; elsewhere all images of a camera have one size.
+
+
+DEFAULT_CAMERA = 2
+_NEAREST_M, _FARTHEST_M = 0.001, 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """A camera at one frame.
+
+    Attributes:
+        rule: Which points it sees.
+        projection: Of velo_link into its images.
+        size: (width, height) of these.
+    """
+
+    rule: View
+    projection: Projection
+    size: tuple[int, int]
+
+    def sees(self, points: Float32Array, places: Float64Array) -> npt.NDArray[np.bool_]:
+        """Return (N,) whether it sees each of (N, 4) points, whose places are (N, 3) float64."""
+        seen = self.projection.homogeneous(places)
+        depth, pixels = seen[:, 2], self.projection.pixels(seen)
+        if self.rule is View.REFERENCE:
+            near_enough = (points[:, 3] > 0) & (depth >= 0)
+            pixels = np.rint(pixels)
+        else:
+            near_enough = (depth > _NEAREST_M) & (depth < _FARTHEST_M)
+        inside = (pixels > 0) & (pixels < self.size)
+        kept: npt.NDArray[np.bool_] = near_enough & inside[:, 0] & inside[:, 1]
+        return kept
+
+
+class CameraViews:
+    """The view of a camera by frame.
+
+    Args:
+        recording: The recording of the frames.
+        options: Options with a view.
+    """
+
+    def __init__(self, recording: KittiRecording, options: CropOptions) -> None:
+        self._recording = recording
+        self._rule = options.view
+        self._camera = DEFAULT_CAMERA if options.camera is None else options.camera
+        self._size = options.image_size
+        self._common = lru_cache(maxsize=1)(lambda: self._make(0))
+
+    def at(self, number: int) -> CameraView | None:
+        """Return the view at a frame, None if the options have none.
+
+        Raises:
+            MissingDataError: The calibration or the size of the images is missing.
+        """
+        if self._rule is None:
+            return None
+        of_frame = self._recording.layout.traits.calibration_per_frame
+        return self._make(number) if of_frame else self._common()
+
+    def _make(self, number: int) -> CameraView:
+        from ..drawing.annotate import Projection  # noqa: PLC0415 - cv2
+
+        calibration = self._recording.calibration(number)
+        try:
+            projection = Projection.of(calibration, self._camera)
+        except ValueError as error:
+            parts = (f'P{self._camera}', 'R0_rect', 'Tr_velo_to_cam', 'file')
+            known = [calibration.missing[part] for part in parts if part in calibration.missing]
+            raise MissingDataError(
+                known[0] if known else f'{self._recording.root}: {error}'
+            ) from None
+        return CameraView(self._rule or View.REDUCED, projection, self._size_at(number))
+
+    def _size_at(self, number: int) -> tuple[int, int]:
+        """Return the size of the images: that of the options, the calibration or an image."""
+        if self._size is not None:
+            return self._size
+        return image_size(self._recording, self._camera, number, '--image-size')
+
+
+# The points of a scan that filters keep.
+#
+# The lasers are counted on the whole scan. Each point must then pass every other filter: view,
+# boxes, range and height. Of the points left, each voxel keeps the first one in the file. Points
+# without finite coordinates pass no filter. The order of the points never changes.
+
+
+if TYPE_CHECKING:
+    Mask = npt.NDArray[np.bool_]
+
+
+def kept_points(points: Float32Array, options: CropOptions, view: CameraView | None) -> Mask:
+    """Return (N,) whether the filters keep each of (N, 4) points.
+
+    Args:
+        points: A whole scan: x y z in metres in velo_link, reflectance.
+        options: The filters.
+        view: The camera of this scan, if the options have a view.
+
+    Raises:
+        ValueError: Lasers cannot be counted; the message contains the reason.
+    """
+    keep = np.ones(len(points), bool)
+    if not options.cuts or not len(points):
+        return keep
+    places = points[:, :3].astype(np.float64)
+    keep &= _every_axis(np.isfinite(places))
+    places[~keep] = 0.0
+    if options.lasers is not None:
+        keep[keep] = _every_nth_laser(points[keep], options.lasers)
+    if view is not None:
+        keep &= view.sees(points, places)
+    if options.boxes:
+        keep &= _in_any_box(places, options.boxes)
+    if options.range_m is not None:
+        x, y, z = places.T
+        keep &= _between(np.sqrt(x * x + y * y + z * z), options.range_m)
+    if options.height_m is not None:
+        keep &= _between(places[:, 2], options.height_m)
+    if options.voxel_m is not None:
+        keep[keep] = first_of_each_voxel(places[keep], options.voxel_m)
+    return keep
+
+
+def first_of_each_voxel(places: Float64Array, size_m: float) -> Mask:
+    """Return (N,) whether a point is the first of its voxel, a cube of a grid at the origin."""
+    cells = np.floor(places / size_m)
+    order = np.lexsort(cells.T)  # stable: the points of a voxel stay in their order
+    ordered = cells[order]
+    first = np.ones(len(places), bool)
+    first[1:] = ~_every_axis(ordered[1:] == ordered[:-1])
+    keep = np.zeros(len(places), bool)
+    keep[order[first]] = True
+    return keep
+
+
+def _every_nth_laser(points: Float32Array, lasers: int) -> Mask:
+    """Return whether a point is of the lowest laser or of every n-th above it."""
+    from ..messages.scan import rings  # noqa: PLC0415 - the messages of ROS
+
+    if not len(points):
+        return np.ones(0, bool)
+    laser = rings(points)
+    found = int(laser.max()) + 1
+    if found not in {LASERS, lasers}:
+        raise ValueError(
+            f'the azimuth wraps {found - 1} times, so {found} lasers are found instead of {LASERS};'
+            f' lasers can be counted only in whole scans in their original order'
+        )
+    every: Mask = laser % (found // lasers) == 0
+    return every
+
+
+def _in_any_box(places: Float64Array, boxes: tuple[tuple[float, ...], ...]) -> Mask:
+    found = np.zeros(len(places), bool)
+    for box in boxes:
+        found |= _every_axis((places >= box[:3]) & (places <= box[3:]))
+    return found
+
+
+def _every_axis(rows: Mask) -> Mask:
+    """Return whether all three of (N, 3) are true; eight times as fast as all(axis=1)."""
+    every: Mask = rows[:, 0] & rows[:, 1] & rows[:, 2]
+    return every
+
+
+def _between(values: Float64Array, span: tuple[float, float]) -> Mask:
+    inside: Mask = (values >= span[0]) & (values <= span[1])
+    return inside
+
+
+# Lines of label files whose 3D box contains no point.
+#
+# All other lines keep their bytes, and so do lines without a 3D box (DontCare, 2D detections) and
+# invalid ones.
+
+
+def empty_rows(labels: FrameLabels, calibration: Calibration, points: Float32Array) -> list[int]:
+    """Return the rows of a frame's labels whose 3D box contains none of (N, 4) points.
+
+    Raises:
+        ValueError: The calibration has no transform from velo_link.
+    """
+    solid = [
+        (row, box)
+        for row, box in enumerate(labels.boxes)
+        if box is not None and has_cuboid(box) and not is_absurd(box)
+    ]
+    if not solid:
+        return []
+    rect_t_velo = rect_from_velo(calibration)
+    counts = count_points([cuboid_of(box, '', rect_t_velo) for _, box in solid], points)
+    return [row for (row, _), count in zip(solid, counts, strict=True) if not count]
+
+
+def without_rows(text: str, rows: Collection[int]) -> str:
+    """Return a label file without some of its lines, counted from 0."""
+    lines = text.splitlines(keepends=True)
+    return ''.join(line for row, line in enumerate(lines) if row not in rows)
+
+
+def without_tracks(text: str, rows: Mapping[int, Collection[int]]) -> str:
+    """Return a label file of tracking without some lines of frames.
+
+    Args:
+        text: The whole file; the first column is the frame.
+        rows: By frame the lines to leave out, counted from 0 among the lines of that frame.
+    """
+    seen: Counter[int] = Counter()
+    kept = []
+    for line in text.splitlines(keepends=True):
+        word = line.split(maxsplit=1)[0] if line.strip() else ''
+        frame = int(word) if word.isdecimal() and len(word) <= names.FRAME_DIGITS else -1
+        if seen[frame] not in rows.get(frame, ()):
+            kept.append(line)
+        seen[frame] += 1
+    return ''.join(kept)
 
 
 @dataclass

@@ -4,40 +4,49 @@
 
 from __future__ import annotations
 
+import csv
+from collections import Counter
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from ..api.keywords import by_name
-from ..api.source import warn
+from ..api.arguments import by_name, warn
 from ..bags.locate import looks_like_bag
-from ..bags.open_folder import explained
+from ..bags.open_source import explained
 from ..files.remote import as_path
 from ..kitti import names
-from ..kitti.layouts import find_data_sets, open_candidate
-from ..model.errors import KittiRos2Error, NotKittiError, describe_error
-from ..model.losses import Loss
+from ..kitti.opening import find_data_sets, open_candidate
+from ..model.errors import KittiRos2Error, Loss, NotKittiError, describe_error
 from ..model.streams import Stream
-from ..options.dataset_tables import STATS, make_statistics_options
+from ..options.datasets import STATS, make_statistics_options
+from ..pictures.bag_frames import open_frames
 from ..pictures.recording_frames import RecordingFrames
-from ..pictures.sources import open_frames
-from .recording_statistics import RecordingStatistics, count_recording, merged
+from .recording_statistics import (
+    Distribution,
+    ObjectStatistics,
+    RecordingStatistics,
+    RouteStatistics,
+    count_recording,
+    merged,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from typing_extensions import Unpack
 
-    from ..api.keywords import StatisticsKeywords
+    from ..api.arguments import StatisticsKeywords
     from ..kitti.find import Candidate
-    from ..kitti.nearby import DataSet
+    from ..kitti.opening import DataSet
+    from ..options.datasets import StatisticsOptions
     from ..options.read import ReadOptions
-    from ..options.statistics import StatisticsOptions
-    from ..pictures.frame import FrameSource
+    from ..pictures.recording_frames import FrameSource
 
+
+if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
 
 
@@ -196,3 +205,153 @@ def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptio
     if parts[-1:] != (candidate.name,):
         parts = (*parts, candidate.name)
     return SetSource('/'.join(parts), layout.value, semantic, open_folder)
+
+
+# Statistics as plain values, for JSON, and as rows, for CSV.
+
+
+_NAMED = ('samples', 'classes', 'point_classes')
+"""Fields of a recording that are tables by name; the others are single values."""
+
+
+_PLAIN = ('frames', 'labelled', 'objects', 'objects_a_frame', 'points_a_scan')
+_MOMENTS = ('count', 'mean', 'deviation', 'least', 'greatest')
+
+T = TypeVar('T', RecordingStatistics, ObjectStatistics, RouteStatistics)
+
+
+class StatisticsRow(NamedTuple):
+    """One figure of a set; the fields are the columns of the CSV file.
+
+    Attributes:
+        set: The path.
+        recording: Its name in the set; empty for all together.
+        group: Kind of the figure: recording, samples, classes, point_classes, route, ...
+        name: A stream or a class; empty for other figures.
+        quantity: What it is, such as count, difficulty easy, distance_m mean, distance_m 10-15.
+        value: The figure.
+    """
+
+    set: str
+    recording: str
+    group: str
+    name: str
+    quantity: str
+    value: object
+
+
+def plain_values(found: SetStatistics) -> dict[str, Any]:
+    """Return the statistics of a set as values of JSON."""
+    return {
+        'path': str(found.path),
+        'total': _plain(found.total),
+        'recordings': [_plain(each) for each in found.recordings],
+    }
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any part of the statistics
+    """Return a part of the statistics as values of JSON; a distribution without values is None."""
+    if isinstance(value, Distribution):
+        return _plain_distribution(value)
+    if isinstance(value, Loss):
+        return {'stream': value.stream, 'count': value.count, 'message': value.text()}
+    if is_dataclass(value):
+        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _plain_distribution(found: Distribution) -> dict[str, Any] | None:
+    if not found.count:
+        return None
+    bins = dict(zip(found.names, found.counts, strict=True))
+    return {name: getattr(found, name) for name in _MOMENTS} | {'bins': bins}
+
+
+def read_values(values: Mapping[str, Any]) -> SetStatistics:
+    """Return the statistics of a set from values of JSON; the inverse of plain_values.
+
+    The standard deviation of a distribution may differ in its last digits.
+
+    Raises:
+        KeyError: A value is missing.
+    """
+    return SetStatistics(
+        Path(values['path']),
+        tuple(_read_recording(each) for each in values['recordings']),
+    )
+
+
+def _read_recording(values: Mapping[str, Any]) -> RecordingStatistics:
+    found = RecordingStatistics(values['name'], values['kind'])
+    _fill(found, {key: values[key] for key in _PLAIN})
+    found.samples.update(values['samples'])
+    found.point_classes.update(values['point_classes'])
+    for name, each in values['classes'].items():
+        found.classes[name] = _fill(ObjectStatistics(), each)
+    if values['route'] is not None:
+        found.route = _fill(RouteStatistics(), values['route'])
+    found.losses = tuple(
+        Loss(each['stream'], each['count'], each['message']) for each in values['losses']
+    )
+    found.notes = tuple(values['notes'])
+    return found
+
+
+def _fill(into: T, values: Mapping[str, Any]) -> T:
+    """Set the fields of statistics to values of JSON."""
+    for name, value in values.items():
+        known = getattr(into, name)
+        if isinstance(known, Distribution):
+            if value is not None:
+                known.restore(value['bins'].values(), **{key: value[key] for key in _MOMENTS})
+        elif isinstance(known, Counter):
+            known.update(value)
+        else:
+            setattr(into, name, value)
+    return into
+
+
+def rows_of(found: SetStatistics) -> Iterator[StatisticsRow]:
+    """Yield the rows of a set: all recordings together, then each of several."""
+    parts = [found.total, *(found.recordings if len(found.recordings) > 1 else ())]
+    for part in parts:
+        for group, name, quantity, value in _figures(part):
+            yield StatisticsRow(str(found.path), part.name, group, name, quantity, value)
+
+
+def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]]:
+    for key, value in _plain(part).items():
+        if key in {'name', 'losses', 'notes'}:
+            continue
+        if key in _NAMED:
+            for name, each in value.items():
+                for quantity, figure in _flat(each):
+                    yield key, name, quantity or 'count', figure
+        else:
+            for quantity, figure in _flat(value):
+                group = key if quantity else 'recording'
+                yield group, '', quantity or key, figure
+
+
+def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN401 - as above
+    """Yield the figures of nested values, each with its names joined; those of bins alone."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _flat(each, *names, *([] if name == 'bins' else [name]))
+    elif value is not None:
+        yield ' '.join(names), value
+
+
+def write_csv(path: Path, sets: Iterable[SetStatistics]) -> None:
+    """Write the rows of sets with a heading; names that are no text are escaped.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with path.open('w', encoding='utf-8', errors='backslashreplace', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(StatisticsRow._fields)
+        for each in sets:
+            writer.writerows(rows_of(each))

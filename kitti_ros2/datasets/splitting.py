@@ -4,36 +4,496 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from hashlib import sha256
+from itertools import combinations
+from math import floor
 from typing import TYPE_CHECKING
 
+from ..exporter.schedule import frames_of
+from ..files.local_staging import Staging, refuse_link, reported
 from ..files.remote import as_path
-from ..files.staging import Staging, refuse_link, reported
+from ..kitti import names
 from ..kitti import names as kitti_names
-from ..kitti.image_set import format_image_set
+from ..kitti.find import absolute
+from ..kitti.names import format_image_set, parse_image_set
+from ..kitti.object_set import find_mapping
+from ..kitti.opening import find_candidates
 from ..kitti.store import STORE
-from ..model.errors import UsageError
-from ..model.text import format_count
-from .comparing import compare_lists
-from .dividing import divide
-from .given_lists import read_lists
-from .units import Unit, find_units
+from ..model.errors import Loss, MissingPathError, NotKittiError, UsageError, format_count, some_of
+from ..options.read import NOMINAL_PERIOD_NS, ReadOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from os import PathLike
     from pathlib import Path
 
     from typing_extensions import Unpack
 
-    from ..api.keywords import SplitKeywords
-    from ..model.layouts import Layout
-    from ..model.losses import Loss
-    from ..options.split import SplitOptions
-    from .comparing import ListPair
-    from .units import UnitSet
+    from ..api.arguments import SplitKeywords
+    from ..kitti.find import Candidate
+    from ..kitti.kitti_recording import KittiRecording
+    from ..kitti.object_set import ObjectMapping
+    from ..model.samples import Int64Array
+    from ..model.streams import Layout
+    from ..options.datasets import SplitOptions
 
+
+# Comparison of lists: entries in both, and entries of the same raw drive on both sides.
+
+
+@dataclass(frozen=True)
+class ListPair:
+    """What two lists share.
+
+    Attributes:
+        first, second: Names of the lists.
+        overlap: Entries of both.
+        contained: Whether all of one are in the other, as train is in trainval.
+        drives: Raw drives with entries of each, of those that are not in both.
+        entries: Number of entries of these drives in the first and in the second.
+        nearest: Two entries of one drive that are closest, of the first and of the second; None
+            without any.
+        nearest_frames: Frames of the drive between them, None without nearest.
+        nearest_s: The same in seconds, at the nominal rate of KITTI's scanner.
+    """
+
+    first: str
+    second: str
+    overlap: tuple[str, ...] = ()
+    contained: bool = False
+    drives: tuple[str, ...] = ()
+    entries: tuple[int, int] = (0, 0)
+    nearest: tuple[str, str] | None = None
+    nearest_frames: int | None = None
+    nearest_s: float | None = None
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Overlap as one line; none if one list contains the other."""
+        if not self.overlap or self.contained:
+            return ()
+        both = f'{self.first} and {self.second}: {len(self.overlap):,} in both'
+        return (f'{both}: {some_of(self.overlap)}',)
+
+    @property
+    def leaks(self) -> tuple[str, ...]:
+        """Entries of the same drives as one line; none if one list contains the other."""
+        if not self.drives or self.contained:
+            return ()
+        drives = format_count(len(self.drives), 'drive')
+        first, second = self.entries
+        both = f'{self.first} and {self.second}: {drives} in both'
+        text = f'{both}, with {first:,} and {second:,} of their entries'
+        if self.nearest is not None and self.nearest_frames is not None:
+            apart = format_count(self.nearest_frames, 'frame')
+            text += (
+                f'; the nearest, {" and ".join(self.nearest)}, are {apart} apart'
+                f' (about {self.nearest_s:.1f} s)'
+            )
+        return (text,)
+
+
+def compare_lists(
+    lists: Mapping[str, Sequence[str]], units: Mapping[str, Unit]
+) -> tuple[ListPair, ...]:
+    """Compare each list with each.
+
+    Args:
+        lists: Entries by name of the list.
+        units: By entry; entries without one are compared by name only.
+    """
+    return tuple(_pair(*both, units) for both in combinations(lists.items(), 2))
+
+
+def _pair(
+    one: tuple[str, Sequence[str]], other: tuple[str, Sequence[str]], units: Mapping[str, Unit]
+) -> ListPair:
+    overlap = sorted({*one[1]}.intersection(other[1]))
+    both = frozenset(overlap)
+    sides = [_by_drive([n for n in names if n not in both], units) for _, names in (one, other)]
+    drives = sorted(sides[0].keys() & sides[1].keys())
+    nearest = _nearest([(sides[0][drive], sides[1][drive]) for drive in drives])
+    frames = None if nearest is None else nearest[0]
+    return ListPair(
+        first=one[0],
+        second=other[0],
+        overlap=tuple(overlap),
+        contained=bool(overlap) and len(overlap) in {len({*one[1]}), len({*other[1]})},
+        drives=tuple(drives),
+        entries=(
+            sum(len(sides[0][drive]) for drive in drives),
+            sum(len(sides[1][drive]) for drive in drives),
+        ),
+        nearest=None if nearest is None else nearest[1],
+        nearest_frames=frames,
+        nearest_s=None if frames is None else round(frames * NOMINAL_PERIOD_NS / 1e9, 3),
+    )
+
+
+def _by_drive(entries: Iterable[str], units: Mapping[str, Unit]) -> dict[str, list[Unit]]:
+    found: dict[str, list[Unit]] = {}
+    for name in entries:
+        unit = units.get(name)
+        if unit is not None and unit.drive is not None:
+            found.setdefault(unit.drive, []).append(unit)
+    return found
+
+
+def _nearest(
+    sides: Iterable[tuple[Sequence[Unit], Sequence[Unit]]],
+) -> tuple[int, tuple[str, str]] | None:
+    """Return the least distance in frames of units of one drive on both sides, and their names."""
+    best: tuple[int, tuple[str, str]] | None = None
+    for first, second in sides:
+        known = sorted((unit.number, unit.name) for unit in second if unit.number is not None)
+        for unit in first:
+            if unit.number is None or not known:
+                continue
+            place = bisect_left(known, (unit.number, ''))
+            for number, name in known[max(0, place - 1) : place + 1]:
+                found = abs(number - unit.number), (unit.name, name)
+                best = found if best is None else min(best, found)
+    return best
+
+
+# Division of units of different sizes by shares: random by a seed, the same on every machine.
+#
+# The random order is that of the SHA-256 of the text `SEED NAME` (UTF-8) of each unit, such as `0
+# 000123`; so it depends on no random generator, and a unit keeps its place among the others when
+# some are added or removed. Each list takes the units in this order, and passes over those with
+# which it could not get as close to its share as the units allow: single frames are taken one by
+# one.
+
+
+def seeded_order(names: Sequence[str], seed: int) -> list[str]:
+    """Return names in the random order of a seed."""
+    return sorted(names, key=lambda name: (sha256(f'{seed} {name}'.encode()).digest(), name))
+
+
+def divide(
+    sizes: Mapping[str, int], shares: Sequence[Fraction], seed: int
+) -> list[list[str]] | None:
+    """Divide units into lists whose sizes are as close to the shares as whole units allow.
+
+    Args:
+        sizes: Units with their sizes, 1 or more.
+        shares: Of each list; they add up to 1.
+        seed: Of the random order.
+
+    Returns:
+        The units of each list, one at least, in their random order; None if there are too few.
+    """
+    rest = seeded_order([*sizes], seed)
+    total, done, cumulated = sum(sizes.values()), 0, Fraction(0)
+    lists = []
+    for place, share in enumerate(shares[:-1]):
+        cumulated += share
+        target = floor(total * cumulated + Fraction(1, 2)) - done
+        taken = _take(rest, sizes, target, leave=len(shares) - place - 1)
+        if taken is None:
+            return None
+        chosen = frozenset(taken)
+        lists.append(taken)
+        rest = [name for name in rest if name not in chosen]
+        done += sum(sizes[name] for name in taken)
+    return [*lists, rest] if rest else None
+
+
+def _take(
+    order: Sequence[str], sizes: Mapping[str, int], target: int, leave: int
+) -> list[str] | None:
+    """Return units whose sizes add up as close to a target as possible, the first that do.
+
+    Args:
+        order: The units.
+        sizes: Their sizes.
+        target: The size to reach.
+        leave: Number of units to leave at least.
+    """
+    if len(order) <= leave:
+        return None
+    if all(sizes[name] == 1 for name in order):
+        return [*order[: min(max(target, 1), len(order) - leave)]]
+    # Bit s of sums[i]: whether units from i on can add up to s.
+    sums = [1]
+    for name in reversed(order):
+        sums.append(sums[-1] | sums[-1] << sizes[name])
+    sums.reverse()
+    total = sum(sizes[name] for name in order)
+    for wanted in sorted(range(1, total), key=lambda size: (abs(size - target), size)):
+        if sums[0] >> wanted & 1:
+            taken = _first_that_add_up(order, sizes, sums, wanted)
+            if len(order) - len(taken) >= leave:
+                return taken
+    return None
+
+
+def _first_that_add_up(
+    order: Sequence[str], sizes: Mapping[str, int], sums: Sequence[int], size: int
+) -> list[str]:
+    """Return the units that add up to a size, each taken if the ones after it can do the rest."""
+    taken = []
+    for place, name in enumerate(order):
+        rest = size - sizes[name]
+        if rest >= 0 and sums[place + 1] >> rest & 1:
+            taken.append(name)
+            size = rest
+    return taken
+
+
+# Lists that a user gives, with their entries looked up in the data set.
+
+
+def read_lists(files: Sequence[Path], found: UnitSet) -> list[GivenList]:
+    """Read lists.
+
+    Raises:
+        UsageError: A file does not exist, or two have one name.
+        KittiRos2Error, OSError: One cannot be read.
+    """
+    lists: dict[str, GivenList] = {}
+    for file in files:
+        given = GivenList(file, found)
+        if given.name in lists:
+            raise UsageError(f'{lists[given.name].path} and {file} have the same name')
+        lists[given.name] = given
+    return [*lists.values()]
+
+
+class GivenList:
+    """A list and its entries that the set has.
+
+    Attributes:
+        path: Its file.
+        name: The name of the file, without suffix.
+        entries: Those of the set, in the order of the file.
+    """
+
+    def __init__(self, path: Path, found: UnitSet) -> None:
+        if not path.is_file():
+            raise MissingPathError(path)
+        self.path = path
+        self.name = path.name.removesuffix(names.TXT)
+        self._noun = found.noun
+        testing = found.is_of_testing(self.name)
+        known = found.testing_frames if testing else found.frames
+        self._parsed = parse_image_set(
+            STORE.read_text(path), path, frames=found.lists_frames, known=known
+        )
+        units = found.testing if testing else found.units
+        self._unchecked = units is None
+        every = self._parsed.entries
+        self.entries = [*every] if units is None else [name for name in every if name in units]
+        self._unknown = [name for name in every if units is not None and name not in units]
+
+    def require_entries(self) -> None:
+        """Check that it has an entry.
+
+        Raises:
+            UsageError: It has none.
+        """
+        if not self.entries:
+            reasons = [*self._parsed.invalid, f'{self.path}: no {self._noun} of the set']
+            raise UsageError(f'{reasons[0]}; the list would be empty')
+
+    def losses(self, *, checked: bool) -> list[Loss]:
+        """Return what could not be used, and what other readers may not accept if it is checked."""
+        reasons = [*self._parsed.invalid, *(self._parsed.repaired if checked else ())]
+        losses = [Loss(self.name, 1, reason.replace('{', '(')) for reason in reasons]
+        if self._unknown:
+            what = some_of(self._unknown, 5)
+            text = f'{self.path}: not in the set: {what}'
+            losses.append(Loss(self.name, len(self._unknown), text))
+        return losses
+
+    def notes(self, *, checked: bool) -> list[str]:
+        """Return remarks."""
+        notes = [] if checked else [f'{each}; corrected' for each in self._parsed.repaired]
+        if self._unchecked:
+            notes.append(f'{self.path}: of testing frames, which are not there to compare')
+        if not self._parsed.entries and not self._parsed.invalid:
+            notes.append(f'{self.path}: is empty')
+        return notes
+
+
+# The units that lists of a data set name: frames of an object set, else sequences or drives.
+
+
+TEST = 'test'
+"""Lists of an object set whose names begin so are of its testing frames."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What a line of a list names.
+
+    Attributes:
+        name: The line.
+        frames: Number of frames.
+        drive: The raw drive, None if it is unknown.
+        number: The file number of a frame in its drive, None if it is unknown.
+    """
+
+    name: str
+    frames: int = 1
+    drive: str | None = None
+    number: int | None = None
+
+
+@dataclass(frozen=True)
+class UnitSet:
+    """The units of a data set.
+
+    Attributes:
+        layout: Its layout.
+        folder: The folder in which ImageSets lies.
+        noun: frame, sequence or drive.
+        units: By name.
+        testing: Those of the testing frames of an object set; None if they are not there, or if
+            the set itself is of them.
+        losses: Missing data.
+        notes: Remarks.
+        frames, testing_frames: How the frames of an object set are named.
+    """
+
+    layout: Layout
+    folder: Path
+    noun: str
+    units: dict[str, Unit]
+    testing: dict[str, Unit] | None
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+    frames: names.FileNames = names.SIX_DIGITS
+    testing_frames: names.FileNames = names.SIX_DIGITS
+
+    @property
+    def lists_frames(self) -> bool:
+        """Whether a unit is a frame."""
+        return self.layout.traits.frame_set
+
+    def is_of_testing(self, name: str) -> bool:
+        """Whether a list of a name is of the testing frames beside the training frames."""
+        return self.lists_frames and self.testing is not self.units and name.startswith(TEST)
+
+
+def find_units(
+    path: Path, layout: Layout | None, mapping: Path | None, *, by_drive: bool
+) -> UnitSet:
+    """List the units of a data set.
+
+    Args:
+        path: The set.
+        layout: None detects it.
+        mapping: The folder of the object devkit's mapping; None searches beside the set.
+        by_drive: Whether the drive of each frame is needed.
+
+    Raises:
+        UsageError: There is nothing to divide, or no mapping where it is needed.
+        KittiRos2Error, OSError: It cannot be read.
+    """
+    layout, candidates = _find(path, layout)
+    if layout.traits.frame_set:
+        return _frames(layout, candidates, mapping, by_drive=by_drive)
+    if mapping is not None or by_drive:
+        flag = '--by-drive' if by_drive else '--mapping'
+        noun = layout.traits.noun
+        raise UsageError(f'{path}: {flag} is for object sets; here each {noun} stays whole')
+    return _recordings(path, layout, candidates)
+
+
+def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
+    try:
+        return find_candidates(path, ReadOptions(layout=layout))
+    except NotKittiError as error:
+        from ..bags.bag_files import explain_no_folder  # noqa: PLC0415 - for errors only
+
+        raise explain_no_folder(path, error, forced=layout is not None) from None
+
+
+def _frames(
+    layout: Layout, candidates: list[Candidate], given: Path | None, *, by_drive: bool
+) -> UnitSet:
+    """List the frames of an object set: those of training, if there are any."""
+    recordings = {each.name: each.open(ReadOptions()) for each in candidates}
+    chosen = recordings[candidates[0].name]
+    is_testing = chosen.name == names.SPLITS[1]
+    mapping: ObjectMapping | None = None
+    notes: tuple[str, ...] = ()
+    if not is_testing:
+        mapping, notes = _mapping(chosen.root, given, needed=by_drive)
+    elif by_drive:
+        raise UsageError(f'{chosen.root}: the devkit has the drives of training frames only')
+    units = _units_of(chosen, mapping)
+    losses = list(chosen.losses)
+    if by_drive and mapping is not None:
+        losses += _beyond(units, mapping, chosen.file_names)
+        units = {name: unit for name, unit in units.items() if unit.drive is not None}
+    other = recordings.get(names.SPLITS[1])
+    testing = units if is_testing else None if other is None else _units_of(other, None)
+    frames = chosen.file_names
+    others = frames if other is None else other.file_names
+    found = tuple(losses)
+    return UnitSet(layout, chosen.root, 'frame', units, testing, found, notes, frames, others)
+
+
+def _beyond(
+    units: Mapping[str, Unit], mapping: ObjectMapping, frames: names.FileNames
+) -> list[Loss]:
+    """Return the frames without a drive, which are in no list."""
+    numbers = tuple(frames.number(each.name) or 0 for each in units.values() if not each.drive)
+    reason = mapping.beyond.replace('{', '(').replace('}', ')')
+    text = f'{reason}; in no list: frames {{}}'
+    return [Loss('frames', len(numbers), text, numbers)] if numbers else []
+
+
+def _mapping(
+    root: Path, given: Path | None, *, needed: bool
+) -> tuple[ObjectMapping | None, tuple[str, ...]]:
+    """Read the mapping; where it is not needed, none is a note."""
+    try:
+        return find_mapping(root, given), ()
+    except UsageError as error:
+        if needed or given is not None:
+            raise
+        return None, (f'drives in more than one list are not looked for: {error}',)
+
+
+def _numbers(recording: KittiRecording) -> Int64Array:
+    numbers = {stream: index.numbers for stream, index in recording.streams.items()}
+    return frames_of(numbers, common=recording.common_numbers)
+
+
+def _units_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[str, Unit]:
+    units = {}
+    for number in _numbers(recording).tolist():
+        name = recording.file_names.stem(number)
+        origin = None if mapping is None else mapping.get(number)
+        units[name] = Unit(name) if origin is None else Unit(name, 1, origin.drive, origin.number)
+    return units
+
+
+def _recordings(path: Path, layout: Layout, candidates: list[Candidate]) -> UnitSet:
+    """List the sequences or drives of a set, without those of testing."""
+    training = [each for each in candidates if '/' not in each.name] or candidates
+    units, losses = {}, []
+    for each in training:
+        recording = each.open(ReadOptions())
+        name = each.name.rpartition('/')[2]
+        losses += recording.losses
+        frames = len(_numbers(recording))
+        if frames:
+            units[name] = Unit(name, frames, names.drive_of(name))
+    folder = absolute(path)
+    if folder.name in {*names.SPLITS, names.SEQUENCES}:
+        folder = folder.parent
+    return UnitSet(layout, folder, layout.traits.noun, units, None, tuple(losses))
+
+
+if TYPE_CHECKING:
     AnyPath = str | PathLike[str]
 
 
@@ -107,9 +567,8 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
         >>> [len(each.entries) for each in report.lists]
         [..., ...]
     """
-    from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
-    from ..api.source import warn  # noqa: PLC0415 - pictures
-    from ..options.dataset_tables import SPLIT, make_split_options  # noqa: PLC0415 - as above
+    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
+    from ..options.datasets import SPLIT, make_split_options  # noqa: PLC0415 - as above
 
     report = split_set(as_path(src), *make_split_options(by_name(options, SPLIT)))
     for loss in report.losses:

@@ -5,20 +5,308 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from ..drawing.plot_style import plot_file
-from ..model.text import format_count
-from .recording_statistics import merged
-from .statistics_panels import PANELS
+from ..drawing.drawn_objects import (
+    INK,
+    OTHER_COLOR,
+    SEMANTIC_COLORS,
+    SEMANTIC_NAMES,
+    plot_file,
+    rgb_of,
+)
+from ..model.boxes import DONT_CARE, OCCLUSIONS
+from ..model.errors import format_count
+from .recording_statistics import DIFFICULTIES, TRUNCATIONS, RouteStatistics, merged
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
-    from .recording_statistics import RecordingStatistics
+    from .recording_statistics import Distribution, ObjectStatistics, RecordingStatistics
     from .set_statistics import SetStatistics
-    from .statistics_panels import Panel
+
+
+# The panels of a picture of statistics; statistics_plot.py arranges them.
+#
+# Axes are those of matplotlib.
+
+
+if TYPE_CHECKING:
+    Draw = Callable[[Any, RecordingStatistics, Sequence[str]], None]
+    """Draws into axes the statistics of a set, with the classes in this order."""
+
+_PLAIN = '#5b7c99'
+_GREY = '#9a9a9a'
+_STRENGTHS = (1.0, 0.62, 0.34, 0.14, 0.06)
+_MOST_LINES = 5
+_ROWS_POINTS = 130
+"""Height of the rows of a panel, in points of 1/72 inch."""
+_ABOVE: dict[str, Any] = {
+    'loc': 'lower left',
+    'bbox_to_anchor': (-0.02, 0.985),
+    'borderaxespad': 0,
+    'handlelength': 0.9,
+    'columnspacing': 0.9,
+    'handletextpad': 0.35,
+}
+"""Of a legend between title and axes."""
+_SEMANTIC = {name: SEMANTIC_COLORS[number] for number, name in SEMANTIC_NAMES.items()}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One kind of plot.
+
+    Attributes:
+        title: Heading.
+        has: Whether a set has data for it.
+        draw: Draws it.
+        label: Label of the horizontal axis.
+        by_class: Whether its rows are classes.
+        common: Whether several sets have the same horizontal scale.
+    """
+
+    title: str
+    has: Callable[[RecordingStatistics], bool]
+    draw: Draw
+    label: str
+    by_class: bool = False
+    common: bool = True
+
+
+def _color(class_name: str, strength: float = 1.0) -> tuple[float, ...]:
+    """Return red, green, blue, 0..1, of a class, mixed with white."""
+    return tuple(1 - strength * (1 - value / 255) for value in rgb_of(class_name))
+
+
+def _solid(total: RecordingStatistics, classes: Sequence[str]) -> list[str]:
+    """Return the classes that a set has, in the given order, without DontCare."""
+    return [name for name in classes if name in total.classes and name != DONT_CARE]
+
+
+def _route(total: RecordingStatistics) -> RouteStatistics:
+    return total.route or RouteStatistics()
+
+
+def _any(get: Callable[[ObjectStatistics], int]) -> Callable[[RecordingStatistics], bool]:
+    return lambda total: any(get(each) for name, each in total.classes.items() if name != DONT_CARE)
+
+
+def _rows(axes: Any, classes: Sequence[str]) -> None:  # noqa: ANN401 - axes of matplotlib
+    """Name the rows of horizontal bars, the first at the top."""
+    axes.set_yticks(range(len(classes)), classes, size=min(7.5, _ROWS_POINTS / (len(classes) + 1)))
+    axes.set_ylim(len(classes) - 0.4, -0.6)
+    axes.tick_params(axis='y', length=0)
+
+
+def _draw_counts(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
+    _rows(axes, classes)
+    for row, name in enumerate(classes):
+        count = total.classes[name].count if name in total.classes else 0
+        axes.barh(row, count, 0.72, color=_GREY if name == DONT_CARE else _color(name))
+        axes.annotate(
+            f'{count:,}', (count, row), (3, 0), textcoords='offset points', va='center', color=INK
+        )
+    axes.margins(x=0.22)
+
+
+def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Draw:
+    """Return what draws the shares of counts by name as stacked bars."""
+
+    def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
+        from matplotlib.patches import Patch  # noqa: PLC0415 - heavy
+
+        class_names = [name for name in classes if name != DONT_CARE]
+        _rows(axes, class_names)
+        for row, class_name in enumerate(class_names):
+            counts = get(total.classes[class_name]) if class_name in total.classes else {}
+            every, left = sum(counts.values()), 0.0
+            for name, strength in zip(names, _STRENGTHS, strict=False):
+                share = 100 * counts[name] / every if every else 0.0
+                color = _color(class_name, strength)
+                axes.barh(row, share, 0.72, left, color=color, edgecolor='white', lw=0.4)
+                left += share
+        handles = [Patch(facecolor=INK, alpha=s) for _, s in zip(names, _STRENGTHS, strict=False)]
+        axes.legend(
+            handles,
+            [_short_name(name) for name in names],
+            ncols=len(names),
+            **_ABOVE,
+        )
+        axes.set_xlim(0, 100)
+
+    return draw
+
+
+def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Draw:
+    """Return what draws a distribution of the largest classes as lines, in per cent of each.
+
+    Args:
+        get: Returns the distribution of a class.
+        even: Whether the horizontal axis has the scale of the values, not a place for each bin.
+    """
+
+    def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
+        known = [name for name in _solid(total, classes) if get(total.classes[name]).count]
+        for name in known[:_MOST_LINES]:
+            found = get(total.classes[name])
+            places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]]
+            if not even:
+                places = [*range(len(found.edges) + 1)]
+                axes.set_xticks(places[:-1], [_short(edge) for edge in found.edges], size=6.5)
+            shares = [100 * count / found.count for count in found.counts]
+            axes.stairs(shares, places, color=_color(name), lw=1.4, label=name)
+            axes.set_xlim(places[0], places[-1])
+        axes.set_ylim(bottom=0)
+        axes.set_ylabel('% of the class')
+        title = f'{_MOST_LINES} of {len(known)} classes' if len(known) > _MOST_LINES else None
+        axes.legend(
+            loc='best', handlelength=1.0, labelspacing=0.25, title=title, title_fontsize=6.5
+        )
+
+    return draw
+
+
+def _short_name(name: str) -> str:
+    return name.removesuffix(' occluded').replace('to ', '≤').replace('over ', '>')
+
+
+def _short(edge: float) -> str:
+    return f'{edge:g}' if edge < 1000 else f'{edge / 1000:g}k'
+
+
+def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw:
+    """Return what draws a distribution of the whole set, with its mean."""
+
+    def draw(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
+        found = get(total)
+        used = max(place for place, count in enumerate(found.counts) if count) + 1
+        places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]][: used + 1]
+        shares = [100 * count / found.count for count in found.counts[:used]]
+        axes.stairs(shares, places, fill=True, color=_PLAIN)
+        axes.axvline(found.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
+        axes.annotate(
+            f'mean {found.mean:.1f}',
+            (found.mean, 1),
+            (0, 2),
+            xycoords=('data', 'axes fraction'),
+            textcoords='offset points',
+            ha='center',
+            color=INK,
+        )
+        axes.set_xlim(places[0], places[-1])
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.set_ylabel(f'% of {noun}')
+
+    return draw
+
+
+def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
+    class_names = [name for name in classes if name != DONT_CARE]
+    _rows(axes, class_names)
+    for row, class_name in enumerate(class_names):
+        if class_name not in total.classes or not total.classes[class_name].length_m.count:
+            continue
+        each = total.classes[class_name]
+        for place, (size, mark) in enumerate(
+            ((each.length_m, 'o'), (each.width_m, 's'), (each.height_m, '^'))
+        ):
+            axes.errorbar(
+                size.mean,
+                row + 0.22 * (place - 1),
+                xerr=size.deviation,
+                fmt=mark,
+                ms=3.6,
+                lw=1.1,
+                color=_color(class_name),
+            )
+    for name, mark in (('length', 'o'), ('width', 's'), ('height', '^')):
+        axes.plot([], [], mark, color=INK, ms=3.6, label=name)
+    axes.legend(ncols=3, **_ABOVE)
+    axes.set_xlim(left=0)
+
+
+def _draw_point_classes(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
+    every = sum(total.point_classes.values())
+    _rows(axes, [*total.point_classes])
+    for row, (name, count) in enumerate(total.point_classes.items()):
+        color = _SEMANTIC.get(name, OTHER_COLOR) or OTHER_COLOR
+        axes.barh(row, 100 * count / every, 0.72, color=f'#{color:06x}')
+
+
+def _shares_panel(title: str, names: Sequence[str]) -> Panel:
+    get = attrgetter(title.lower())
+    known = _any(lambda each: get(each).total())
+    return Panel(title, known, _stacked(get, names), '% of the class', by_class=True)
+
+
+PANELS = (
+    Panel(
+        'Labels',
+        lambda total: bool(total.classes),
+        _draw_counts,
+        'labels',
+        by_class=True,
+        common=False,
+    ),
+    _shares_panel('Difficulty', DIFFICULTIES),
+    _shares_panel('Occlusion', OCCLUSIONS),
+    _shares_panel('Truncation', TRUNCATIONS),
+    Panel(
+        '3D boxes, mean ± deviation',
+        _any(lambda each: each.length_m.count),
+        _draw_sizes,
+        'metres',
+        by_class=True,
+    ),
+    Panel(
+        'Distance',
+        _any(lambda each: each.distance_m.count),
+        _lines(lambda each: each.distance_m, even=True),
+        'metres; the last bin is open',
+    ),
+    Panel(
+        'Points in a 3D box',
+        _any(lambda each: each.points.count),
+        _lines(lambda each: each.points, even=False),
+        'points, from',
+    ),
+    Panel(
+        'Length of a track',
+        _any(lambda each: each.tracks.count),
+        _lines(lambda each: each.tracks, even=False),
+        'frames, from',
+    ),
+    Panel(
+        'Objects in a frame',
+        lambda total: bool(total.objects),
+        _bars(lambda total: total.objects_a_frame, 'labelled frames'),
+        'objects',
+    ),
+    Panel(
+        'Speed',
+        lambda total: bool(_route(total).speed_m_s.count),
+        _bars(lambda total: _route(total).speed_m_s, 'poses'),
+        'm/s',
+    ),
+    Panel(
+        'Turn rate',
+        lambda total: bool(_route(total).turn_rate_deg_s.count),
+        _bars(lambda total: _route(total).turn_rate_deg_s, 'poses'),
+        'deg/s',
+    ),
+    Panel(
+        'Points by class',
+        lambda total: bool(total.point_classes),
+        _draw_point_classes,
+        '% of the points',
+        by_class=True,
+    ),
+)
+
 
 _COLUMNS = (3, 4)
 """Of the panels of a single set: the number that leaves fewer places empty."""

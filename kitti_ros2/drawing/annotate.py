@@ -1,22 +1,424 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing of the objects of a frame on a camera image."""
+"""The objects of a frame on a camera image: projection, 2D boxes, 3D boxes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
-from .boxes_2d import draw_boxes_2d
-from .objects import LABEL_CAMERA
-from .projection import Projection
-from .wireframes import draw_wireframes
+import cv2
+import numpy as np
+
+from ..model.boxes import DONT_CARE, EDGES, NEAR_M, clip_bounds, cuboid_corners
+from ..model.geometry import Transform
+from ..model.samples import rect_from_velo
+from .drawn_objects import LABEL_CAMERA, NEUTRAL_COLOR, distance_of, name_of
+from .strokes import (
+    Tag,
+    box_color,
+    caption_2d,
+    caption_3d,
+    corners_of,
+    cut_segments,
+    dashes,
+    draw_segments,
+    draw_tags,
+    ink_for,
+    line_width,
+    objects_to_draw,
+    rectangle_segments,
+    scale_for,
+    scale_of,
+    sides_of,
+    size_of,
+    slices_of,
+    tint_polygon,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..model.samples import Calibration
-    from .objects import LabelledObject
-    from .pixels import Pixels
+    import numpy.typing as npt
+
+    from ..model.boxes import Cuboid
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, CameraCalibration
+    from .drawn_objects import LabelledObject, Pixels
+    from .strokes import Bounds, Color
+
+
+# Drawing of 2D boxes on a camera image.
+
+
+TEXT_SCALE = 0.37
+_SHADE = 0.6
+_HATCH_GREY = (150, 150, 150)
+_HATCH_STEP = 9
+
+
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
+def draw_boxes_2d(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    projection: Projection | None = None,
+    *,
+    predictions: Sequence[LabelledObject] = (),
+    labelled: bool = True,
+    named: bool = True,
+) -> None:
+    """Draw the 2D box of each object, with its tag; DontCare regions are shaded.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        objects: Of the frame.
+        projection: Into the picture, for the bounds of objects without a 2D box in it; None leaves
+            those out.
+        labelled: Whether the 2D boxes are in pixels of this picture.
+        predictions: Drawn in the style of predictions.
+        named: Whether boxes have tags.
+
+    Raises:
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
+    """
+    shown = objects_to_draw(picture, objects, predictions)
+    size, scale = size_of(picture), scale_of(picture)
+    bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
+    cut, _ = clip_bounds(bounds, size)
+    sides, origins = cut_segments(rectangle_segments(np.rint(bounds)), size)
+    sides_at = slices_of(origins // 4, len(shown))
+    tags = []
+    for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
+        each, predicted = shown[place]
+        if each.class_name == DONT_CARE:
+            _shade(picture, cut[place])
+            continue
+        color, seen = box_color(each, predicted=predicted), tuple(cut[place].tolist())
+        mine = sides[sides_at[place]]
+        if predicted:
+            draw_segments(picture, dashes(mine, scale), color)
+        else:
+            draw_segments(picture, mine, color, line_width(each, seen, scale))
+        tags.append(Tag(caption_2d(each), seen, color, predicted))
+    if named:
+        draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
+
+
+def object_bounds(
+    objects: Sequence[LabelledObject],
+    projection: Projection | None,
+    size: tuple[int, int],
+    *,
+    labelled: bool,
+) -> Float64Array:
+    """Return (N, 4) left, top, right, bottom of the objects, pixels; NaN for one out of view.
+
+    On the labelled picture this is the label's own 2D box, unchanged; else the bounds of the
+    projected 3D box, clipped to the image.
+    """
+    bounds = np.full((len(objects), 4), np.nan)
+    solid: list[tuple[int, Cuboid]] = []
+    for place, each in enumerate(objects):
+        if labelled and each.box_2d is not None:
+            left, top, right, bottom = each.box_2d
+            bounds[place] = each.box_2d if right >= left and bottom >= top else np.nan
+        elif each.cuboid is not None:
+            solid.append((place, each.cuboid))
+    if projection is not None and solid:
+        found = projected_bounds(cuboid_corners([cuboid for _, cuboid in solid]), projection)
+        bounds[[place for place, _ in solid]], _ = clip_bounds(found, size)
+    return bounds
+
+
+def projected_bounds(corners: Float64Array, projection: Projection) -> Float64Array:
+    """Return (N, 4) bounds of (N, 8, 3) boxes in velo_link, not clipped; NaN for one out of view.
+
+    As boxes.project_corners, and also for edges that the lens bends.
+    """
+    pieces, lines = projection.segments(corners[:, EDGES].reshape(-1, 2, 3))
+    owners = lines // len(EDGES)
+    bounds = np.full((len(corners), 4), np.nan)
+    places, first = np.unique(owners, return_index=True)
+    if len(places):
+        bounds[places, :2] = np.minimum.reduceat(pieces.min(axis=1), first)
+        bounds[places, 2:] = np.maximum.reduceat(pieces.max(axis=1), first)
+    return bounds
+
+
+def _shade(picture: Pixels, bounds: Float64Array) -> None:
+    """Darken and hatch a region."""
+    left, top, right, bottom = np.rint(bounds).astype(int)
+    window = picture[top : bottom + 1, left : right + 1]
+    window[:] = cv2.convertScaleAbs(window, alpha=_SHADE)
+    height, width = window.shape[:2]
+    starts = np.arange(_HATCH_STEP, width + height, _HATCH_STEP, dtype=np.float64)
+    hatch = np.stack(
+        [
+            np.stack([starts, np.zeros_like(starts)], axis=1),
+            np.stack([starts - height, np.full_like(starts, height)], axis=1),
+        ],
+        axis=1,
+    )
+    lines, _ = cut_segments(hatch, (width, height))
+    draw_segments(window, lines, _HATCH_GREY)
+    cv2.rectangle(picture, (left, top), (right, bottom), _HATCH_GREY, 1)
+
+
+# Drawing of 3D boxes on a camera image: their edges, with the front face marked.
+
+
+_FRONT = np.array([0, 1, 5, 4])
+_WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])
+"""Pairs of corners joined by a line: the edges, and the cross of the front face."""
+
+_FRONT_ALPHA = 0.3
+
+
+@np.errstate(all='ignore')  # labels and scans may hold any numbers
+def draw_wireframes(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    projection: Projection,
+    predictions: Sequence[LabelledObject] = (),
+    *,
+    named: bool = True,
+) -> None:
+    """Draw the edges of each object's 3D box, with its tag; the front face is crossed.
+
+    The front face of ground truth is tinted too. Parts behind the camera, and objects without a 3D
+    box, are left out.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, drawn on in place.
+        objects: Of the frame.
+        projection: Into the picture.
+        predictions: Drawn in the style of predictions.
+        named: Whether boxes have tags.
+
+    Raises:
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
+    """
+    shown = objects_to_draw(picture, objects, predictions)
+    corners = corners_of(shown)
+    size, scale = size_of(picture), scale_of(picture)
+    bounds, _ = clip_bounds(projected_bounds(corners, projection), size)
+    sides, owners = projection.segments(sides_of(corners[:, _FRONT]).reshape(-1, 2, 3))
+    fronts_at = slices_of(owners // len(_FRONT), len(shown))
+    pieces, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))
+    parts, origins = cut_segments(pieces, size)
+    wires = lines[origins]
+    wires_at = slices_of(wires // len(_WIRES), len(shown))
+    tags = []
+    for place in reversed(range(len(shown))):
+        mine = wires_at[place]
+        if not len(parts[mine]):
+            continue
+        each, predicted = shown[place]
+        color = box_color(each, predicted=predicted)
+        if not predicted:
+            front = sides[fronts_at[place]].reshape(-1, 2)
+            tint_polygon(picture, front, color, _FRONT_ALPHA)
+        cross = wires[mine] % len(_WIRES) >= len(EDGES)
+        left, top, right, bottom = bounds[place].tolist()
+        seen = None if math.isnan(left) else (left, top, right, bottom)
+        edge_width = 1 if predicted else line_width(each, seen, scale)
+        for chosen, width in ((cross, 1), (~cross, edge_width)):
+            strokes = parts[mine][chosen]
+            draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)
+        if seen is not None:
+            tags.append(Tag(caption_3d(each), seen, color, predicted))
+    if named:
+        draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
+
+
+# Projection of velo_link to the pixels of one camera, for all kinds of cameras.
+#
+# - Rectified images: P_i R0_rect Tr_velo_to_cam.
+# - Independent cameras (Waymo): P_i cam_T_velo.
+# - Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's
+#   own K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
+#
+# Pixels are KITTI's: (0, 0) is the centre of the first one. Depth is along the optical axis,
+# metres.
+
+
+_PLUMB_BOB = 5
+_MOST_STEPS = 500
+_STEP = 1e-12
+_PIECES = 16
+"""Number of straight pieces of a line that the lens bends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Projection of velo_link points to pixels of a camera.
+
+    Attributes:
+        matrix: (3, 4) velo_link to homogeneous pixels; if d is set, to metres in the camera's own
+            frame. The third row is the depth either way.
+        k: (3, 3) applied after the distortion, None without one.
+        d: (5,) plumb bob, None for rectified images.
+    """
+
+    matrix: Float64Array
+    k: Float64Array | None = None
+    d: Float64Array | None = None
+
+    @classmethod
+    def of(cls, calibration: Calibration, camera: int) -> Projection:
+        """Return the projection into the images of a camera.
+
+        Args:
+            calibration: The rig.
+            camera: KITTI camera index.
+
+        Raises:
+            ValueError: A required part of the calibration is missing; the message contains it.
+        """
+        found = calibration.cameras.get(camera)
+        if found is None:
+            known = ', '.join(map(str, sorted(calibration.cameras))) or 'none'
+            raise ValueError(f'no calibration of camera {camera} (there is: {known})')
+        if found.cam_T_velo is not None:
+            return cls(_finite(found.p_rect @ found.cam_T_velo.matrix(), camera))
+        if calibration.cam0_T_velo is None:
+            raise ValueError('the calibration does not tell where the scanner is (Tr_velo_to_cam)')
+        if not calibration.rectified:
+            return _unrectified(found, camera, calibration.cam0_T_velo)
+        if calibration.r0_rect is None:
+            raise ValueError('the calibration has no rectifying rotation (R0_rect)')
+        return cls(_finite(found.p_rect @ rect_from_velo(calibration).matrix(), camera))
+
+    def resized(self, scale_x: float, scale_y: float) -> Projection:
+        """Return the projection into the same images, resized; image edges map to image edges."""
+        shift_x, shift_y = (scale_x - 1) / 2, (scale_y - 1) / 2
+        resize = np.array([[scale_x, 0, shift_x], [0, scale_y, shift_y], [0, 0, 1]])
+        if self.k is not None:
+            return replace(self, k=resize @ self.k)
+        return replace(self, matrix=resize @ self.matrix)
+
+    def homogeneous(self, points: npt.ArrayLike) -> Float64Array:
+        """Transform (..., 3) points in velo_link to the input of pixels(); lines stay lines."""
+        places = np.ascontiguousarray(points, np.float64)
+        if not places.size:
+            return np.zeros_like(places)
+        # Not @: for so thin a matrix the threads of a BLAS spend more time waiting than computing.
+        seen = cv2.transform(places.reshape(-1, 1, 3), self.matrix)
+        return np.asarray(seen, np.float64).reshape(places.shape)
+
+    def pixels(self, seen: Float64Array) -> Float64Array:
+        """Return (..., 2) pixels, u and v, of homogeneous points; NaN for invisible ones.
+
+        These are behind the camera, or so far to the side that the distortion would fold them back.
+        """
+        with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
+            flat = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
+            if self.k is None or self.d is None:
+                return np.asarray(flat, np.float64)
+            return np.asarray(
+                _distorted(flat, self.d) @ self.k[:2, :2].T + self.k[:2, 2], np.float64
+            )
+
+    def points(self, pixels: Float64Array, depth: Float64Array) -> Float64Array:
+        """Return the (N, 3) points in velo_link at (N, 2) pixels and (N,) depths, metres."""
+        flat = pixels
+        if self.k is not None and self.d is not None:
+            flat = _undistorted((pixels - self.k[:2, 2]) @ np.linalg.inv(self.k[:2, :2]).T, self.d)
+        seen = np.column_stack([flat, np.ones(len(flat))]) * depth[:, None]
+        found: Float64Array = np.linalg.solve(self.matrix[:, :3], (seen - self.matrix[:, 3]).T).T
+        return found
+
+    def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+        """Project straight lines, clipped just in front of the camera.
+
+        Args:
+            ends: (M, 2, 3) in velo_link, metres.
+
+        Returns:
+            (K, 2, 2) pieces in pixels, not clipped to an image; (K,) the line of each.
+        """
+        seen, lines = _before(self.homogeneous(ends))
+        if self.d is not None:
+            steps = np.linspace(0.0, 1.0, _PIECES + 1)[:, None]
+            along = seen[:, :1] + steps * (seen[:, 1:] - seen[:, :1])
+            seen = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2, 3)
+            lines = np.repeat(lines, _PIECES)
+        pieces = self.pixels(seen)
+        finite = np.isfinite(pieces).all(axis=(1, 2))
+        return pieces[finite], lines[finite]
+
+
+def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+    """Return (K, 2, 3) parts of (M, 2, 3) lines in front of the camera, and the line of each."""
+    lines = np.flatnonzero(
+        (seen[..., 2] >= NEAR_M).any(axis=1) & np.isfinite(seen).all(axis=(1, 2))
+    )
+    seen = seen[lines]
+    depth = seen[..., 2]
+    fall = depth[:, ::-1] - depth
+    share = np.where(depth < NEAR_M, (NEAR_M - depth) / np.where(fall, fall, 1.0), 0.0)
+    return seen + share[..., None] * (seen[:, ::-1] - seen), lines
+
+
+def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
+    """Apply plumb bob to (..., 2) points at depth 1; NaN where the model folds back."""
+    k1, k2, p1, p2, k3 = d
+    x, y = flat[..., 0], flat[..., 1]
+    squared = x * x + y * y
+    squared = np.where(squared < _fold(d), squared, np.nan)
+    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (squared + 2 * x * x),
+            y * radial + p1 * (squared + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
+def _undistorted(bent: Float64Array, d: Float64Array) -> Float64Array:
+    """Invert _distorted by fixed-point iteration; NaN where no point is distorted there."""
+    flat = bent
+    for _ in range(_MOST_STEPS):
+        step = bent - _distorted(flat, d)
+        flat = flat + step
+        if not (np.abs(step) > _STEP).any():
+            break
+    return np.where(np.abs(step) <= _STEP, flat, np.nan)
+
+
+def _fold(d: Float64Array) -> float:
+    """Return the squared radius beyond which the distortion folds points back."""
+    k1, k2, _, _, k3 = d
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
+    return float(real.min()) if len(real) else np.inf
+
+
+def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) -> Projection:
+    """Return the projection of a camera with unrectified images."""
+    if camera.k is None or camera.d is None or len(camera.d) != _PLUMB_BOB:
+        raise ValueError(
+            f'the calibration has no K and D of camera {index}, which is not rectified'
+        )
+    if camera.cam_T_cam0 is None and index != 0:
+        raise ValueError(
+            f'the calibration has no R and T of camera {index}, which is not rectified'
+        )
+    cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
+    matrix = (cam_t_cam0 @ cam0_t_velo).matrix()[:3]
+    return Projection(_finite(matrix, index), _finite(camera.k, index), _finite(camera.d, index))
+
+
+def _finite(values: Float64Array, camera: int) -> Float64Array:
+    """Check the values of a calibration: drivers send zeros for a camera without one."""
+    if not np.isfinite(values).all() or (values.ndim == 2 and not values[:, :3].any(axis=1).all()):
+        raise ValueError(f'the calibration of camera {camera} is empty or not of finite numbers')
+    return np.ascontiguousarray(values, np.float64)
+
+
+# Drawing of the objects of a frame on a camera image.
 
 
 def annotate(
@@ -75,3 +477,82 @@ def projection_of(calibration: Calibration | Projection | None, camera: int) -> 
         return Projection.of(calibration, camera)
     except ValueError:
         return None
+
+
+# The 2D boxes of objects in a camera image, for outlets that draw them on their own.
+
+
+_FONT_PX = 12.0
+_BLACK: Color = (0, 0, 0)
+
+
+class StyledBox(NamedTuple):
+    """A box with its looks; colours are red, green, blue, 0..255.
+
+    Attributes:
+        bounds: left, top, right, bottom, pixels; (0, 0) is the centre of the first pixel.
+        color: Of the lines.
+        text: Class, track, score, and the result of the comparison.
+        ink, fill: Colours of the text and of its background.
+        line_px: Width of the lines.
+        font_px: Height of the text.
+    """
+
+    bounds: Bounds
+    color: Color
+    text: str
+    ink: Color
+    fill: Color
+    line_px: float
+    font_px: float
+
+
+def image_boxes(
+    objects: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject],
+    calibration: Calibration | None,
+    camera: int,
+    size: tuple[int, int],
+) -> list[StyledBox]:
+    """Return the boxes in a camera's images, by descending distance.
+
+    In the labelled camera they are those of the labels, unchanged; in others, and for objects
+    without a 2D box, the bounds of the projected 3D box, clipped to the image. Objects out of view,
+    or of an incomplete calibration, have none.
+
+    Args:
+        objects: Labels of the frame.
+        predictions: Drawn in the style of predictions.
+        calibration: Of the frame.
+        camera: KITTI index of the camera.
+        size: (width, height) of the image.
+    """
+    both = [(each, False) for each in objects] + [(each, True) for each in predictions]
+    both.sort(key=lambda pair: -distance_of(pair[0]))
+    projection = projection_of(calibration, camera)
+    labelled = is_labelled(calibration, camera)
+    bounds = object_bounds([each for each, _ in both], projection, size, labelled=labelled)
+    scale = scale_for(size)
+    return [
+        _look(each, four, scale, predicted=predicted)
+        for (each, predicted), four in zip(both, bounds, strict=True)
+        if np.isfinite(four).all()
+    ]
+
+
+def _look(each: LabelledObject, four: np.ndarray, scale: float, *, predicted: bool) -> StyledBox:
+    left, top, right, bottom = four.tolist()
+    bounds = left, top, right, bottom
+    color = box_color(each, predicted=predicted)
+    if each.class_name == DONT_CARE and not predicted:
+        color = NEUTRAL_COLOR[::-1]
+    ink, fill = (color, _BLACK) if predicted else (ink_for(color), color)
+    return StyledBox(
+        bounds,
+        color[::-1],
+        name_of(each),
+        ink[::-1],
+        fill[::-1],
+        line_width(each, bounds, scale),
+        _FONT_PX * scale,
+    )

@@ -1,25 +1,42 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing of anti-aliased lines and areas into (H, W, 3) uint8 BGR images, with any coordinates.
-
-OpenCV uses fixed point, and overflow wraps around into the image, so everything is clipped to the
-image in floating point first. Coordinates are pixels, (0, 0) the centre of the first one.
-"""
+"""Drawing of lines, areas and text, and the appearance of objects."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..model.boxes import Verdict, cuboid_corners
 from ..model.geometry import cut_polygon_by
+from .drawn_objects import (
+    NEUTRAL_COLOR,
+    PREDICTION_COLOR,
+    VERDICT_COLORS,
+    distance_of,
+    name_of,
+    rgb_of,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..model.geometry import Float64Array
-    from .pixels import Pixels
+    from .drawn_objects import LabelledObject, Pixels
+
+
+# Drawing of anti-aliased lines and areas into (H, W, 3) uint8 BGR images, with any coordinates.
+#
+# OpenCV uses fixed point, and overflow wraps around into the image, so everything is clipped to the
+# image in floating point first. Coordinates are pixels, (0, 0) the centre of the first one.
+
 
 Color: TypeAlias = tuple[int, int, int]
 """Blue, green, red, 0..255."""
@@ -168,3 +185,294 @@ def rectangle_segments(bounds: Float64Array) -> Float64Array:
 def sides_of(corners: Float64Array) -> Float64Array:
     """Return (..., V, 2, D) sides of polygons of (..., V, D) corners."""
     return np.stack([corners, np.roll(corners, -1, axis=-2)], axis=-2)
+
+
+# Drawing of text: plain text, and tags that do not overlap.
+#
+# Text is measured: OpenCV 4 draws Hershey's strokes and OpenCV 5 an outline font, which is a fifth
+# narrower, and whose blanks are half as wide.
+
+
+BLACK: Color = (0, 0, 0)
+WHITE: Color = (255, 255, 255)
+LONGEST = 160
+"""Most characters of a drawn text; class names may be of any length."""
+
+_REGULAR, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
+_PAD = 3
+_CAPTION_SCALE = 0.6
+_GAPS = (1.5, 3.0, 4.5, 6.0)
+"""Greatest distance of a tag from its box, in heights of the tag."""
+
+
+class Extent(NamedTuple):
+    """The size of a text, pixels: its width, and its height above and below the baseline."""
+
+    width: int
+    above: int
+    below: int
+
+
+def printable(text: str) -> str:
+    """Return the text as one line of bounded length."""
+    shown = text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'
+    return ''.join(each if each.isprintable() else '?' for each in shown)
+
+
+@lru_cache(maxsize=1)
+def _blank() -> str:
+    """Return what is drawn for a blank: two where one is narrow, so that numbers stay apart."""
+    (blank, _), _ = cv2.getTextSize(' ', _REGULAR, 1.0, 1)
+    (digit, _), _ = cv2.getTextSize('0', _REGULAR, 1.0, 1)
+    return ' ' if blank > 0.6 * digit else '  '
+
+
+def _drawn(text: str) -> str:
+    return printable(text).replace(' ', _blank())
+
+
+@lru_cache(maxsize=4096)
+def extent_of(text: str, scale: float, *, bold: bool = False) -> Extent:
+    """Measure a text; the height is that of the font, for any letters."""
+    font = _BOLD if bold else _REGULAR
+    (width, _), _ = cv2.getTextSize(_drawn(text), font, scale, 1)
+    return Extent(width, round(22 * scale), round(7 * scale))
+
+
+def fitted(text: str, width: int, scale: float, *, bold: bool = False) -> str:
+    """Return the text, or as much of its beginning as fits a width in pixels."""
+    shown = printable(text)
+    while len(shown) > 4 and extent_of(shown, scale, bold=bold).width > width:
+        shown = shown[:-4] + '...'
+    return shown
+
+
+def put_text(
+    picture: Pixels,
+    text: str,
+    place: tuple[float, float],
+    scale: float,
+    color: Color = WHITE,
+    *,
+    bold: bool = False,
+) -> None:
+    """Draw a text whose baseline begins at (x, y)."""
+    at = (round(place[0]), round(place[1]))
+    width, height = size_of(picture)
+    if -width <= at[0] < width and -height <= at[1] < 2 * height:
+        font = _BOLD if bold else _REGULAR
+        cv2.putText(picture, _drawn(text), at, font, scale, color, 1, cv2.LINE_AA)
+
+
+def captioned(picture: Pixels, text: str) -> Pixels:
+    """Return a taller picture with a line of text above it."""
+    width, height = size_of(picture)
+    extent = extent_of(text, _CAPTION_SCALE)
+    room = extent.above + extent.below + 4 * _PAD
+    page = new_picture((width, room + height), BLACK)
+    shown = fitted(text, width - 4 * _PAD, _CAPTION_SCALE)
+    put_text(page, shown, (2 * _PAD, 2 * _PAD + extent.above), _CAPTION_SCALE)
+    page[room:] = picture
+    return page
+
+
+def ink_for(color: Color) -> Color:
+    """Return black or white, for contrast with a colour (luma of ITU-R BT.601)."""
+    blue, green, red = color
+    return BLACK if 0.299 * red + 0.587 * green + 0.114 * blue > 110 else WHITE
+
+
+@dataclass(frozen=True)
+class Tag:
+    """The caption of a box.
+
+    Attributes:
+        text: One line.
+        bounds: left, top, right, bottom of the box, pixels, within the image.
+        color: The box's.
+        outlined: Whether the tag is dark with a coloured frame, not filled with the colour.
+        beside: Whether it is to the right of its box rather than above.
+    """
+
+    text: str
+    bounds: Bounds
+    color: Color
+    outlined: bool = False
+    beside: bool = False
+
+
+def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
+    """Draw tags within the image, each at its box where it overlaps none of the earlier ones."""
+    width, height = size_of(picture)
+    taken = np.zeros((height, width), bool)
+    for tag in tags:
+        extent = extent_of(tag.text, scale)
+        room = (extent.width + 2 * _PAD, extent.above + extent.below + 2)
+        corner = _place(tag, room, taken)
+        _part(taken, corner, room)[:] = True
+        _draw_tag(picture, tag, corner, room, scale)
+
+
+def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tuple[int, int]:
+    """Place a tag above, below, in or farther from its box: the first place of least overlap."""
+    left, top, right, bottom = tag.bounds
+    width, height = room
+    near = (top - height, bottom, top, bottom - height)
+    far = [y for gap in _GAPS for y in (top - (gap + 1) * height, bottom + gap * height)]
+    aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
+    columns = (left, right - width)
+    around = [(x, y) for rows in (near, far) for x in columns for y in rows]
+    highest = taken.shape[0] - height
+    tries = [(x, y) for x, y in (*aside, *around) if 0 <= y <= highest] or [(left, top)]
+    placed = np.rint(tries).astype(int)
+    placed[:, 0] = placed[:, 0].clip(0, max(taken.shape[1] - width, 0))
+    placed[:, 1] = placed[:, 1].clip(0, max(highest, 0))
+    corners = [(x, y) for x, y in placed.tolist()]
+    # Pixels, not tags, are counted: the cost of a place does not grow with the tags drawn.
+    best, least = corners[0], width * height + 1
+    for corner in corners:
+        overlap = int(np.count_nonzero(_part(taken, corner, room)))
+        if overlap < least:
+            best, least = corner, overlap
+        if not overlap:
+            break
+    return best
+
+
+def _part(
+    taken: npt.NDArray[np.bool_], corner: tuple[int, int], room: tuple[int, int]
+) -> npt.NDArray[np.bool_]:
+    """Return the view of a rectangle of the picture."""
+    (left, top), (width, height) = corner, room
+    return taken[top : top + height, left : left + width]
+
+
+def _draw_tag(
+    picture: Pixels, tag: Tag, corner: tuple[int, int], room: tuple[int, int], scale: float
+) -> None:
+    left, top = corner
+    end = (left + room[0] - 1, top + room[1] - 1)
+    fill, ink = (BLACK, WHITE) if tag.outlined else (tag.color, ink_for(tag.color))
+    if not tag.beside:
+        _draw_leader(picture, tag, corner, end)
+    cv2.rectangle(picture, corner, end, fill, cv2.FILLED)
+    if tag.outlined:
+        cv2.rectangle(picture, corner, end, tag.color, 1)
+    baseline = top + 1 + extent_of(tag.text, scale).above
+    put_text(picture, tag.text, (left + _PAD, baseline), scale, ink)
+
+
+def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[int, int]) -> None:
+    """Return the line from a distant tag to its box."""
+    column = round(min(max(tag.bounds[0], corner[0]), end[0]))
+    above, below = round(tag.bounds[1]), round(tag.bounds[3])
+    if end[1] + 1 < above:
+        cv2.line(picture, (column, end[1]), (column, above), tag.color, 1)
+    elif corner[1] > below + 1:
+        cv2.line(picture, (column, corner[1]), (column, below), tag.color, 1)
+
+
+# The appearance of an object: its colour, caption and line width.
+#
+# Ground truth has the colour of its class, solid lines and a filled tag; predictions have a colour
+# of their own, dashed lines and an outlined tag. Where both are compared, predictions have the
+# colour of true or of false positives, labels that no prediction finds have that of misses, and all
+# others are grey; tags show TP or FP and the intersection over union, or FN. Lines of an object
+# that is labelled as occluded, is small, or is a label that was found are half as wide; the tag of
+# a 2D box shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
+
+
+PREDICTION_BGR = PREDICTION_COLOR[::-1]
+_KITTI_AREA = 1242 * 375
+_SMALL = 40.0
+_OCCLUSIONS = {1: ' occ 1', 2: ' occ 2', 3: ' occ ?'}
+
+
+def bgr(rgb: tuple[float, float, float]) -> Color:
+    """Convert red, green, blue in 0..1 to the colours of OpenCV."""
+    red, green, blue = (round(255 * value) for value in rgb)
+    return blue, green, red
+
+
+def class_color(class_name: str) -> Color:
+    """Return the colour of a class."""
+    red, green, blue = rgb_of(class_name)
+    return blue, green, red
+
+
+def box_color(each: LabelledObject, *, predicted: bool) -> Color:
+    """Return the colour of an object's box: where it was compared, that of the result."""
+    if each.match is None:
+        return PREDICTION_BGR if predicted else class_color(each.class_name)
+    verdict = each.match.verdict
+    found = not predicted and verdict is Verdict.TRUE_POSITIVE
+    rgb = NEUTRAL_COLOR if found or verdict is None else VERDICT_COLORS[verdict]
+    return rgb[::-1]
+
+
+def is_quiet(each: LabelledObject) -> bool:
+    """Whether an object was compared and is no error."""
+    errors = (Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE)
+    return each.match is not None and each.match.verdict not in errors
+
+
+def scale_of(picture: Pixels) -> float:
+    """Return the scale of lines and letters: 1 in KITTI's images, more in larger ones."""
+    return scale_for((picture.shape[1], picture.shape[0]))
+
+
+def scale_for(size: tuple[int, int]) -> float:
+    """Return the scale of lines and letters for the (width, height) of a picture."""
+    return min(max(math.sqrt(size[0] * size[1] / _KITTI_AREA), 1.0), 3.0)
+
+
+def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:
+    """Return the line width of a box with these bounds in the image, pixels."""
+    small = bounds is None or min(bounds[2] - bounds[0], bounds[3] - bounds[1]) < _SMALL * scale
+    thin = each.occluded or small or is_quiet(each)
+    return max(round((1.0 if thin else 2.0) * scale), 1)
+
+
+def caption_2d(each: LabelledObject) -> str:
+    """Format class, track, score, occlusion and truncation."""
+    occlusion = _OCCLUSIONS.get(each.occluded or 0, '')
+    return name_of(each) + occlusion + _truncation(each.truncated or 0.0)
+
+
+def _truncation(share: float) -> str:
+    """Format the part outside the image; tracking labels have only a level (1, 2)."""
+    if not share > 0:
+        return ''
+    return f' trunc {100 * share:.0f}%' if share < 1 else ' trunc'
+
+
+def caption_3d(each: LabelledObject) -> str:
+    """Format class, track, score and distance."""
+    return f'{name_of(each)}, {distance_of(each):.1f} m'
+
+
+def objects_to_draw(
+    picture: Pixels,
+    objects: Sequence[LabelledObject],
+    predictions: Sequence[LabelledObject] = (),
+) -> list[tuple[LabelledObject, bool]]:
+    """Return objects by ascending distance, each with whether it is a prediction.
+
+    A picture without pixels has none.
+
+    Raises:
+        ValueError: The picture is no writable (H, W, 3) uint8 array.
+    """
+    if not has_pixels(picture):
+        return []
+    both = [(each, False) for each in objects] + [(each, True) for each in predictions]
+    return sorted(both, key=lambda pair: distance_of(pair[0]))
+
+
+def corners_of(shown: Sequence[tuple[LabelledObject, bool]]) -> Float64Array:
+    """Return the (N, 8, 3) corners of 3D boxes in velo_link, metres; NaN without a box."""
+    corners = np.full((len(shown), 8, 3), np.nan)
+    places = [place for place, (each, _) in enumerate(shown) if each.cuboid is not None]
+    cuboids = [each.cuboid for each, _ in shown if each.cuboid is not None]
+    corners[places] = cuboid_corners(cuboids)
+    return corners

@@ -17,7 +17,6 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from .live import *
     from .odometry import *
     from .tracking import *
-    from .worst import *
 
 _MODULES: dict[str, str] = {
     'BagResults': 'evaluation.bag_results',
@@ -26,13 +25,13 @@ _MODULES: dict[str, str] = {
     'LiveScores': 'evaluation.live',
     'OdometryScores': 'evaluation.odometry',
     'TrackingScores': 'evaluation.tracking',
-    'WorstFrame': 'evaluation.worst',
+    'WorstFrame': 'evaluation.detection',
     'evaluate_detection': 'evaluation.detection',
     'evaluate_live': 'evaluation.live',
     'evaluate_odometry': 'evaluation.odometry',
     'evaluate_tracking': 'evaluation.tracking',
     'read_bag_results': 'evaluation.bag_results',
-    'worst_frames': 'evaluation.worst',
+    'worst_frames': 'evaluation.detection',
 }
 
 __all__ = [

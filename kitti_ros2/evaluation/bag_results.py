@@ -4,26 +4,674 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..bags.reader import open_messages, opened
-from ..importer.report import LossTally, damage
-from ..model.errors import KittiRos2Error
-from .class_map import CLASSES, ClassMap
-from .frame_stamps import frames_of
-from .result_boxes import ResultBoxes
-from .result_frames import ResultFrames
-from .result_messages import choose_topic, read_messages
+import numpy as np
+
+from ..bags.bag_files import opened, path_of
+from ..bags.reader import Decoder, open_messages
+from ..importer.bag_poses import LinkTracks
+from ..importer.box_labels import ImageOf, TrackIds, make_boxes
+from ..importer.kitti_frames import LossTally, damage
+from ..importer.tf_frames import is_fixed
+from ..kitti.kitti_recording import image_size
+from ..messages.camera_info import static_links
+from ..messages.cdr import stamp_ns_of
+from ..messages.detections import boxes_of_detections_2d, cuboids_in, frames_in
+from ..messages.naming import FrameNames, base_t_imu, every_naming
+from ..messages.topics import own_topics
+from ..model.bag_formats import (
+    CLOCK,
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    MARKERS,
+    TF_TYPES,
+    TRACKED_OBJECTS,
+)
+from ..model.boxes import Box, clip_bounds
+from ..model.errors import (
+    BadBagError,
+    KittiRos2Error,
+    Loss,
+    MissingDataError,
+    UsageError,
+    did_you_mean,
+    format_count,
+)
+from ..model.geometry import Transform
+from ..model.samples import Image
+from ..model.streams import IMAGE_STREAMS, format_stamp, from_sec_nanosec
+from ..options.messages import MessageOptions
+from ..own_bags.recording import BagRecording
+from ..rig.tf_tree import FrameTree, LinkTally
+from .ground_truth import ROUNDED_NS, PlayedTime, frames_of
+from .track_metrics import CLASSES, ClassMap
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from ..bags.reader import BagSource
-    from ..kitti.recording import KittiRecording
-    from ..model.boxes import Box
-    from ..model.losses import Loss
-    from ..own_bags.recording import BagRecording
+    from ..bags.bag_files import BagSource
+    from ..bags.reader import BagMessages
+    from ..kitti.kitti_recording import KittiRecording
+    from ..messages.detections import ImageBox
+    from ..model.boxes import Cuboid
+    from ..model.samples import Calibration
+    from ..rig.moving_tree import PoseTrack
+    from ..rig.tf_tree import Link
+    from .ground_truth import StampedFrames
+
+
+# Messages with results -> boxes in the form of KITTI's result files.
+#
+# Locations are in the rectified camera 0, the 2D box is the projection clipped to the image,
+# truncation and occlusion are -1. Boxes without 3D have size -1, location -1000 and angles -10, as
+# in the readme.txt of the object devkit.
+
+
+NOMINAL_SIZE = (1242, 375)
+"""Width and height of most of KITTI's images, for a recording without images."""
+
+_UNKNOWN = -1
+_SURE = 1.0
+_LEFT = {3: 2, 1: 0}
+"""Images of a right camera name the optical frame of the left one."""
+
+
+class ResultBoxes:
+    """Converts the messages of a topic.
+
+    Args:
+        recording: Has the calibration of the frames and the size of the images.
+        msgtype: Type of the messages.
+        frames: Finds the frames of boxes.
+        classes: Maps their classes.
+        camera: KITTI index of the camera whose pixels the 2D boxes are.
+    """
+
+    def __init__(
+        self,
+        recording: KittiRecording | BagRecording,
+        msgtype: str,
+        frames: ResultFrames,
+        classes: ClassMap,
+        camera: int,
+    ) -> None:
+        self._recording = recording
+        self._msgtype = msgtype
+        self._frames = frames
+        self._classes = classes
+        self._camera = camera
+        self._tracks = TrackIds()
+        self._counts: Counter[str] = Counter()
+        self._unusable: Counter[str] = Counter()
+        self._nominal = ''
+        self._find_size = lru_cache(maxsize=32)(self._image_size)
+
+    def convert(self, result: ResultMessage) -> list[Box]:
+        """Return the boxes of a frame.
+
+        Raises:
+            MissingDataError: The calibration is missing, or no transform joins a frame of boxes.
+            ValueError: The same, or the message is invalid.
+        """
+        boxes = self._in_image(result) if self._msgtype == DETECTIONS_2D else self._solid(result)
+        return [replace(each, frame=result.number) for each in boxes]
+
+    def losses(self, topic: str) -> tuple[Loss, ...]:
+        """Return the boxes so far that could not be used."""
+        return tuple(
+            Loss(topic, count, f'{topic}: boxes {reason}')
+            for reason, count in self._unusable.items()
+        )
+
+    def notes(self, topic: str) -> tuple[str, ...]:
+        """Return remarks on the boxes so far."""
+        found = [f'{topic}: {count} boxes {what}' for what, count in self._counts.items()]
+        if self._nominal:
+            width, height = NOMINAL_SIZE
+            found.append(f'{self._nominal}; 2D boxes are clipped to {width}x{height}')
+        if self._frames.completed:
+            names = ', '.join(sorted(self._frames.completed))
+            found.append(
+                f"{topic}: the bag's transforms do not join {names} to velo_link; those that the"
+                f' player publishes by default are used'
+            )
+        return tuple(found)
+
+    def _solid(self, result: ResultMessage) -> list[Box]:
+        calibration = self._checked(self._recording.calibration(result.number))
+        boxes, unseen = make_boxes(
+            self._classified(self._cuboids(result, calibration)),
+            calibration,
+            ImageOf(self._camera, self._size(result.number)),
+            self._tracks,
+            occluded=_UNKNOWN,
+        )
+        if unseen:
+            self._counts[f'out of view of camera {self._camera} are not scored'] += unseen
+        return [replace(each, truncated=float(_UNKNOWN)) for each in boxes]
+
+    def _checked(self, calibration: Calibration) -> Calibration:
+        """Return the calibration.
+
+        Raises:
+            MissingDataError: A part that boxes need is missing.
+        """
+        needed = calibration.r0_rect, calibration.cam0_T_velo, calibration.cameras.get(self._camera)
+        if any(part is None for part in needed):
+            lacking = f'no calibration of camera {self._camera} and the scanner'
+            raise MissingDataError(next(iter(calibration.missing.values()), lacking))
+        return calibration
+
+    def _cuboids(self, result: ResultMessage, calibration: Calibration) -> list[Cuboid]:
+        """Decode the boxes of a message to velo_link."""
+        names = frames_in(result.message)
+        stamps_ns = result.stamp_ns, result.scan_ns
+        to_velo = {name: self._frames.velo_t(name, calibration, *stamps_ns) for name in names}
+        cuboids, left_out = cuboids_in(result.message, to_velo, scores=True)
+        self._unusable.update(left_out)
+        return cuboids
+
+    def _classified(self, cuboids: Sequence[Cuboid]) -> list[Cuboid]:
+        """Return the boxes with KITTI's classes, without those that are left out."""
+        kept = []
+        for each in cuboids:
+            namespace = each.identity.rpartition('/')[0] if self._msgtype == MARKERS else ''
+            class_name = self._classes.find(each.class_name, namespace)
+            if class_name:
+                score = self._score(each.score)
+                kept.append(replace(each, class_name=class_name, score=score))
+        return kept
+
+    def _score(self, score: float | None) -> float:
+        if score is None:
+            self._counts[f'have no score; {_SURE:g} is used'] += 1
+        return _SURE if score is None else score
+
+    def _in_image(self, result: ResultMessage) -> list[Box]:
+        found, left_out = boxes_of_detections_2d(result.message)
+        self._unusable.update(left_out)
+        bounds = np.array([each.box_2d for each in found]).reshape(-1, 4)
+        cut, _ = clip_bounds(bounds, self._size(result.number))
+        boxes = []
+        for each, four in zip(found, cut, strict=True):
+            class_name = self._classes.find(each.class_name)
+            if not class_name or not self._is_of_camera(each):
+                continue
+            if not np.isfinite(four).all():
+                self._counts['out of the image are not scored'] += 1
+                continue
+            left, top, right, bottom = map(float, four)
+            boxes.append(
+                Box(
+                    class_name=class_name,
+                    truncated=float(_UNKNOWN),
+                    occluded=_UNKNOWN,
+                    alpha=-10.0,
+                    box_2d=(left, top, right, bottom),
+                    size_hwl=(-1.0, -1.0, -1.0),
+                    location=(-1000.0, -1000.0, -1000.0),
+                    rotation_y=-10.0,
+                    score=self._score(each.score),
+                    track_id=self._tracks.number(each.identity),
+                )
+            )
+        return boxes
+
+    def _is_of_camera(self, box: ImageBox) -> bool:
+        """Whether a 2D box may be in pixels of the camera: its frame is not another camera's."""
+        found = self._frames.camera_of(box.frame)
+        if found in {None, self._camera, _LEFT.get(self._camera)}:
+            return True
+        self._unusable[f'in pixels of {box.frame}; those of camera {self._camera} are scored'] += 1
+        return False
+
+    def _size(self, number: int) -> tuple[int, int]:
+        varies = self._recording.layout.traits.calibration_per_frame
+        return self._find_size(number if varies else 0)
+
+    def _image_size(self, number: int) -> tuple[int, int]:
+        try:
+            if isinstance(self._recording, BagRecording):
+                return _size_in_bag(self._recording, self._camera, number)
+            return image_size(self._recording, self._camera, number)
+        except KittiRos2Error as error:
+            self._nominal = self._nominal or str(error)
+            return NOMINAL_SIZE
+
+
+def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int, int]:
+    """Return (width, height) of the images of a camera; see kitti.kitti_recording.
+
+    Raises:
+        KittiRos2Error: The size is not known.
+    """
+    varies = recording.layout.traits.calibration_per_frame
+    seen_by = recording.calibration(number).cameras.get(camera)
+    if not varies and seen_by is not None and seen_by.size is not None:
+        return seen_by.size
+    index = recording.streams.get(IMAGE_STREAMS[camera])
+    numbers = [] if index is None else index.numbers.tolist()
+    wanted = number if varies else next(iter(numbers), number)
+    image = recording.read(IMAGE_STREAMS[camera], wanted) if wanted in numbers else None
+    if isinstance(image, Image):
+        return image.width, image.height
+    raise MissingDataError(f'{recording.root}: no image of camera {camera} with a known size')
+
+
+# The coordinate frames of results: velo_T_frame at a frame of the recording.
+#
+# The recording's own sensors are where its calibration has them. Other frames are joined to these
+# by the bag's transforms, static ones and those that move at the stamp of the result. If the bag
+# lacks a part of the tree that the player publishes, it is made from the calibration.
+
+
+_VELO = FrameNames().velo
+
+
+class ResultFrames:
+    """Finds velo_T_frame of the frames of results.
+
+    Args:
+        bag: The bag of the results.
+        topics: Type by topic of the bag.
+        cameras: Names of the recording's cameras, by index.
+        limit_ns: How far before the first or after the last transform of a moving link it is used.
+        losses: Transforms that cannot be decoded are entered there.
+
+    Attributes:
+        completed: The frames for which the recording's own tree was needed.
+        damage: Of the transforms, with the number of messages lost; None: unknown.
+    """
+
+    def __init__(
+        self,
+        bag: BagSource,
+        topics: Mapping[str, str],
+        cameras: Mapping[int, str],
+        limit_ns: int,
+        losses: LossTally,
+    ) -> None:
+        self._bag = bag
+        self._topics = {name for name, msgtype in topics.items() if msgtype in TF_TYPES}
+        self._names = [names.frames_of(cameras) for names in every_naming()]
+        self._limit_ns = limit_ns
+        self._losses = losses
+        self._own: tuple[Calibration, list[Link], Mapping[str, Transform]] | None = None
+        self.completed: set[str] = set()
+        self.damage: Mapping[str, int | None] = {}
+
+    def camera_of(self, frame: str) -> int | None:
+        """Return the camera whose optical frame has a name, None if no camera's has."""
+        return next(
+            (
+                index
+                for names in self._names
+                for index in names.cameras
+                if names.camera(index) == frame
+            ),
+            None,
+        )
+
+    def velo_t(
+        self, frame: str, calibration: Calibration, stamp_ns: int, scan_ns: int
+    ) -> Transform:
+        """Return velo_T_frame.
+
+        Args:
+            frame: Name without a leading slash.
+            calibration: That of the recording at the frame.
+            stamp_ns: The stamp of the result, at which a frame that moves is placed.
+            scan_ns: That of the scan, at which one that stands in the world is.
+
+        Raises:
+            MissingDataError: Nothing joins the frame to the scanner.
+        """
+        if frame == _VELO:
+            return Transform.identity()
+        links, sensors = self._own_tree(calibration)
+        if frame in sensors:
+            return sensors[frame]
+        static, tracks = self._transforms
+        at_ns = scan_ns if is_fixed(frame) or _stands(frame, static, tracks) else stamp_ns
+        poses = {link: _pose_at(track, at_ns, self._limit_ns) for link, track in tracks.items()}
+        moved = [(*link, pose) for link, pose in poses.items() if pose is not None]
+        lost = [link for link, pose in poses.items() if pose is None]
+        of_bag = FrameTree([*static, *moved], lost)
+        for name, velo_t_sensor in sensors.items():
+            sensor_t_frame = of_bag.find(name, frame)
+            if sensor_t_frame is not None:
+                return velo_t_sensor @ sensor_t_frame
+        placed = {link[1] for link in (*static, *moved, *lost)}
+        added = [link for link in links if link[1] not in placed]
+        found = FrameTree([*static, *moved, *added], lost).find(_VELO, frame)
+        if found is None:
+            raise MissingDataError(
+                f'no transform at its stamp joins frame {frame!r} to {_VELO}; the bag has {of_bag}'
+            )
+        self.completed.add(frame)
+        return found
+
+    def _own_tree(self, calibration: Calibration) -> tuple[list[Link], Mapping[str, Transform]]:
+        """Return the links that the player publishes, and velo_T_sensor by frame."""
+        if self._own is None or self._own[0] is not calibration:
+            base_t_unit = base_t_imu(MessageOptions())
+            links = [static_links(calibration, base_t_unit, names) for names in self._names]
+            tree = FrameTree(link for several in links for link in several)
+            cameras = (names.camera(index) for names in self._names for index in names.cameras)
+            found = {name: tree.find(_VELO, name) for name in (_VELO, *cameras)}
+            sensors = {
+                name: transform for name, transform in found.items() if transform is not None
+            }
+            self._own = calibration, links[0], sensors
+        return self._own[1:]
+
+    @cached_property
+    def _transforms(self) -> tuple[list[Link], Mapping[tuple[str, str], PoseTrack]]:
+        """The static links of the bag, and the poses over time of the others."""
+        if not self._topics:
+            return [], {}
+        with open_messages(self._bag, self._topics) as messages:
+            found = self._read_transforms(messages)
+            self.damage = messages.losses
+            return found
+
+    def _read_transforms(
+        self, messages: BagMessages
+    ) -> tuple[list[Link], Mapping[tuple[str, str], PoseTrack]]:
+        tally, links = LinkTally(), LinkTracks()
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            try:
+                decoded = decode(message)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
+                continue
+            still = 'static' in message.topic
+            tally.add(decoded, still=still)
+            if still:
+                continue
+            try:
+                links.add(message.data, message.stamp_ns)
+            except ValueError as error:
+                self._losses.lose(message.topic, message.stamp_ns, str(error))
+        static, moving, _ = tally.sorted()
+        tracks = links.tracks()
+        return static, {link: tracks[link] for link in moving if link in tracks}
+
+
+def _stands(frame: str, static: Sequence[Link], moving: Collection[tuple[str, str]]) -> bool:
+    """Whether no link above a frame moves."""
+    above = {child: parent for parent, child, _ in static}
+    moved = {child for _, child in moving}
+    line = [frame]
+    while line[-1] in above and above[line[-1]] not in line:
+        line.append(above[line[-1]])
+    return not moved.intersection(line)
+
+
+def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:
+    """Return the pose at a stamp; just before the first and after the last it is that one."""
+    nearest = np.clip([stamp_ns], track.stamps_ns[0], track.stamps_ns[-1])
+    if abs(int(nearest[0]) - stamp_ns) > limit_ns:
+        return None
+    return track.at(nearest)[0]
+
+
+# The messages of a topic with results, each with the frame that it belongs to.
+#
+# A message belongs to the frame whose stamp is nearest to that in its header. Without such a stamp
+# (MarkerArrays may have none, some nodes use the time of the computer) it belongs to the last frame
+# before its arrival, in the time of the player's /clock.
+
+
+_TYPES = frozenset({DETECTIONS_3D, DETECTIONS_2D, DETECTED_OBJECTS, TRACKED_OBJECTS, MARKERS})
+_EXPECTED = (
+    'a topic of Detection3DArray, Detection2DArray, DetectedObjects, TrackedObjects or MarkerArray'
+)
+
+
+class ResultMessage(NamedTuple):
+    """A message with the results of a frame.
+
+    Attributes:
+        number: Of the frame.
+        distance_ns: From the stamp of the frame, nanoseconds.
+        stamp_ns: That in its header, else that of the frame.
+        scan_ns: At which boxes in frames that do not move are placed: the stamp of the frame, or
+            its own if that is one of the sensors' or an end of the turn.
+        log_ns: Log time.
+        message: Decoded.
+    """
+
+    number: int
+    distance_ns: int
+    stamp_ns: int
+    scan_ns: int
+    log_ns: int
+    message: Any
+
+
+class ResultMessages(NamedTuple):
+    """The messages of a topic.
+
+    Attributes:
+        by_frame: By number of the frame, ascending.
+        losses: Messages that cannot be decoded, belong to no frame or to one that has another
+            message, and frames without one.
+        damage: Of the topic, with the number of messages lost; None: unknown.
+        notes: Remarks.
+        unanswered: The frames without a message, ascending.
+    """
+
+    by_frame: Mapping[int, ResultMessage]
+    losses: tuple[Loss, ...]
+    damage: Mapping[str, int | None]
+    notes: tuple[str, ...]
+    unanswered: tuple[int, ...]
+
+
+class _Received(NamedTuple):
+    """A decoded message with its log time and the stamp in its header, None without one."""
+
+    log_ns: int
+    header_ns: int | None
+    message: Any
+
+
+def choose_topic(bag: BagSource, types: Mapping[str, str], topic: str | None) -> str:
+    """Return the topic of the results.
+
+    Args:
+        bag: For errors.
+        types: Type by topic of the bag.
+        topic: As requested; None is the only one with boxes besides those of the recording itself.
+
+    Raises:
+        UsageError: There is none, or several.
+    """
+    path = path_of(bag)
+    possible = [name for name, msgtype in types.items() if msgtype in _TYPES]
+    if topic is None:
+        foreign = [name for name in possible if name not in own_topics()]
+        if not foreign:
+            others = ' besides the labels of the recording' if possible else ''
+            raise UsageError(f'{path}: has no results{others}; expected {_EXPECTED}')
+        if len(foreign) > 1:
+            raise UsageError(
+                f'{path}: has several topics with boxes, {", ".join(foreign)}; choose one with'
+                f' --topic'
+            )
+        return foreign[0]
+    if topic not in types:
+        shown = did_you_mean(topic, types) or f'; with boxes: {", ".join(possible) or "none"}'
+        raise UsageError(f'{path}: has no topic {topic}{shown}')
+    if types[topic] not in _TYPES:
+        raise UsageError(f'{path}: {topic} is a {types[topic]}; expected {_EXPECTED}')
+    return topic
+
+
+def read_messages(
+    bag: BagSource, types: Mapping[str, str], topic: str, frames: StampedFrames
+) -> ResultMessages:
+    """Read the messages of a topic and assign them to frames.
+
+    Of several for one frame the one with the nearest stamp is used, of equally near ones the last.
+
+    Args:
+        bag: The bag.
+        types: Type by topic of the bag.
+        topic: With results.
+        frames: Those of the recording.
+
+    Raises:
+        BadBagError: Not one message belongs to a frame.
+    """
+    tally = LossTally()
+    received: list[_Received] = []
+    with open_messages(bag, {topic}) as messages:
+        decode = Decoder(messages.typestore)
+        for each in messages:
+            try:
+                decoded = decode(each)
+            except ValueError as error:
+                tally.lose(topic, each.stamp_ns, str(error))
+                continue
+            received.append(_Received(each.stamp_ns, _header_ns(decoded), decoded))
+        damage = messages.losses
+    placed, notes = _place(bag, types, topic, received, frames)
+    by_frame: dict[int, ResultMessage] = {}
+    for found in placed:
+        other = by_frame.get(found.number)
+        if other is None or found.distance_ns <= other.distance_ns:
+            by_frame[found.number] = found
+    unanswered = tuple(number for number in frames.numbers if number not in by_frame)
+    unused = (
+        _strays(topic, received, placed, frames),
+        _repeated(topic, placed),
+        Loss(topic, len(unanswered), f'{topic}: no message for frames {{}}', unanswered),
+    )
+    losses = (*tally.losses(), *(loss for loss in unused if loss.count))
+    return ResultMessages(dict(sorted(by_frame.items())), losses, damage, notes, unanswered)
+
+
+def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types
+    """Return the first stamp after 1970 of a message and its boxes, None without one.
+
+    Of markers those that are added come first.
+    """
+    inner = [*getattr(message, 'detections', ()), *getattr(message, 'markers', ())]
+    added = sorted(inner, key=lambda each: getattr(each, 'action', 0) != 0)
+    headers = [each.header for each in (message, *added) if hasattr(each, 'header')]
+    return next((stamp for each in headers if (stamp := stamp_ns_of(each)) > 0), None)
+
+
+def _place(
+    bag: BagSource,
+    types: Mapping[str, str],
+    topic: str,
+    received: Sequence[_Received],
+    frames: StampedFrames,
+) -> tuple[list[ResultMessage], tuple[str, ...]]:
+    """Return the messages that belong to a frame, and notes.
+
+    Raises:
+        BadBagError: None does.
+    """
+    stamped = [each for each in received if each.header_ns is not None]
+    placed = [
+        _placed(*found, each.header_ns, each, frames)
+        for each in stamped
+        if each.header_ns is not None and (found := frames.nearest(each.header_ns))
+    ]
+    others = [each for each in received if each.header_ns is None] if placed else received
+    if others:
+        time = _played_time(bag, types)
+        arrived = [
+            _placed(*found, frames.stamp_of(found[0]), each, frames)
+            for each in others
+            if (found := frames.latest(time.at(each.log_ns)))
+        ]
+        if not placed and not arrived:
+            raise _no_frame(bag, topic, received, frames)
+        note = (
+            f'{topic}: {format_count(len(others), "message")} without a stamp of the recording;'
+            f' each is taken for the last frame before its arrival'
+        )
+        return placed + arrived, (note,)
+    if not placed:
+        raise BadBagError(path_of(bag), f'has no readable message on {topic}', 'results')
+    return placed, ()
+
+
+def _placed(
+    number: int, distance_ns: int, stamp_ns: int, received: _Received, frames: StampedFrames
+) -> ResultMessage:
+    """Return a message of a frame.
+
+    A detector that gives the stamp of its scan has brought its boxes into the world by the pose at
+    that stamp, whatever it is of the turn.
+    """
+    scan_ns = stamp_ns if distance_ns <= ROUNDED_NS else frames.moment_of(number)
+    return ResultMessage(number, distance_ns, stamp_ns, scan_ns, received.log_ns, received.message)
+
+
+def _no_frame(
+    bag: BagSource, topic: str, received: Sequence[_Received], frames: StampedFrames
+) -> BadBagError:
+    stamp_ns = received[0].header_ns or received[0].log_ns
+    found = (
+        f'none of the {format_count(len(received), "message")} of {topic} belongs to a frame: they'
+        f' begin at {format_stamp(stamp_ns)}, the frames at {format_stamp(frames.first_ns)}'
+    )
+    expected = 'the stamps that the frames were played with (--epoch and --period change them)'
+    return BadBagError(path_of(bag), found, expected)
+
+
+def _played_time(bag: BagSource, types: Mapping[str, str]) -> PlayedTime:
+    """Read the time of the player; messages of /clock that cannot be decoded are passed over."""
+    topics = {name for name, msgtype in types.items() if msgtype == CLOCK}
+    log_ns, clock_ns = [], []
+    if topics:
+        with open_messages(bag, topics) as messages:
+            decode = Decoder(messages.typestore)
+            for each in messages:
+                try:
+                    clock = decode(each).clock
+                except ValueError:
+                    continue
+                log_ns.append(each.stamp_ns)
+                clock_ns.append(from_sec_nanosec(clock.sec, clock.nanosec))
+    return PlayedTime(log_ns, clock_ns)
+
+
+def _strays(
+    topic: str,
+    received: Sequence[_Received],
+    placed: Sequence[ResultMessage],
+    frames: StampedFrames,
+) -> Loss:
+    """Return the messages that belong to no frame as a loss; its count may be 0."""
+    kept = {id(each.message) for each in placed}
+    strays = [each for each in received if id(each.message) not in kept]
+    first = format_stamp(strays[0].header_ns or strays[0].log_ns) if strays else ''
+    text = (
+        f'{topic}: no frame within {frames.tolerance_ns / 1e6:.1f} ms of the stamp of messages, the'
+        f' first at {first}'
+    )
+    return Loss(topic, len(strays), text)
+
+
+def _repeated(topic: str, placed: Sequence[ResultMessage]) -> Loss:
+    """Return the further messages of frames as a loss; its count may be 0."""
+    counts = Counter(each.number for each in placed)
+    several = tuple(sorted(number for number, count in counts.items() if count > 1))
+    text = f'{topic}: several messages for frames {{}}; the nearest in time is used, or the last'
+    return Loss(topic, len(placed) - len(counts), text, several)
 
 
 @dataclass(frozen=True)

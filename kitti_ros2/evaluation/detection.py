@@ -4,40 +4,314 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..api.keywords import by_name
-from ..api.source import warn
+import numpy as np
+
+from ..api.arguments import by_name, warn
+from ..drawing.drawn_objects import compared, objects_of_boxes, plot_file
 from ..files.remote import as_path
-from ..model.boxes import DONT_CARE
-from ..model.difficulty import Difficulty
-from ..options.evaluation_tables import DETECTION, make_detection_options
-from .common_frames import common_frames
-from .detection_inputs import no_progress, read_frames
-from .object_benchmark import evaluate_class, select_class
-from .object_table import table_of
-from .overlap import Space, find_overlaps
-from .result_notes import notes_on
-from .worst import worst_frames
+from ..kitti.names import parse_image_set
+from ..kitti.store import STORE
+from ..model.boxes import DONT_CARE, Difficulty, Verdict
+from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
+from ..model.errors import Loss, UsageError, describe_frames, format_count, some_of
+from ..model.geometry import Transform
+from ..model.samples import FrameLabels
+from ..options.declare import options_of
+from ..options.evaluation import DETECTION, BagResultsOptions, make_detection_options
+from .ground_truth import (
+    FrameBoxes,
+    holds_bag,
+    open_truth_bag,
+    read_boxes,
+    read_ground_truth,
+    recording_of,
+)
+from .object_benchmark import (
+    SAMPLES,
+    Space,
+    evaluate_class,
+    find_overlaps,
+    notes_on,
+    select_class,
+    table_of,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from typing_extensions import Unpack
 
-    from ..api.keywords import DetectionKeywords
-    from ..model.losses import Loss
-    from ..options.bag_results import BagResultsOptions
-    from ..options.eval_detection import DetectionOptions
+    from ..api.arguments import DetectionKeywords
+    from ..drawing.drawn_objects import LabelledObject
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.boxes import Box
+    from ..options.evaluation import DetectionOptions
     from ..options.read import ReadOptions
-    from .frame_boxes import FrameBoxes, Progress
-    from .object_benchmark import Curve, Scores
-    from .object_table import ObjectTable
-    from .overlap import Overlaps
-    from .worst import WorstFrame
+    from ..own_bags.recording import BagRecording
+    from .ground_truth import Progress
+    from .object_benchmark import Curve, ObjectTable, Overlaps, Scores
+
+
+# The labels and results that are compared, from files, folders and bags.
+
+
+def no_progress() -> None:
+    """Show no progress."""
+
+
+def read_frames(
+    ground_truth: Path,
+    results: Path,
+    read: ReadOptions,
+    recorded: BagResultsOptions,
+    progress: Progress = no_progress,
+) -> tuple[FrameBoxes, FrameBoxes]:
+    """Read labels and results by frame.
+
+    Args:
+        ground_truth: The labels.
+        results: Result files, or a bag.
+        read: Layout and sequence of the ground truth.
+        recorded: Options of a bag.
+        progress: Called for each file that is read.
+
+    Raises:
+        KittiRos2Error: A path cannot be read.
+    """
+    in_bag = holds_bag(results)
+    if not in_bag:
+        _refuse_bag_options(results, recorded)
+    truth = read_ground_truth(ground_truth, read, progress)
+    if in_bag:
+        found = _read_bag(results, ground_truth, read, recorded)
+    else:
+        found = read_boxes(results, 'results', progress, truth.frames)
+    labelled, detected = _scores(truth), _scores(found)
+    if labelled and None not in labelled and {*detected} == {None}:
+        raise UsageError(
+            f'{ground_truth}: all labels have scores, and {results} has none; give GROUND_TRUTH'
+            f' first, then RESULTS'
+        )
+    return truth, found
+
+
+def _refuse_bag_options(results: Path, recorded: BagResultsOptions) -> None:
+    for each in options_of(BagResultsOptions):
+        if results.exists() and getattr(recorded, each.field) != each.default:
+            name = each.name.replace('_', '-')
+            raise UsageError(f'{results}: is no bag; --{name} is for results in a bag')
+
+
+def _scores(frames: FrameBoxes) -> list[float | None]:
+    return [box.score for boxes in frames.boxes.values() for box in boxes]
+
+
+def _read_bag(
+    path: Path, ground_truth: Path, read: ReadOptions, options: BagResultsOptions
+) -> FrameBoxes:
+    """Read the results in a bag; the ground truth has the stamps and calibrations of the frames."""
+    from ..bags.open_source import open_bag_source, open_folder  # noqa: PLC0415 - as below
+    from .bag_results import read_bag_results  # noqa: PLC0415 - readers of bags take 0.2 s
+
+    with ExitStack() as stack:
+        recording: KittiRecording | BagRecording
+        if holds_bag(ground_truth):
+            recording = stack.enter_context(open_truth_bag(ground_truth))
+        else:
+            recording = open_folder(*recording_of(ground_truth, read))
+        found = read_bag_results(
+            stack.enter_context(open_bag_source(path)),
+            options.topic,
+            recording,
+            dict(options.class_map),
+            tolerance_ns=options.tolerance_ns,
+        )
+    return FrameBoxes(path, found.boxes, losses=found.losses, notes=found.notes)
+
+
+# The frames that have both labels and results; all others are named.
+
+
+def common_frames(
+    truth: FrameBoxes, found: FrameBoxes, listed: Path | None
+) -> tuple[list[int], list[Loss]]:
+    """Return the frames to score, and all losses: also the frames that cannot be scored.
+
+    Args:
+        truth: The labels.
+        found: The results.
+        listed: A list of the frames to score; None for all with labels and results.
+
+    Raises:
+        UsageError: There is none to score.
+    """
+    labelled, answered = ({*each.boxes, *_unread(each)} for each in (truth, found))
+    wanted, losses = (labelled | answered, []) if listed is None else _read_list(listed, truth)
+    losses += [loss for each in (truth, found) for loss in each.losses if _concerns(loss, wanted)]
+    labelled |= wanted if truth.complete else set()
+    answered |= labelled if found.complete else set()
+    absent = sorted((wanted & labelled) - answered)
+    if absent:
+        message = (
+            f'{found.source}: no file for frames {{}}, which are not scored (give an empty file for'
+            f' a frame without detections, or --frames with a list of the frames to score)'
+        )
+        losses.append(Loss('results', len(absent), message, tuple(absent)))
+    extra = sorted(wanted - labelled)
+    if extra:
+        message = f'{truth.source}: no labels for frames {{}}, which are not scored'
+        losses.append(Loss('ground truth', len(extra), message, tuple(extra)))
+    unread = {*_unread(truth), *_unread(found)}
+    numbers = sorted((wanted & labelled & answered) - unread)
+    if not numbers:
+        raise _no_frames(truth, found, listed)
+    return numbers, losses
+
+
+def _concerns(loss: Loss, numbers: set[int]) -> bool:
+    return not loss.numbers or not numbers.isdisjoint(loss.numbers)
+
+
+def _unread(frames: FrameBoxes) -> set[int]:
+    """Return the frames whose file could not be read."""
+    return {number for loss in frames.losses for number in loss.numbers} - frames.boxes.keys()
+
+
+def _read_list(path: Path, truth: FrameBoxes) -> tuple[set[int], list[Loss]]:
+    """Read the numbers of a list of frames; its invalid lines are losses."""
+    known = truth.frames
+    found = parse_image_set(STORE.read_text(path), path, frames=True, known=known)
+    losses = [Loss('frames', 1, reason) for reason in found.invalid]
+    numbers = (known.number(name) for name in found.entries)
+    return {number for number in numbers if number is not None}, losses
+
+
+def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> UsageError:
+    for each in (found, truth):
+        if each.losses and not each.boxes:
+            return UsageError(f'{each.source}: no frame can be scored: {each.losses[0].text()}')
+    described = [
+        f'{each.source} has {describe_frames(sorted(each.boxes)) if each.boxes else "no frames"}'
+        for each in (found, truth)
+    ]
+    among = f' among those of {listed}' if listed is not None else ''
+    lost = [loss for each in (found, truth) if not each.boxes for loss in each.losses]
+    reason = f' ({max(lost, key=lambda loss: loss.count).text()})' if lost else ''
+    return UsageError(
+        f'no frame{among} has both results and labels: {", ".join(described)}{reason};'
+        f' give the results of these frames, or their labels'
+    )
+
+
+# The frames in which a detector errs most.
+
+
+_COUNT = 20
+
+
+@dataclass(frozen=True)
+class WorstFrame:
+    """A frame with errors.
+
+    Attributes:
+        number: The frame.
+        penalty: The number of missed labels and the weights of the false positives, summed.
+        missed: The number of labels that no prediction finds.
+        false_positives: The number of predictions that find no label.
+        reason: The errors, one line.
+    """
+
+    number: int
+    penalty: float
+    missed: int
+    false_positives: int
+    reason: str
+
+
+def worst_frames(
+    ground_truth: Mapping[int, Sequence[Box]],
+    results: Mapping[int, Sequence[Box]],
+    count: int = _COUNT,
+    overlaps: LeastOverlaps = KITTI_OVERLAPS,
+    *,
+    classes: Collection[str] = (),
+) -> list[WorstFrame]:
+    """Rank frames by their errors: each missed label is 1, each false positive its score.
+
+    Labels and predictions are matched as in pictures (model/boxes.py). Scores that are not all
+    within 0 to 1 are scaled to it, from the lowest to the highest; predictions without a score are
+    1. Of frames with equal errors the lower number is first; frames without errors are left out.
+
+    Args:
+        ground_truth: The labels of the frames to rank, by number.
+        results: The predictions by number; a frame that is not in it has none.
+        count: Number of frames to return, at most.
+        overlaps: The IoU above which a prediction is a true positive.
+        classes: Classes whose errors count, in lower case; empty for all.
+    """
+    weigh = _weight(results)
+    found = []
+    for number, boxes in ground_truth.items():
+        labels, predictions = compared(_objects(boxes), _objects(results.get(number, ())), overlaps)
+        missed = _of_verdict(labels, Verdict.FALSE_NEGATIVE, classes)
+        wrong = _of_verdict(predictions, Verdict.FALSE_POSITIVE, classes)
+        if missed or wrong:
+            wrong.sort(key=weigh, reverse=True)
+            penalty = len(missed) + sum(map(weigh, wrong))
+            reason = _reason(missed, wrong)
+            found.append(WorstFrame(number, penalty, len(missed), len(wrong), reason))
+    return sorted(found, key=lambda each: (-each.penalty, each.number))[:count]
+
+
+def _objects(boxes: Sequence[Box]) -> list[LabelledObject]:
+    """Return boxes as objects in the camera's frame, in which overlaps are the same."""
+    return objects_of_boxes(FrameLabels(boxes), Transform.identity())
+
+
+def _of_verdict(
+    objects: Sequence[LabelledObject], verdict: Verdict, classes: Collection[str]
+) -> list[LabelledObject]:
+    return [
+        each
+        for each in objects
+        if each.match is not None
+        and each.match.verdict is verdict
+        and (not classes or each.class_name.lower() in classes)
+    ]
+
+
+def _weight(results: Mapping[int, Sequence[Box]]) -> Callable[[LabelledObject], float]:
+    """Return the function of the weight of a false positive, 0 to 1."""
+    scores = [box.score for boxes in results.values() for box in boxes if box.score is not None]
+    low, high = min(scores, default=0.0), max(scores, default=1.0)
+    if low >= 0 and high <= 1:
+        low, high = 0.0, 1.0
+    span = high - low
+    return lambda each: (each.score - low) / span if span and each.score is not None else 1.0
+
+
+def _reason(missed: Sequence[LabelledObject], wrong: Sequence[LabelledObject]) -> str:
+    """Describe errors: missed: 2 Car, 1 Cyclist; false positives: Car 0.93, Car 0.81."""
+    parts = []
+    if missed:
+        classes = Counter(each.class_name for each in missed).most_common()
+        parts.append(f'missed: {", ".join(f"{n} {class_name}" for class_name, n in classes)}')
+    if wrong:
+        named = [
+            each.class_name if each.score is None else f'{each.class_name} {each.score:.2f}'
+            for each in wrong
+        ]
+        noun = 'false positive' if len(wrong) == 1 else 'false positives'
+        parts.append(f'{noun}: {some_of(named)}')
+    return '; '.join(parts)
+
 
 ORIENTATION = 'aos'
 LOOSE = {'car': 0.5, 'pedestrian': 0.25, 'cyclist': 0.25}
@@ -254,3 +528,58 @@ def _plain(scores: Scores) -> dict[str, object]:
 def _figure(curve: Curve | None, name: str) -> float | None:
     """Return an average precision in percent; None without an object, or not evaluated."""
     return None if curve is None or not curve.objects else round(getattr(curve, name), 4)
+
+
+# Draws the curves of precision and orientation similarity over recall.
+
+
+_PANEL_INCHES = (2.9, 2.3)
+_TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}
+_LOOKS = {
+    Difficulty.EASY: ('#2a9d5c', (0, ())),
+    Difficulty.MODERATE: ('#e0861a', (0, (5, 1.5))),
+    Difficulty.HARD: ('#c03a4b', (0, (2, 1.2))),
+}
+
+
+def draw_curves(scores: DetectionScores, title: str, path: Path) -> None:
+    """Draw a row of panels for each class, with a curve for each level of difficulty.
+
+    Args:
+        scores: The scores.
+        title: The heading.
+        path: The picture: .png, .pdf or .svg.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: The file cannot be written.
+    """
+    width, height = _PANEL_INCHES
+    rows = len(scores.scores)
+    with plot_file(path, (width * len(_TITLES), height * rows + 0.4)) as figure:
+        grid = figure.subplots(rows, len(_TITLES), squeeze=False, sharex=True, sharey=True)
+        heading = f'{title}, {format_count(scores.frames, "frame")}'
+        figure.suptitle(heading, size=11, weight='bold')
+        for row, (class_name, metrics) in zip(grid, scores.scores.items(), strict=True):
+            row[0].set_ylabel('precision, %')
+            for axes, (metric, name) in zip(row, _TITLES.items(), strict=True):
+                axes.set_title(f'{class_name}, {name}', loc='left')
+                _draw(axes, metrics[metric])
+        for axes in grid[-1]:
+            axes.set_xlabel('recall, %')
+
+
+def _draw(axes: Any, curves: Mapping[Difficulty, Curve | None]) -> None:  # noqa: ANN401 - of matplotlib
+    """Draw the curves of a class in one metric, with their averages."""
+    axes.set_xlim(0, 100)
+    axes.set_ylim(0, 103)
+    recall = 100 * np.arange(SAMPLES) / (SAMPLES - 1)
+    for level, curve in curves.items():
+        if curve is not None and curve.objects:
+            color, dashes = _LOOKS[level]
+            label = f'{level.value} {curve.r40:.2f}'
+            axes.plot(recall, 100 * curve.values, color=color, ls=dashes, lw=1.4, label=label)
+    if axes.lines:
+        axes.legend(loc='best', title='R40', title_fontsize=7, alignment='left')
+    else:
+        axes.text(50, 50, 'no objects, or not evaluated', ha='center', va='center')

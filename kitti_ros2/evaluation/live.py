@@ -4,34 +4,570 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from dataclasses import dataclass
+import os
+import re
+import shlex
+import signal
+import subprocess
+import threading
+import time
+from contextlib import ExitStack, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..api.keywords import by_name
-from ..api.source import warn
+from ..api.arguments import by_name, warn
+from ..bags.locate import looks_like_bag
+from ..bags.writer import guess_storage, open_bag
 from ..files.remote import as_path
 from ..files.staging import refuse_inside
+from ..messages.cdr import deserialize, peek_header, stamp_ns_of
+from ..messages.ros_types import TYPESTORE
+from ..model.bag_formats import MARKERS, TF, Channel
+from ..model.errors import (
+    KittiRos2Error,
+    Loss,
+    UsageError,
+    describe_error,
+    did_you_mean,
+    format_count,
+    one_line,
+    some_of,
+)
+from ..model.streams import NS_PER_S, format_stamp
 from ..node.installed import check_installed
-from ..options.evaluation_tables import LIVE, make_live_options
-from .live_run import record_run
-from .live_scores import check_task, score_results
+from ..options.evaluation import (
+    LIVE,
+    make_detection_options,
+    make_live_options,
+    make_odometry_options,
+    make_tracking_options,
+)
+from ..options.outputs import BagOptions
+from ..player.playback import Answers
+from .detection import score_paths
+from .ground_truth import read_ground_truth
+from .odometry import open_truth, score_trajectory
+from .track_metrics import check_trackeval
+from .tracking import find_sequences, score_tracking
+from .trajectories import check_evo
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Callable, Mapping
 
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
 
-    from ..api.keywords import LiveKeywords
-    from ..model.losses import Loss
-    from ..options.eval_live import LiveOptions
+    from ..api.arguments import LiveKeywords
+    from ..bags.writer import BagWriter
+    from ..node.run import LivePlayer
+    from ..options.evaluation import LiveOptions
+
+
+# Scores of a run: what is checked before it, and the evaluation of its results after it.
+
+
+if TYPE_CHECKING:
+    Given = Mapping[str, object]
+
+
+def check_task(task: str, source: Path, played: Given) -> None:
+    """Check that results can be scored: there is ground truth, and what is needed is installed.
+
+    Args:
+        task: The evaluation.
+        source: The ground truth.
+        played: The options of the player.
+
+    Raises:
+        KittiRos2Error: They cannot.
+    """
+    _TASKS[task].check(source, _of_truth(task, played))
+
+
+def score_results(
+    task: str, source: Path, bag: Path, played: Given, run: LiveRun, align: str | None = None
+) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
+    """Score the results in a bag with the ground truth of a source.
+
+    Losses that concern frames without an answer are left out: those of the run name them.
+
+    Args:
+        task: The evaluation.
+        source: The ground truth.
+        bag: The results.
+        played: The options of the player.
+        run: The run, whose frames are scored.
+        align: How poses are aligned; None is the default.
+    """
+    given = {**_of_truth(task, played), 'topic': run.topic}
+    if task == 'odometry':
+        given['align'] = align
+    scores = _TASKS[task].score(source, bag, given, run)
+    answered = run.answers.latencies_ns
+    losses = (loss.among(answered) for loss in scores.losses)
+    return replace(scores, losses=tuple(loss for loss in losses if loss is not None))
+
+
+def _of_truth(task: str, played: Given) -> Given:
+    """Return the options of the player that are those of the ground truth, too."""
+    names = {'sequence'} if task == 'tracking' else {'layout', 'sequence'}
+    return {name: value for name, value in played.items() if name in names}
+
+
+def _check_detection(source: Path, given: Given) -> None:
+    read, _, _ = make_detection_options(given)
+    read_ground_truth(source, read)
+
+
+def _score_detection(source: Path, bag: Path, given: Given, _: LiveRun) -> Any:  # noqa: ANN401
+    return score_paths(source, bag, *make_detection_options(given))
+
+
+def _check_tracking(source: Path, given: Given) -> None:
+    check_trackeval()
+    if looks_like_bag(source):
+        raise UsageError(
+            f'{source}: is a bag, whose tracks are not read as ground truth; give the KITTI folder'
+            f' that it was made from'
+        )
+    read, _ = make_tracking_options(given)
+    names = [each.name for each in find_sequences(source, read)]
+    if len(names) > 1:
+        raise UsageError(f'{source}: choose what is played with --sequence ({some_of(names)})')
+
+
+def _score_tracking(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
+    options = make_tracking_options(given)
+    return score_tracking(
+        source, bag, *options, lambda _done, _total: None, {*run.answers.frames()}
+    )
+
+
+def _check_odometry(source: Path, given: Given) -> None:
+    check_evo()
+    open_truth(source, *make_odometry_options(given))
+
+
+def _score_odometry(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
+    return score_trajectory(source, bag, *make_odometry_options(given), {*run.answers.frames()})
+
+
+class _Task(NamedTuple):
+    check: Callable[[Path, Given], None]
+    score: Callable[[Path, Path, Given, LiveRun], Any]
+
+
+_TASKS = {
+    'detection': _Task(_check_detection, _score_detection),
+    'tracking': _Task(_check_tracking, _score_tracking),
+    'odometry': _Task(_check_odometry, _score_odometry),
+}
+
+
+# What happened in a run of a stack: its answers; what it did not answer, as losses and notes.
+
+
+@dataclass
+class LiveRun:
+    """What happened in a run.
+
+    Attributes:
+        answers: The answers of the stack.
+        topic: The topic with its results.
+        msgtype: The type of the topic.
+        losses: What the stack did not answer, and what could not be played.
+        notes: Other remarks, one line each.
+    """
+
+    answers: Answers
+    topic: str
+    msgtype: str = ''
+    losses: list[Loss] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The frames that were sent and not answered."""
+        answered = self.answers.latencies_ns
+        return tuple(number for number in self.answers.frames() if number not in answered)
+
+
+def why_nothing(run: LiveRun, problem: str) -> str:
+    """Describe why no frame was answered; problem is what ended the run, empty for nothing."""
+    answers = run.answers
+    frames = format_count(len(answers.frames()), 'frame')
+    said = f'{run.topic}: no frame was answered ({frames} sent)'
+    if problem:
+        said += f'; {problem}'
+    if answers.between:
+        said += f'; {format_count(answers.between, "message")} with a stamp between two frames'
+    return f'{said}; {_describe_strays(answers)}' if answers.strays else said
+
+
+def enter_losses(run: LiveRun, problem: str, total: int) -> None:
+    """Enter what was not sent or answered into the losses and notes of a run.
+
+    Args:
+        run: With its answers.
+        problem: What ended the run early, empty for nothing.
+        total: Number of frames to send.
+    """
+    answers = run.answers
+    sent = len(answers.frames())
+    missing = run.missing
+    if problem and (missing or sent < total):
+        reason = f'{problem}; {sent} of {total} frames were sent'
+        run.losses.append(Loss(run.topic, max(1, total - sent), reason))
+    elif sent < total:
+        count = format_count(total - sent, 'frame')
+        run.notes.append(f'{count} of {total} have nothing that the node subscribes to')
+    if missing:
+        run.losses.append(Loss(run.topic, len(missing), 'no answer to frames {}', missing))
+    if answers.strays:
+        run.losses.append(Loss(run.topic, answers.strays, _describe_strays(answers)))
+    if answers.repeated:
+        run.notes.append(f'{answers.repeated} more messages for frames answered before')
+    if answers.between:
+        run.notes.append(f'{answers.between} more messages with a stamp between two frames')
+    if answers.on_the_way > 1:
+        run.notes.append(
+            f'up to {answers.on_the_way} frames were on their way at once, because an answer came'
+            f' late or not at all; latencies include the wait'
+        )
+
+
+def _describe_strays(answers: Answers) -> str:
+    first = answers.first_stray_ns
+    shown = 'none' if first is None or first < 0 else format_stamp(first)
+    return (
+        f'{format_count(answers.strays, "message")} with the stamp of no frame, the first'
+        f' {shown}; a result must have the stamp of the scan or image that it was made from'
+    )
+
+
+# The process of a node under test, in a process group of its own.
+
+
+_STOPS = ((signal.SIGINT, 8.0), (signal.SIGTERM, 4.0), (signal.SIGKILL, 2.0))
+"""How a node is stopped, each signal with the seconds until the next one."""
+_SHELL = re.compile(r'^\s*(source|export|cd|\.|\w+=\S*)\s|[;&|<>]')
+_SHELL_HINT = '; no shell interprets it: for what a shell does, give "bash -c \'...\'"'
+_NO_SIGNAL = 0  # only checks whether there is a process
+_LOOK_EVERY_S = 0.02
+_LAST_OUTPUT_S = 0.5
+
+
+class StackError(KittiRos2Error):
+    """The stack under test does not start, or gives no answer."""
+
+
+class NodeProcess:
+    """A command that runs until it is stopped; as a context manager it is stopped at the end.
+
+    Args:
+        command: Its words as for a shell; no shell interprets it.
+        show: Called with each line of its output, from another thread.
+
+    Raises:
+        UsageError: The command is invalid, or cannot be started.
+    """
+
+    def __init__(self, command: str, show: Callable[[bytes], object]) -> None:
+        try:
+            words = shlex.split(command)
+        except ValueError as error:
+            raise UsageError(f'--node {command!r} cannot be split into words: {error}') from None
+        if not words:
+            raise UsageError('--node is empty; give the command that starts the node')
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - the user's own command
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={'PYTHONUNBUFFERED': '1', **os.environ},
+            )
+        except OSError as error:
+            hint = _SHELL_HINT if _SHELL.search(command) else ''
+            raise UsageError(f'--node cannot be started: {describe_error(error)}{hint}') from None
+        self._show = show
+        self._last_line = b''
+        self._reader = threading.Thread(target=self._read, name='node-output', daemon=True)
+        self._reader.start()
+        self.killed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def ended(self) -> str:
+        """Return how it ended and the last line of its output; empty while it runs."""
+        code = self._process.poll()
+        if code is None:
+            return ''
+        self._reader.join(_LAST_OUTPUT_S)  # other processes of the group may keep the pipe open
+        how = f'exit code {code}' if code >= 0 else f'killed by {signal.Signals(-code).name}'
+        said = one_line(self._last_line.decode(errors='replace').strip())
+        return f'{how}; its last line: {said}' if said else how
+
+    def stop(self) -> None:
+        """Stop all processes of the group: SIGINT, then SIGTERM, then SIGKILL."""
+        try:
+            for number, seconds in _STOPS:
+                self.killed = self._signal(number) and number is signal.SIGKILL
+                if self._is_gone_within(seconds):
+                    break
+        except (KeyboardInterrupt, SystemExit):  # a second Ctrl-C or SIGTERM
+            self._signal(signal.SIGKILL)
+            raise
+        self._reader.join(_LAST_OUTPUT_S)
+
+    def _is_gone_within(self, seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while self._signal(_NO_SIGNAL):
+            if time.monotonic() > end:
+                return False
+            time.sleep(_LOOK_EVERY_S)
+        return True
+
+    def _signal(self, number: int) -> bool:
+        """Send a signal to the group; return whether it has a process."""
+        self._process.poll()  # a process that has ended counts until its code is read
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
+            return True
+        return False
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None  # noqa: S101 - PIPE
+        with self._process.stdout as output:
+            for line in output:
+                self._last_line = line if line.strip() else self._last_line
+                with suppress(OSError):  # a node blocks if nobody reads its output
+                    self._show(line)
+
+
+# One run of a stack: it is started, played to, recorded and stopped.
+
+
+if TYPE_CHECKING:
+    Progress = Callable[[int, int], None]
 
 __all__ = ['Latency', 'LiveScores', 'evaluate_live']
+
+_TRANSFORMS = (Channel('/tf', TF, depth=100), Channel('/tf_static', TF, latched=True, depth=100))
+
+
+def record_run(
+    source: Path,
+    options: LiveOptions,
+    played: Mapping[str, object],
+    bag: Path,
+    accept: Callable[[str], None],
+    show: Callable[[bytes], object],
+    progress: Progress,
+) -> LiveRun:
+    """Play a source to a stack and write its results to a bag, with the transforms.
+
+    Args:
+        source: A KITTI folder or a bag.
+        options: Those of the run.
+        played: Those of the player, by name.
+        bag: The bag to write.
+        accept: Called with the type of the topic; raises an error if it cannot be scored.
+        show: Called with each line of the node's output.
+        progress: Called with the numbers of answered frames and of all.
+
+    Raises:
+        KittiRos2Error: The source cannot be played, or the stack does not start or answer.
+    """
+    from ..node.run import open_live_player  # noqa: PLC0415 - needs rclpy
+
+    answers = Answers(options.timeout_ns)
+    storage = BagOptions(storage=guess_storage(bag), overwrite=options.overwrite)
+    with (
+        open_bag(bag, storage, TYPESTORE) as writer,
+        open_live_player(source, played, options.wait_for, answers) as player,
+        nullcontext() if options.node is None else NodeProcess(options.node, show) as node,
+    ):
+        stage = _Stage(player, node, options, writer, answers, accept)
+        try:
+            stage.wait_until_ready()
+            stage.play(progress)
+        finally:
+            stage.end_recording()
+    if node is not None and node.killed:
+        stage.run.notes.append('the node was killed: it ended neither by SIGINT nor by SIGTERM')
+    return stage.run
+
+
+class _Stage:
+    """The player, the node and the bag of a run."""
+
+    def __init__(
+        self,
+        player: LivePlayer,
+        node: NodeProcess | None,
+        options: LiveOptions,
+        bag: BagWriter,
+        answers: Answers,
+        accept: Callable[[str], None],
+    ) -> None:
+        self._player = player
+        self._node = node
+        self._options = options
+        self._bag = bag
+        self._answers = answers
+        self._accept = accept
+        self._begin_ns = int(player.session.program.stamps_ns[0])
+        self._error: KittiRos2Error | None = None
+        self._writing = threading.Lock()
+        self._recording = True
+        self.run = LiveRun(answers, options.topic, notes=[*player.session.program.notes()])
+
+    def wait_until_ready(self) -> None:
+        """Wait until the topic has a publisher, and enough nodes subscribe.
+
+        Raises:
+            StackError: The node has ended, or the time is up.
+            KittiRos2Error: Results of the topic's type cannot be scored.
+        """
+        self._refuse_own_topic()
+        end = time.monotonic() + self._options.start_timeout_ns / NS_PER_S
+        while not (self._hears() and not self._player.playback.state().waiting):
+            if self._node is not None and (how := self._node.ended()):
+                raise StackError(f'the node ended before the first frame: {how}')
+            if time.monotonic() > end:
+                raise StackError(self._what_is_missing())
+            time.sleep(_LOOK_EVERY_S)
+        topic = self._options.topic
+        if (publishers := self._player.count_publishers(topic)) > 1:
+            self.run.notes.append(f'{topic} has {publishers} publishers: their results are mixed')
+        for channel in _TRANSFORMS:
+            self._record(channel)
+
+    def play(self, progress: Progress) -> None:
+        """Play everything and wait for the last answer; what went wrong becomes a loss.
+
+        Raises:
+            StackError: The stack has answered no frame.
+            KittiRos2Error: The player or the bag failed.
+        """
+        player, answers = self._player, self._answers
+        total = len({*player.session.program.frames.tolist()})
+        player.playback.resume()
+        problem = ''
+        while not (problem or player.error or (player.ended.is_set() and answers.all_in())):
+            time.sleep(_LOOK_EVERY_S)
+            progress(len(answers.latencies_ns), total)
+            problem = self._problem()
+        player.playback.stop()
+        player.ended.wait()
+        if player.error is not None:
+            raise player.error
+        if not answers.latencies_ns:
+            raise StackError(why_nothing(self.run, problem))
+        enter_losses(self.run, problem, total)
+        for reason, lost in player.session.counts.dropped.items():
+            self.run.losses.append(Loss('player', max(1, lost), reason))
+
+    def _hears(self) -> bool:
+        """Subscribe to the topic once it has a publisher; return whether it is connected."""
+        topic = self._options.topic
+        found = [] if self.run.msgtype else self._player.types_of(topic)
+        if found:
+            self.run.msgtype = self._choose(found)
+            self._record(Channel(topic, self.run.msgtype))
+        return self._player.hears(topic)
+
+    def _choose(self, found: list[str]) -> str:
+        """Return the type to subscribe to, of those that the topic has.
+
+        Raises:
+            KittiRos2Error: It is not the one requested, one of several, or none that can be scored.
+        """
+        chosen = self._options.msgtype or found[0]
+        if chosen not in found or (len(found) > 1 and self._options.msgtype is None):
+            raise UsageError(f'{self._options.topic} is {" and ".join(found)}; give --type')
+        self._accept(chosen)
+        return chosen
+
+    def _record(self, channel: Channel) -> None:
+        """Subscribe to a topic, and write its messages to the bag."""
+        with self._writing:
+            number = self._bag.add_channel(channel)
+        is_result = channel.topic == self._options.topic
+
+        def receive(data: bytes) -> None:
+            try:
+                if is_result:
+                    self._answers.received(stamp_of(data, channel.msgtype))
+                with self._writing:
+                    if self._recording:
+                        stamp_ns = self._answers.newest_ns or self._begin_ns
+                        self._bag.write(number, stamp_ns, (data,))
+            except KittiRos2Error as error:
+                self._error = self._error or error
+
+        self._player.hear(channel.topic, channel.msgtype, receive)
+
+    def end_recording(self) -> None:
+        """Ignore what is received from now on: a player that closes slowly still receives."""
+        with self._writing:
+            self._recording = False
+
+    def _problem(self) -> str:
+        """Return why the run cannot continue; empty if it can."""
+        answers = self._answers
+        if self._error is not None:
+            raise self._error
+        if self._node is not None and (how := self._node.ended()):
+            return f'the node ended early: {how}'
+        if answers.flooded():
+            frames = format_count(len(answers.frames()), 'frame')
+            return f'{answers.messages} messages for {frames}; a node answers each frame once'
+        if answers.silent():
+            return f'no answer within {self._options.timeout_ns / NS_PER_S:g} s'
+        return ''
+
+    def _refuse_own_topic(self) -> None:
+        topics = [channel.topic for channel in self._player.session.program.channels]
+        if self._options.topic in topics:
+            raise UsageError(f'{self._options.topic} is played itself; give a topic of the node')
+
+    def _what_is_missing(self) -> str:
+        topic, seconds = self._options.topic, self._options.start_timeout_ns / NS_PER_S
+        if not self._player.hears(topic):
+            others = self._player.others()
+            hint = did_you_mean(topic, others) or (
+                f'; others publish {some_of(others)}' if others else '; nobody publishes anything'
+            )
+            return f'{topic} has no publisher after {seconds:g} s{hint}'
+        channels = self._player.session.program.channels
+        offered = some_of([each.topic for each in channels if each.on_demand])
+        needed = self._options.wait_for
+        few = 'no node' if needed == 1 else f'fewer than {needed} nodes'
+        return f'{few} subscribed to the player within {seconds:g} s; it offers {offered}'
+
+
+def stamp_of(data: bytes, msgtype: str) -> int | None:
+    """Return the stamp of a serialised result, nanoseconds; None if it has none.
+
+    That of a MarkerArray is the latest of its markers: the first may only delete the others.
+    """
+    try:
+        if msgtype != MARKERS:
+            return peek_header(data)[0]
+        markers = deserialize(data, MARKERS).markers
+    except Exception:  # noqa: BLE001 - a damaged message may raise anything
+        return -1
+    return max((stamp_ns_of(marker.header) for marker in markers), default=0) or None
 
 
 @dataclass(frozen=True)

@@ -33,23 +33,32 @@ eval_class). Its rules, in the order of the code:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from ..model.boxes import DONT_CARE
-from ..model.difficulty import LIMITS
-from ..model.matching import NEIGHBOURS
+from ..model.boxes import (
+    DONT_CARE,
+    LIMITS,
+    NEIGHBOURS,
+    UNKNOWN_OCCLUSION,
+    Difficulty,
+    shared_areas_2d,
+    signed_areas,
+)
+from ..model.errors import format_count, some_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from ..model.difficulty import Difficulty
+    from ..model.boxes import Box
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
-    from .object_table import BoolArray, ObjectTable
-    from .overlap import Overlaps
+    from .ground_truth import FrameBoxes
+
 
 SAMPLES = 41
 """Of recall, 0 to 1."""
@@ -270,3 +279,328 @@ def _nth_of_each(groups: Int64Array) -> list[Int64Array]:
     rank = np.arange(len(groups)) - np.repeat(starts, np.diff(np.r_[starts, len(groups)]))
     order = np.argsort(rank, kind='stable')
     return np.split(order, np.cumsum(np.bincount(rank))[:-1])
+
+
+# The objects of many frames as columns, and the pairs of objects of the same frame.
+
+
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+UNSCORED = 1.0
+"""The score of a detection without one."""
+
+_NUMBERS = 15
+_MOST_PAIRS = 400_000
+"""Compared at once: their columns take some 100 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTable:
+    """The objects of a series of frames, in the order of the frames and of the lines of each.
+
+    Attributes:
+        frame: (N,) index of the frame in the series, ascending.
+        class_names: The different class names, in lower case: the devkit compares them by
+            strcasecmp.
+        class_index: (N,) index of the class name.
+        box_2d: (N, 4) left, top, right, bottom, pixels.
+        size_hwl: (N, 3) height, width, length, metres.
+        location: (N, 3) bottom face's centre in the rectified camera 0 frame, metres.
+        rotation_y, alpha: (N,) radians.
+        truncated, occluded: (N,) as in Box.
+        score: (N,) detection score; 1 for objects without one.
+    """
+
+    frame: Int64Array
+    class_names: Sequence[str]
+    class_index: Int64Array
+    box_2d: Float64Array
+    size_hwl: Float64Array
+    location: Float64Array
+    rotation_y: Float64Array
+    alpha: Float64Array
+    truncated: Float64Array
+    occluded: Float64Array
+    score: Float64Array
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def of_classes(self, class_names: Collection[str]) -> BoolArray:
+        """Return (N,) whether each object is of one of some classes, in lower case."""
+        wanted = [index for index, name in enumerate(self.class_names) if name in class_names]
+        return np.isin(self.class_index, wanted)
+
+
+def table_of(frames: Sequence[Sequence[Box]]) -> ObjectTable:
+    """Return the objects of a series of frames as columns."""
+    boxes = [box for frame in frames for box in frame]
+    rows = (
+        (
+            *box.box_2d,
+            *box.size_hwl,
+            *box.location,
+            box.rotation_y,
+            box.alpha,
+            box.truncated,
+            box.occluded,
+            UNSCORED if box.score is None else box.score,
+        )
+        for box in boxes
+    )
+    indices: dict[str, int] = {}
+    class_index = np.array(
+        [indices.setdefault(box.class_name.lower(), len(indices)) for box in boxes], np.int64
+    )
+    count = _NUMBERS * len(boxes)
+    columns = np.fromiter(chain.from_iterable(rows), np.float64, count).reshape(-1, _NUMBERS)
+    return ObjectTable(
+        np.repeat(np.arange(len(frames), dtype=np.int64), [len(frame) for frame in frames]),
+        [*indices],
+        class_index,
+        columns[:, :4],
+        columns[:, 4:7],
+        columns[:, 7:10],
+        *columns[:, 10:].T,
+    )
+
+
+class Pairs(NamedTuple):
+    """Pairs of a label and a detection of the same frame, by label, then by detection.
+
+    Attributes:
+        label: (P,) index in the table of ground truth.
+        detection: (P,) index in the table of results.
+    """
+
+    label: Int64Array
+    detection: Int64Array
+
+
+def pairs_by_frame(
+    labels: ObjectTable, detections: ObjectTable, most: int = _MOST_PAIRS
+) -> Iterator[Pairs]:
+    """Yield all pairs of the same frame, about so many at once; one label's are not divided."""
+    first = np.searchsorted(detections.frame, labels.frame, 'left')
+    count = np.searchsorted(detections.frame, labels.frame, 'right') - first
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(labels):
+        done = ends[start - 1] if start else 0
+        stop = max(int(np.searchsorted(ends, done + most, 'right')), start + 1)
+        label = np.repeat(np.arange(start, stop), count[start:stop])
+        offset = np.arange(len(label)) - np.repeat(
+            ends[start:stop] - count[start:stop] - done, count[start:stop]
+        )
+        yield Pairs(label, first[label] + offset)
+        start = stop
+
+
+# Overlaps of many pairs of boxes at once: in the image, on the ground, in space.
+#
+# Source: imageBoxOverlap, groundBoxOverlap and box3DOverlap in evaluate_object.cpp of the object
+# devkit, in float64 as there. A box on the ground is the rectangle length by width, turned by
+# rotation_y about the location in x and z of camera 0; a box in space has it between y - height and
+# y. The tilt of the camera against the ground is neglected.
+
+
+class Space(str, Enum):
+    """The boxes that are compared."""
+
+    IMAGE = '2d'
+    GROUND = 'bev'
+    SOLID = '3d'
+
+
+class Overlaps(NamedTuple):
+    """Pairs that overlap by more than a limit, by label, then by detection.
+
+    Attributes:
+        label, detection: (P,) indices, as in Pairs.
+        overlap: (P,) intersection over union; with a DontCare region the intersection over the
+            area (volume) of the detection.
+    """
+
+    label: Int64Array
+    detection: Int64Array
+    overlap: Float64Array
+
+
+class _Shares(NamedTuple):
+    """(P,) areas or volumes of labels, of detections, and of what they have in common."""
+
+    label: Float64Array
+    detection: Float64Array
+    common: Float64Array
+
+
+@np.errstate(all='ignore')  # empty boxes, and numbers of any size
+def find_overlaps(
+    labels: ObjectTable, detections: ObjectTable, above: float
+) -> Mapping[Space, Overlaps]:
+    """Return the pairs of the same frame that overlap by more than a limit, in each space."""
+    uncounted = labels.of_classes({DONT_CARE.lower()})
+    found: dict[Space, list[Overlaps]] = {space: [] for space in Space}
+    for pairs in pairs_by_frame(labels, detections):
+        for space, shares in _shares(labels, detections, pairs).items():
+            union = shares.detection + shares.label - shares.common
+            overlap = shares.common / np.where(uncounted[pairs.label], shares.detection, union)
+            kept = overlap > above
+            found[space].append(Overlaps(pairs.label[kept], pairs.detection[kept], overlap[kept]))
+    return {space: _joined(parts) for space, parts in found.items()}
+
+
+def _joined(parts: list[Overlaps]) -> Overlaps:
+    if not parts:
+        return Overlaps(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+    return Overlaps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mapping[Space, _Shares]:
+    first, second = labels.box_2d[pairs.label], detections.box_2d[pairs.detection]
+    ground = _ground_shares(labels, detections, pairs)
+    heights = labels.size_hwl[pairs.label, 0], detections.size_hwl[pairs.detection, 0]
+    bottoms = labels.location[pairs.label, 1], detections.location[pairs.detection, 1]
+    common_height = np.minimum(*bottoms) - np.maximum(
+        bottoms[0] - heights[0], bottoms[1] - heights[1]
+    )
+    return {
+        Space.IMAGE: _Shares(
+            _area(first[:, 2:] - first[:, :2]),
+            _area(second[:, 2:] - second[:, :2]),
+            shared_areas_2d(first, second),
+        ),
+        Space.GROUND: ground,
+        Space.SOLID: _Shares(
+            heights[0] * ground.label,
+            heights[1] * ground.detection,
+            ground.common * np.maximum(common_height, 0.0),
+        ),
+    }
+
+
+def _area(sides: Float64Array) -> Float64Array:
+    area: Float64Array = sides[:, 0] * sides[:, 1]
+    return area
+
+
+def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> _Shares:
+    """Return the areas on the ground; those of far pairs have nothing in common."""
+    first, second = _footprints(labels), _footprints(detections)
+    reach = [np.hypot(each[:, 2], each[:, 3]) / 2 for each in (first, second)]
+    apart = first[pairs.label, :2] - second[pairs.detection, :2]
+    near = np.flatnonzero(np.hypot(*apart.T) < reach[0][pairs.label] + reach[1][pairs.detection])
+    common = np.zeros(len(pairs.label))
+    common[near] = intersect_rectangles(first[pairs.label[near]], second[pairs.detection[near]])
+    areas = [np.abs(_area(each[:, 2:4])) for each in (first, second)]
+    return _Shares(areas[0][pairs.label], areas[1][pairs.detection], common)
+
+
+def _footprints(table: ObjectTable) -> Float64Array:
+    """Return (N, 5) x, z, length, width and rotation_y."""
+    columns = (table.location[:, ::2], table.size_hwl[:, :0:-1], table.rotation_y[:, None])
+    return np.concatenate(columns, axis=1)
+
+
+def intersect_rectangles(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return (P,) areas that pairs of turned rectangles have in common.
+
+    Args:
+        first: (P, 5) x, z, length, width, metres; angle from x towards -z, radians.
+        second: The same.
+    """
+    half = np.abs(first[:, 2:4]).T / 2
+    return np.maximum(signed_areas(half, _corners_in(first, second)), 0.0)
+
+
+def _corners_in(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return (2, 4, P) corners of the second rectangles in the frames of the first ones.
+
+    They go round clockwise, with u to the right and v up.
+    """
+    (x, z), turn = (second[:, :2] - first[:, :2]).T, second[:, 4] - first[:, 4]
+    cos, sin = np.cos(first[:, 4]), np.sin(first[:, 4])
+    along = np.array([1.0, 1.0, -1.0, -1.0])[:, None] * np.abs(second[:, 2]) / 2
+    across = np.array([1.0, -1.0, -1.0, 1.0])[:, None] * np.abs(second[:, 3]) / 2
+    u = cos * x - sin * z + np.cos(turn) * along + np.sin(turn) * across
+    v = sin * x + cos * z - np.sin(turn) * along + np.cos(turn) * across
+    return np.array([u, v])
+
+
+# Remarks on results whose figures may surprise, each with its reason in the benchmark's rules.
+
+
+_MOST_CELLS = 4
+_NO_SIZE = -1.0
+
+
+def left_out_note(count: int) -> tuple[str, ...]:
+    """Return the note on labels of the scored classes whose occlusion is unknown."""
+    if not count:
+        return ()
+    what = f'{format_count(count, "label")} left out: occlusion {UNKNOWN_OCCLUSION}, unknown'
+    return (f'{what}; 0 counts as visible',)
+
+
+def notes_on(
+    scores: Scores, found: FrameBoxes, labels: ObjectTable, detections: ObjectTable
+) -> Iterator[str]:
+    """Yield remarks on the scores of some results."""
+    unknown = labels.of_classes({*scores}) & (labels.occluded == UNKNOWN_OCCLUSION)
+    yield from left_out_note(int(np.count_nonzero(unknown)))
+    unscored = sum(box.score is None for boxes in found.boxes.values() for box in boxes)
+    if unscored:
+        yield (
+            f'{found.source}: {unscored} detections without a score, the 16th column, count as'
+            f' {UNSCORED:g}; equal scores make a curve of one point'
+        )
+    yield from _invalid_boxes(found, detections)
+    for class_name, metrics in scores.items():
+        yield from _notes_on_class(class_name, found, detections)
+        absent = [name for name, levels in metrics.items() if None in levels.values()]
+        if absent:
+            yield (
+                f'{class_name}: {", ".join(absent)} not evaluated, as in the devkit: no detection'
+                f' of the class has such a box, or, for aos, a detection has alpha -10'
+            )
+    few = dict.fromkeys(
+        f'{class_name} {level.value} {curve.objects} (at most {curve.highest_r40:.2f})'
+        for class_name, metrics in scores.items()
+        for level in Difficulty
+        for curve in (levels[level] for levels in metrics.values())
+        if curve is not None and 0 < curve.objects < SAMPLES
+    )
+    if few:
+        yield (
+            f'fewer objects than the {SAMPLES} samples of recall, so that no detector reaches an'
+            f' R40 of 100: {some_of([*few], _MOST_CELLS)}'
+        )
+
+
+def _invalid_boxes(found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+    """Yield remarks on boxes that match no label, whatever they are compared with."""
+    left, top, right, bottom = detections.box_2d.T
+    sizes = detections.size_hwl
+    counts = {
+        '2D box whose right is left of its left edge, or its bottom above its top': (
+            (right < left) | (bottom < top)
+        ),
+        'height, width or length below 0': ((sizes < 0) & (sizes != _NO_SIZE)).any(axis=1),
+    }
+    for what, invalid in counts.items():
+        count = int(np.count_nonzero(invalid))
+        if count:
+            yield f'{found.source}: {format_count(count, "detection")} with a {what}'
+
+
+def _notes_on_class(class_name: str, found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+    own = detections.of_classes({class_name})
+    if not own.any():
+        yield f'{class_name}: {found.source} has no detection of this class in the scored frames'
+        return
+    least = min(limits.height_px for limits in LIMITS.values())
+    if (np.abs(detections.box_2d[own, 3] - detections.box_2d[own, 1]) < least).all():
+        yield (
+            f'{class_name}: all detections have a 2D box lower than {least:g} px, or none: the'
+            f' benchmark ignores them, also in bev and 3d; project the 3D boxes into the image'
+        )

@@ -5,38 +5,339 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bags.locate import locate_bag, looks_like_bag
+from ..drawing.drawn_objects import INK, plot_file
 from ..files.remote import as_path
-from ..options.evaluation_tables import ODOMETRY, make_odometry_options
-from .frame_matching import match_result, poses_at_frames
-from .open_trajectories import open_result, open_truth
-from .pose_errors import check_evo, fit_scale, pose_errors, rmse
-from .segment_errors import LENGTHS_M, path_distances, segment_errors
+from ..importer.sync import NONE
+from ..messages.naming import FrameNames
+from ..model.errors import (
+    BadFileError,
+    Loss,
+    MissingPathError,
+    NotABagError,
+    UsageError,
+    describe_frames,
+    format_count,
+    format_numbers,
+)
+from ..model.geometry import Transform
+from ..model.recording import ScannerMotion
+from ..model.streams import NS_PER_S, format_stamp
+from ..options.evaluation import ODOMETRY, make_odometry_options
+from .ground_truth import truth_of_file, truth_of_folder
+from .trajectories import (
+    EXPECTED,
+    LENGTHS_M,
+    check_evo,
+    fit_scale,
+    frame_t_cam0,
+    path_distances,
+    pose_errors,
+    read_trajectory,
+    rigid,
+    rmse,
+    segment_errors,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Container
+    from collections.abc import Callable, Container, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
     from typing_extensions import Unpack
 
-    from ..api.keywords import OdometryKeywords
+    from ..api.arguments import OdometryKeywords
     from ..model.geometry import Float64Array
-    from ..model.losses import Loss
     from ..model.samples import Float32Array, Int64Array
-    from ..options.eval_odometry import Alignment, OdometryOptions
+    from ..options.evaluation import Alignment, OdometryOptions
     from ..options.read import ReadOptions
-    from .frame_matching import FrameMatch
-    from .ground_truth_poses import GroundTruth
-    from .pose_errors import PoseErrors
-    from .segment_errors import SegmentErrors
-    from .trajectories import CameraTrajectory
+    from ..rig.tf_tree import Link
+    from .ground_truth import GroundTruth, StampMatch
+    from .trajectories import CameraTrajectory, PoseErrors, SegmentErrors
 
 __all__ = ['OdometryScores', 'evaluate_odometry']
+
+
+# Opens the ground truth and the result of an evaluation, whose kinds are detected.
+
+
+_EXPECTED = 'a result is a poses file, a TUM file or a bag'
+
+
+def open_truth(path: Path, read: ReadOptions, options: OdometryOptions) -> GroundTruth:
+    """Read a ground truth.
+
+    Raises:
+        KittiRos2Error: It cannot be read, or has no poses.
+        OSError: It cannot be read.
+    """
+    if _is_text(path):
+        _refuse_gt_topic(path, options)
+        return truth_of_file(path, read)
+    from ..bags.bag_files import OpenBag  # noqa: PLC0415 - for folders and bags only
+    from ..bags.open_source import open_source  # noqa: PLC0415 - as above
+
+    source = open_source(path, read)
+    if not isinstance(source, OpenBag):
+        _refuse_gt_topic(path, options)
+        return truth_of_folder(source)
+    from .bag_trajectory import truth_of_bag  # noqa: PLC0415 - for bags only
+
+    with source as bag:
+        return truth_of_bag(bag, options)
+
+
+def _refuse_gt_topic(path: Path, options: OdometryOptions) -> None:
+    if options.gt_topic is not None:
+        raise UsageError(f'{path}: is no bag; --gt-topic is for a bag')
+
+
+def open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> CameraTrajectory:
+    """Read a result, and convert it to camera 0.
+
+    Args:
+        path: A file or a bag.
+        options: The topic, link and frame.
+        links: Static transforms of the ground truth.
+
+    Raises:
+        KittiRos2Error: It cannot be read, or has no poses.
+        OSError: It cannot be read.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_dir() and not looks_like_bag(path):
+        raise UsageError(f'{path}: is a folder without a bag; {_EXPECTED}')
+    if not (path.is_dir() or path.is_file()):
+        raise UsageError(f'{path}: is no regular file; {_EXPECTED}')
+    if _is_text(path):
+        if options.topic is not None or options.tf:
+            given = '--tf' if options.tf else '--topic'
+            raise UsageError(f'{path}: is a file of poses; {given} is for a bag')
+        found = read_trajectory(path)
+        own: Sequence[Link] = ()
+    else:
+        found, own = _open_bag_result(path, options)
+    frame = (options.frame or found.frame).lstrip('/')
+    return found.moved(frame_t_cam0(frame, own, links)) if frame else found
+
+
+def _open_bag_result(
+    path: Path, options: OdometryOptions
+) -> tuple[CameraTrajectory, Sequence[Link]]:
+    """Read a result in a bag, and the static transforms of the bag."""
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - for bags only
+    from .bag_trajectory import choose_result, read_poses, survey_poses  # noqa: PLC0415 - as above
+
+    with open_bag_source(path) as bag:
+        survey = survey_poses(bag)
+        plan = choose_result(bag, survey, options)
+        found = read_poses(bag, survey, plan)
+    if plan.body or options.frame is not None:
+        return found, survey.static
+    frame = FrameNames().base
+    note = f'{plan.topic}: does not name its frame, taken as {frame}; see --frame'
+    return replace(found, frame=frame, notes=(*found.notes, note)), survey.static
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a path is a file and no bag.
+
+    Raises:
+        BadFileError: It is empty.
+        OSError: It cannot be read.
+    """
+    if not path.is_file():
+        return False
+    if not path.stat().st_size:
+        raise BadFileError(path, 'is empty', f'a bag, or {EXPECTED}')
+    try:
+        locate_bag(path)
+    except NotABagError:
+        return True
+    return False
+
+
+# Poses of a result and frames of a ground truth, matched by frame number or by stamp.
+
+
+_LONGEST_RELATIVE_NS = 100_000_000 * NS_PER_S
+"""Stamps of the first three years after 1970 count from the start of a recording."""
+
+
+_SAME_NS = 10_000
+"""A stamp that was rounded so far is that of its frame: 0.3 mm at 30 m/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMatch:
+    """The pose of each frame.
+
+    Attributes:
+        indices: (N,) index of the pose of each frame of the ground truth, NONE where it has none.
+        by: What they are matched by, for users.
+        offsets_ns: (N,) how much later than its frame each pose is; None without stamps.
+        losses: Frames without a pose, and poses without a frame.
+        notes: Remarks that are no loss.
+    """
+
+    indices: Int64Array
+    by: str
+    offsets_ns: Int64Array | None = None
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """(N,) which frames have a pose."""
+        found: npt.NDArray[np.bool_] = self.indices != NONE
+        return found
+
+
+def match_result(
+    truth: GroundTruth,
+    numbers: Int64Array,
+    result: CameraTrajectory,
+    tolerance_ns: int | None,
+    scored: npt.NDArray[np.bool_],
+) -> FrameMatch:
+    """Match a result to the frames of a ground truth.
+
+    Each frame without a pose is a loss: a result that begins late is not told from one of a stack
+    that failed. So is a pose with the number of no frame. Poses with other stamps are a note, since
+    odometry at a higher rate has them between frames.
+
+    Args:
+        truth: The ground truth.
+        numbers: (N,) its frame numbers.
+        result: The result, with numbers or stamps.
+        tolerance_ns: Largest accepted difference of stamps; None is half the period.
+        scored: (N,) the frames that a pose is expected of.
+
+    Raises:
+        UsageError: No pose belongs to a frame to score, or the ground truth has no stamps.
+    """
+    if result.numbers is not None:
+        found = _by_number(numbers, result.numbers, result.source)
+    else:
+        found = _by_stamp(truth, numbers, result, tolerance_ns)
+    if not scored.all():
+        shown = format_numbers(numbers[scored].tolist()) or 'none of the ground truth'
+        if not (found.known & scored).any():
+            raise UsageError(f'{result.source}: no pose of the frames to score, {shown}')
+        found = replace(found, notes=(*found.notes, f'scored are frames {shown} only'))
+    missing = numbers[scored & ~found.known].tolist()
+    if not missing:
+        return found
+    loss = Loss('result', len(missing), f'{result.source}: no pose of frames {{}}', tuple(missing))
+    return replace(found, losses=(loss, *found.losses))
+
+
+def _by_number(numbers: Int64Array, given: Int64Array, source: str) -> FrameMatch:
+    places = np.minimum(np.searchsorted(given, numbers), len(given) - 1)
+    indices = np.where(given[places] == numbers, places, NONE)
+    if (indices == NONE).all():
+        raise UsageError(
+            f'{source}: has {describe_frames(given)}; the ground truth has'
+            f' {describe_frames(numbers)}, and none in common'
+        )
+    others = tuple(np.setdiff1d(given, numbers).tolist())
+    text = f'{source}: the ground truth has no frames {{}}'
+    losses = (Loss('result', len(others), text, others),) if others else ()
+    return FrameMatch(indices, 'frame number', losses=losses)
+
+
+def _by_stamp(
+    truth: GroundTruth, numbers: Int64Array, result: CameraTrajectory, tolerance_ns: int | None
+) -> FrameMatch:
+    frames, stamps_ns = truth.frames, result.stamps_ns
+    if frames is None or stamps_ns is None:
+        raise UsageError(
+            f'{truth.trajectory.source}: has no time stamps, which {result.source} is matched by;'
+            f' give the folder of the sequence, with times.txt, or its bag as ground truth'
+        )
+    notes = []
+    if truth.epoch_ns is not None and int(stamps_ns[-1]) < _LONGEST_RELATIVE_NS:
+        stamps_ns = stamps_ns + truth.epoch_ns
+        notes.append(f'{result.source}: stamps are taken as seconds from the start of the sequence')
+    found = frames.match(stamps_ns, tolerance_ns)
+    places, used = _nearest_poses(numbers, found)
+    if not len(used):
+        tolerance_s = (frames.tolerance_ns if tolerance_ns is None else tolerance_ns) / NS_PER_S
+        raise UsageError(
+            f'{result.source}: no pose within {tolerance_s:.3f} s of a frame; its stamps are'
+            f' {_span(stamps_ns)}, those of the ground truth {_span(frames.stamps_ns)}; see'
+            f' --tolerance, and --epoch of sequences without absolute time'
+        )
+    unused = len(stamps_ns) - len(used)
+    if unused:
+        notes.append(
+            f'{result.source}: {format_count(unused, "pose")} of no frame, or not the nearest of'
+            f' one, not used'
+        )
+    indices, offsets_ns = np.full((2, len(numbers)), [[NONE], [0]], dtype=np.int64)
+    indices[places], offsets_ns[places] = used, found.offsets_ns[used]
+    by = f'stamp, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
+    if found.moment:
+        by = f'stamp ({found.moment})'
+    true_ns = truth.trajectory.stamps_ns
+    if true_ns is not None and (np.diff(true_ns) <= 0).any():
+        text = 'stamps are not ascending; poses are compared with those of their frames as they are'
+        notes.append(f'{truth.trajectory.source}: {text}')
+        return FrameMatch(indices, by, notes=tuple(notes))
+    return FrameMatch(indices, by, offsets_ns, notes=tuple(notes))
+
+
+def _nearest_poses(numbers: Int64Array, found: StampMatch) -> tuple[Int64Array, Int64Array]:
+    """Return the places of the frames that have poses, and the nearest pose of each."""
+    places = np.minimum(np.searchsorted(numbers, found.numbers), len(numbers) - 1)
+    order = np.argsort(np.abs(found.offsets_ns), kind='stable')
+    order = order[numbers[places[order]] == found.numbers[order]]
+    known, first = np.unique(places[order], return_index=True)
+    return known, order[first]
+
+
+def poses_at_frames(
+    truth: CameraTrajectory, match: FrameMatch, result: CameraTrajectory
+) -> Float64Array:
+    """Return (N, 4, 4) poses of a result at the frames of a ground truth.
+
+    A pose is that of the moment of its stamp, which may be another one than that of its frame: the
+    start of the scanner's turn is half a turn earlier. So it is moved along with the truth, by the
+    true motion from its stamp to the frame, which is to compare it with the truth at its stamp. The
+    result itself is not interpolated, and frames without a pose remain without.
+
+    The true velocity is that of the ground truth's steps at their middles, linear between, constant
+    beyond. At the starts of turns on the synthetic street (8 m/s) a perfect result then has an
+    error of 0.0007 %, at most 0.2 mm; taken as the pose of its frame, 0.25 % and 0.10 m.
+
+    Args:
+        truth: N poses.
+        match: The pose of each of the N frames.
+        result: The poses.
+    """
+    poses = result.poses[match.indices]
+    if match.offsets_ns is None or truth.stamps_ns is None or len(truth) < 2:
+        return poses
+    moved = np.flatnonzero(np.abs(match.offsets_ns) > _SAME_NS)
+    if len(moved):
+        steps = [Transform.from_matrix(pose) for pose in rigid(truth.poses)]
+        motion = ScannerMotion.from_poses(truth.stamps_ns.tolist(), steps)
+        for place in moved.tolist():
+            frame_ns = int(truth.stamps_ns[place])
+            stamp_ns = frame_ns + int(match.offsets_ns[place])
+            poses[place] = poses[place] @ motion.relative(stamp_ns, frame_ns)
+    return poses
+
+
+def _span(stamps_ns: Int64Array) -> str:
+    return f'{format_stamp(int(stamps_ns[0]))} to {format_stamp(int(stamps_ns[-1]))}'
+
 
 _SCALE_STEPS = 5
 _SAME_SCALE = 1e-9
@@ -125,8 +426,7 @@ def evaluate_odometry(
         >>> evaluate_odometry('odometry/poses/00.txt', 'my_00.txt').ape_m  # doctest: +SKIP
         1.273
     """
-    from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
-    from ..api.source import warn  # noqa: PLC0415 - as above
+    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
 
     read, chosen = make_odometry_options(by_name(options, ODOMETRY))
     scores = score_trajectory(as_path(ground_truth), as_path(result), read, chosen, frames)
@@ -206,3 +506,114 @@ def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
     if segments.left_out:
         reason = f'all {segments.left_out} have no pose at their first or their last frame'
     return (f"there are no segments of KITTI's: {reason}",)
+
+
+# Draws a scored trajectory: the paths from above, and the errors.
+#
+# Axes are those of matplotlib.
+
+
+_INCHES = (10.0, 6.6)
+_RESULT = '#c8502b'
+_PLACES = (('path', 't'), ('path', 'r'), ('ape', 'ape'))
+_SPEEDS_M_S = np.arange(2, 25, 2)
+_SPEED_RANGE_M_S = 2.0
+_LEAST = 3
+"""Means are of the segments within 2 m/s of a speed, and of 3 segments at least, as in
+saveErrorPlots of evaluate_odometry.cpp."""
+
+
+def draw_odometry(scores: OdometryScores, path: Path) -> None:
+    """Draw the paths from above, KITTI's errors by length and speed, and APE along the path.
+
+    Args:
+        scores: The scores.
+        path: The picture: .png, .pdf or .svg.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: The file cannot be written.
+    """
+    with plot_file(path, _INCHES) as figure:
+        axes = figure.subplot_mosaic([*map(list, _PLACES)], height_ratios=(1, 1, 0.6))
+        figure.suptitle(_heading(scores), size=11, weight='bold')
+        _draw_paths(axes['path'], scores)
+        _draw_means(axes['t'], scores.segments, 'translation, %', lambda part: part.t_err_percent)
+        _draw_means(
+            axes['r'], scores.segments, 'rotation, deg/m', lambda part: part.r_err_deg_per_m
+        )
+        _draw_ape(axes['ape'], scores)
+
+
+def _heading(scores: OdometryScores) -> str:
+    parts = [f'{scores.name}, {scores.distances_m[-1]:,.0f} m']
+    if scores.t_err_percent is not None and scores.r_err_deg_per_m is not None:
+        parts.append(f'{scores.t_err_percent:.2f} %')
+        parts.append(f'{scores.r_err_deg_per_m:.4f} deg/m')
+    if scores.ape_m is not None:
+        parts.append(f'APE {scores.ape_m:.2f} m')
+    if scores.alignment.has_scale:
+        parts.append(f'scale {scores.errors.scale:.6g}')
+    return ', '.join(parts)
+
+
+def _at_frames(scores: OdometryScores, values: Float64Array) -> Float64Array:
+    """Return values of the frames with a result at all frames, NaN between them."""
+    found = np.full((len(scores.known), *values.shape[1:]), np.nan)
+    found[scores.known] = values
+    return found
+
+
+def _draw_paths(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401
+    """Draw both paths from above: x of camera 0 to the right, z up."""
+    axes.plot(*scores.positions[:, [0, 2]].T, color=INK, linewidth=1.4, label='ground truth')
+    aligned = _at_frames(scores, scores.errors.positions)
+    aligned_as = f'result (align {scores.alignment.value})'
+    axes.plot(*aligned[:, [0, 2]].T, color=_RESULT, linewidth=1.0, label=aligned_as)
+    axes.plot(*scores.positions[0, [0, 2]], 'o', color=INK, markersize=4, label='start')
+    missing = scores.positions[~scores.known]
+    if len(missing):
+        axes.plot(*missing[:, [0, 2]].T, '.', color='#9a9a9a', markersize=3, label='no result')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set_xlabel('x, m')
+    axes.set_ylabel('z, m')
+    axes.legend(loc='best')
+
+
+def _draw_means(
+    axes: Any,  # noqa: ANN401 - as above
+    segments: SegmentErrors,
+    title: str,
+    mean: Callable[[SegmentErrors], float | None],
+) -> None:
+    """Draw a mean error by length of the segments, and by speed on a second axis."""
+    axes.set_title(title, loc='left')
+    axes.set_xlabel('length of the segments, m')
+    if not len(segments):
+        axes.text(0.5, 0.5, 'no segment', ha='center', transform=axes.transAxes)
+        return
+    by_length = [segments.of_length(length) for length in LENGTHS_M]
+    near = (np.abs(segments.speeds_m_s - speed) < _SPEED_RANGE_M_S for speed in _SPEEDS_M_S)
+    by_speed = [segments.chosen(kept) for kept in near]
+    means, means_by_speed = (
+        [np.nan if len(part) < _LEAST else mean(part) for part in parts]
+        for parts in (by_length, by_speed)
+    )
+    axes.plot(LENGTHS_M, means, 'o-', color=_RESULT, markersize=3, label='by length')
+    speeds = axes.twiny()
+    speeds.plot(_SPEEDS_M_S, means_by_speed, 's--', color=INK, markersize=3, linewidth=0.8)
+    axes.plot([], [], 's--', color=INK, markersize=3, linewidth=0.8, label='by speed')
+    speeds.set_xlabel('speed, m/s', loc='right')
+    speeds.grid(visible=False)
+    speeds.spines['top'].set_visible(True)
+    axes.set_ylim(bottom=0)
+    axes.legend(loc='lower right')
+
+
+def _draw_ape(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401 - as above
+    errors = _at_frames(scores, scores.errors.ape_m)
+    axes.plot(scores.distances_m, errors, color=_RESULT, linewidth=1.0)
+    axes.set_title('APE, m', loc='left')
+    axes.set_xlabel('distance along the ground truth, m')
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0.01)

@@ -1,21 +1,26 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores as plain values, for JSON."""
+"""Scores as plain values, for JSON, and what is collected from them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..files.json_text import losses_json
+from ..files.staging import losses_json
+from .track_metrics import combine_parts
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from .detection import DetectionScores
+    from .detection import DetectionScores, WorstFrame
     from .odometry import OdometryScores
+    from .track_metrics import Figures
     from .tracking import TrackingScores
-    from .worst import WorstFrame
+
+
+# Scores as plain values, for JSON.
 
 
 def detection_values(scores: DetectionScores) -> dict[str, object]:
@@ -50,3 +55,63 @@ def tracking_values(scores: TrackingScores) -> dict[str, object]:
         'frames': scores.frames,
         'losses': losses_json(scores.losses),
     }
+
+
+# Scores of several results, read from JSON: their figures, and those of all together.
+#
+# KITTI's errors of a trajectory are means over the segments of all sequences, and APE and RPE are
+# roots of mean squares over their frames, so both follow from the figures of single sequences and
+# their numbers of segments and frames. TrackEval has rules of its own. An average precision does
+# not follow from those of parts.
+
+
+if TYPE_CHECKING:
+    Values = Mapping[str, Any]
+
+
+def combined_odometry(found: Sequence[Values]) -> dict[str, float | int | None]:
+    """Return the errors of several sequences together.
+
+    Args:
+        found: The JSON of each: odometry_values, ape_poses and rpe_pairs.
+    """
+    figures = [(each, figure) for each in found for figure in each['odometry'].values()]
+    segments = [(figure['segments'], figure) for _, figure in figures]
+    poses = [(each['ape_poses'], figure) for each, figure in figures]
+    pairs = [(each['rpe_pairs'], figure) for each, figure in figures]
+    return {
+        't_err_percent': _mean((count, each['t_err_percent']) for count, each in segments),
+        'r_err_deg_per_m': _mean((count, each['r_err_deg_per_m']) for count, each in segments),
+        'segments': sum(count for count, _ in segments),
+        'ape_m': _root_mean_square((count, each['ape_m']) for count, each in poses),
+        'rpe_m': _root_mean_square((count, each['rpe_m']) for count, each in pairs),
+    }
+
+
+def _mean(weighted: Iterable[tuple[int, float | None]]) -> float | None:
+    known = [(count, value) for count, value in weighted if count and value is not None]
+    total = sum(count for count, _ in known)
+    return sum(count * value for count, value in known) / total if total else None
+
+
+def _root_mean_square(weighted: Iterable[tuple[int, float | None]]) -> float | None:
+    squares = ((count, None if value is None else value * value) for count, value in weighted)
+    mean = _mean(squares)
+    return None if mean is None else math.sqrt(mean)
+
+
+def combined_tracking(found: Sequence[Values]) -> dict[str, Figures]:
+    """Return the figures of several sequences together by class, as TrackEval combines them.
+
+    Args:
+        found: The JSON of each: parts as plain_parts returns them.
+
+    Raises:
+        ImportError: TrackEval is not installed.
+    """
+    sequences = {
+        f'{place}/{name}': part
+        for place, each in enumerate(found)
+        for name, part in each['parts'].items()
+    }
+    return combine_parts(sequences) if sequences else {}

@@ -4,34 +4,250 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
+from ..bags.locate import looks_like_bag
+from ..bags.open_source import open_bag_source, open_folders
 from ..files.remote import as_path
+from ..kitti.label_file import find_frame_files
+from ..kitti.names import SEQUENCE_DIGITS, SPLITS, TRACKING_LABELS, TXT
+from ..kitti.store import STORE
 from ..model.boxes import UNKNOWN_OCCLUSION
-from ..model.losses import format_numbers
-from ..options.evaluation_tables import TRACKING, make_tracking_options
-from .class_map import ClassMap
-from .result_notes import left_out_note
-from .track_boxes import SCORED, TRACKER_CLASSES, read_tracks, read_truth, tracks_of_frames
-from .track_metrics import TrackedSequence, check_trackeval, score_sequences
-from .track_sources import find_results, find_sequences
+from ..model.errors import Loss, MissingPathError, UsageError, format_numbers, some_of
+from ..model.streams import Layout, Stream
+from ..options.evaluation import TRACKING, make_tracking_options
+from .bag_results import read_bag_results
+from .ground_truth import recording_of
+from .object_benchmark import left_out_note
+from .track_metrics import (
+    SCORED,
+    TRACKER_CLASSES,
+    ClassMap,
+    TrackedSequence,
+    check_trackeval,
+    read_tracks,
+    read_truth,
+    score_sequences,
+    tracks_of_frames,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Container, Mapping, Sequence
+    from collections.abc import Callable, Container, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from typing_extensions import Unpack
 
-    from ..api.keywords import TrackingKeywords
-    from ..model.losses import Loss
-    from ..options.bag_results import BagResultsOptions
+    from ..api.arguments import TrackingKeywords
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.boxes import Box
+    from ..options.evaluation import BagResultsOptions
     from ..options.read import ReadOptions
-    from .track_boxes import TrackBoxes
-    from .track_metrics import Figures, TrackParts
-    from .track_sources import ResultSource, TruthSequence
+    from .track_metrics import Figures, TrackBoxes, TrackParts
 
+
+# The sequences of tracking ground truth, and the files or the bag with a tracker's results.
+
+
+if TYPE_CHECKING:
+    Lengths = Mapping[str, int]
+
+_SEQMAP = 'evaluate_tracking.seqmap'
+_TRAINING_NAMES = frozenset(f'{number:0{SEQUENCE_DIGITS}d}' for number in range(21))
+"""The sequences of KITTI's training split; those of testing are 0000 to 0028."""
+
+
+class TruthSequence(NamedTuple):
+    """A sequence with labels.
+
+    Attributes:
+        name: Such as 0000.
+        labels: Its file in label_02.
+        length: Number of frames.
+        recording: The sequence, open.
+    """
+
+    name: str
+    labels: Path
+    length: int
+    recording: KittiRecording
+
+
+class ResultSource(NamedTuple):
+    """The results of a tracker.
+
+    Attributes:
+        path: As given.
+        sequences: Those with results, at least one.
+        files: By sequence the file of its tracks.
+        frames: Boxes by frame of the only sequence, None for files.
+        losses: Sequences without results, and the losses of a bag.
+        notes: Remarks.
+    """
+
+    path: Path
+    sequences: Sequence[TruthSequence]
+    files: Mapping[str, Path]
+    frames: Mapping[int, Iterable[Box]] | None = None
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
+    """Find the sequences with labels.
+
+    Args:
+        path: A tracking set or a split of it, label_02, or one of its files.
+        read: Names the sequence if only one is requested.
+
+    Raises:
+        KittiRos2Error: There is none.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    folder, own = recording_of(path, read)
+    if looks_like_bag(folder):
+        raise UsageError(
+            f'{path}: ground truth is a tracking set with {TRACKING_LABELS}, or a file of it'
+        )
+    recordings = open_folders(folder, replace(own, layout=Layout.TRACKING))
+    found = []
+    for each in recordings:
+        labels = each.path(Stream.LABELS, 0)
+        if labels.is_file():
+            found.append(TruthSequence(each.name, labels, _length(each, labels), each))
+    if not found:
+        raise UsageError(
+            f'{path}: has no {TRACKING_LABELS}/{"0" * SEQUENCE_DIGITS}{TXT} (KITTI publishes no'
+            f' labels of {SPLITS[1]}); give {SPLITS[0]} of a tracking set'
+        )
+    return found
+
+
+def _length(recording: KittiRecording, labels: Path) -> int:
+    """Return the number of frames: of the files, or in the list of sequences of the devkit."""
+    length = max((int(each.numbers[-1]) + 1 for each in recording.streams.values()), default=0)
+    return max(length, _listed_length(recording.name, labels.parent))
+
+
+def _listed_length(name: str, folder: Path) -> int:
+    """Return a sequence's number of frames by the devkit's lists of its split; 0 without one.
+
+    The devkit has evaluate_tracking.seqmap.training and .seqmap.test beside label_02, and copies of
+    it .val and others. Sequences of both splits have the same names and other lengths.
+    evaluate_tracking.seqmap names no split: it is read where no other file has the sequence, unless
+    its content is the other split's.
+
+    Args:
+        name: Such as 0000.
+        folder: label_02.
+    """
+    split = folder.parent
+    places = (split, folder, *([split.parent] if split.name in SPLITS else ()))
+    testing = split.name == SPLITS[1]
+    own: list[Lengths] = []
+    plain: list[Lengths] = []
+    others: list[Lengths] = []
+    for place in places:
+        for each in STORE.names(place):
+            if each == _SEQMAP:
+                plain.append(_lengths_of(place / each))
+            elif each.startswith(f'{_SEQMAP}.'):
+                is_test = each.removeprefix(f'{_SEQMAP}.').startswith('test')
+                (own if is_test == testing else others).append(_lengths_of(place / each))
+    if not testing:
+        allowed = _TRAINING_NAMES.union(_files(folder))
+        plain = [each for each in plain if each not in others and each.keys() <= allowed]
+    for lists in (own, plain):
+        found = [each[name] for each in lists if name in each]
+        if found:
+            return max(found)
+    return 0
+
+
+def _lengths_of(path: Path) -> Lengths:
+    """Read the number of frames of each sequence; lines look like 0000 empty 000000 000154."""
+    rows = (line.split() for line in STORE.read_text(path).splitlines())
+    return {row[0]: int(row[3]) for row in rows if len(row) == 4 and row[3].isdecimal()}
+
+
+def find_results(
+    path: Path, known: Sequence[TruthSequence], options: BagResultsOptions, *, all_known: bool
+) -> ResultSource:
+    """Find the results of sequences.
+
+    Args:
+        path: A folder of a tracker's files, directly or in its data/, one of them, or a bag.
+        known: The sequences with labels.
+        options: Those of a bag.
+        all_known: Whether these are all sequences, so that results of others have no labels.
+
+    Raises:
+        KittiRos2Error: There are no results of these sequences.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if path.is_dir() and not looks_like_bag(path):
+        return _in_folder(path, known, all_known=all_known)
+    if path.suffix == TXT:
+        return _in_file(path, known)
+    if len(known) > 1:
+        names = some_of([each.name for each in known])
+        raise UsageError(
+            f'{path}: a bag has the tracks of one sequence; choose it with --sequence ({names})'
+        )
+    with open_bag_source(path) as bag:
+        found = read_bag_results(
+            bag,
+            options.topic,
+            known[0].recording,
+            dict(options.class_map),
+            classes=TRACKER_CLASSES,
+            tolerance_ns=options.tolerance_ns,
+        )
+    return ResultSource(path, known, {}, found.boxes, found.losses, found.notes)
+
+
+def _in_file(path: Path, known: Sequence[TruthSequence]) -> ResultSource:
+    chosen = known if len(known) == 1 else [each for each in known if each.name == path.stem]
+    if not chosen:
+        raise UsageError(
+            f'{path}: of which sequence are these tracks? choose it with --sequence'
+            f' ({some_of([each.name for each in known])})'
+        )
+    return ResultSource(path, chosen, {chosen[0].name: path})
+
+
+def _in_folder(path: Path, known: Sequence[TruthSequence], *, all_known: bool) -> ResultSource:
+    folder = find_frame_files(path, SEQUENCE_DIGITS)
+    if folder is None:
+        entries = STORE.names(path)
+        found = f'contains {some_of(entries)}' if entries else 'the folder is empty'
+        raise UsageError(f'{path}: {found}; expected tracks in files such as {known[0].name}{TXT}')
+    files = _files(folder)
+    scored = [each for each in known if each.name in files]
+    if not scored:
+        names = some_of([f'{each.name}{TXT}' for each in known])
+        raise UsageError(f'{folder}: has no {names}, but {some_of([f"{n}{TXT}" for n in files])}')
+    absent = [each.name for each in known if each.name not in files]
+    unknown = sorted({*files} - {each.name for each in known}) if all_known else []
+    lost = (
+        Loss('tracks', len(absent), f'{folder}: no file of {some_of(absent, 6)}; not scored'),
+        Loss('ground truth', len(unknown), f'{folder}: no labels of {some_of(unknown, 6)}'),
+    )
+    return ResultSource(path, scored, files, losses=tuple(loss for loss in lost if loss.count))
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """Return the files named like 0000.txt by sequence."""
+    listing = STORE.list_numbered(folder, (TXT,), SEQUENCE_DIGITS)
+    return {
+        f'{number:0{SEQUENCE_DIGITS}d}': listing.path(number) for number in listing.numbers.tolist()
+    }
+
+
+if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
 
 __all__ = ['TrackingScores', 'evaluate_tracking']
@@ -90,8 +306,7 @@ def evaluate_tracking(
         >>> scores = evaluate_tracking('tracking', 'tracks')  # doctest: +SKIP
         >>> scores.classes['car']['HOTA'], scores.classes['car']['IDSW']  # doctest: +SKIP
     """
-    from ..api.keywords import by_name  # noqa: PLC0415 - for the library only
-    from ..api.source import warn  # noqa: PLC0415 - pictures
+    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
 
     given = make_tracking_options(by_name(options, TRACKING))
     show = progress or (lambda _done, _total: None)

@@ -1,11 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, and the text files that hold them.
-
-- KITTI's poses file: twelve numbers a line, a row-major 3x4 matrix; line n is frame n. Some tools
-  write the frame number before them, which is a line of thirteen.
-- TUM: stamp in seconds, x y z, and the quaternion x y z w; lines that begin with # are comments.
-"""
+"""Trajectories: their text files, and their errors by segments, APE and RPE."""
 
 from __future__ import annotations
 
@@ -13,24 +8,47 @@ from array import array
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from math import hypot
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..kitti.kitti_recording import rect_from_imu
 from ..kitti.text_file import parse_numbers
-from ..model.errors import BadFileError, naming
+from ..messages.naming import FrameNames
+from ..model.errors import (
+    BadFileError,
+    Loss,
+    MissingDataError,
+    UsageError,
+    did_you_mean,
+    format_count,
+    format_numbers,
+    naming,
+)
 from ..model.geometry import quaternion_to_rotation
-from ..model.losses import Loss, format_numbers
-from ..model.stamps import parse_seconds
-from ..model.text import format_count
+from ..model.streams import CAMERA_NAMES, parse_seconds
+from ..options.evaluation import Alignment
+from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
-    from ..model.geometry import Float64Array
-    from ..model.samples import Int64Array
+    import numpy.typing as npt
+
+    from ..model.geometry import Float64Array, Transform
+    from ..model.samples import Calibration, Float32Array, Int64Array
+    from ..rig.tf_tree import Link
+
+
+# Trajectories, and the text files that hold them.
+#
+# - KITTI's poses file: twelve numbers a line, a row-major 3x4 matrix; line n is frame n. Some tools
+#   write the frame number before them, which is a line of thirteen.
+# - TUM: stamp in seconds, x y z, and the quaternion x y z w; lines that begin with # are comments.
+
 
 _FARTHEST_M = 1e9
 _QUATERNION = 1e-2
@@ -269,3 +287,331 @@ _FORMATS = {
     8: _PoseFormat('TUM file', _parse_tum, 'stamp x y z qx qy qz qw', timed=True),
 }
 """By number of columns."""
+
+
+# The rectified camera 0 in any frame of the vehicle.
+
+
+CAMERA_0 = FrameNames(cameras=CAMERA_NAMES).camera(0)
+"""The name of the rectified camera 0 in TF."""
+
+
+def kitti_links(calibration: Calibration, base_t_imu: Transform) -> list[Link]:
+    """Return the static transforms of a recording up to camera 0, also of an unrectified one."""
+    names = FrameNames()
+    velo_t_cam0 = calibration.velo_T_imu @ rect_from_imu(calibration).inverse()
+    return [
+        (names.base, names.imu, base_t_imu),
+        (names.imu, names.velo, calibration.velo_T_imu.inverse()),
+        (names.velo, CAMERA_0, velo_t_cam0),
+    ]
+
+
+def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Float64Array:
+    """Return (4, 4) camera 0 in a frame.
+
+    Args:
+        frame: The frame.
+        own: Static transforms of the bag that it is from.
+        others: Those of the ground truth, for frames that the bag does not have.
+
+    Raises:
+        MissingDataError: They do not connect the two.
+    """
+    if frame == CAMERA_0:
+        return np.eye(4)
+    # A bag may have an unrectified camera 0; that of the ground truth is rectified.
+    known = any(link[1] == CAMERA_0 for link in others)
+    kept = [link for link in own if not known or link[1].lstrip('/') != CAMERA_0]
+    placed = {link[1].lstrip('/') for link in kept}
+    tree = FrameTree([*kept, *(link for link in others if link[1] not in placed)])
+    found = tree.find(frame, CAMERA_0)
+    if found is not None:
+        return found.matrix()
+    if not tree.frames:
+        raise MissingDataError(
+            f'the frame {frame} cannot be converted to camera 0: neither the ground truth nor the'
+            f' result has a calibration; give the folder of the sequence as ground truth, or poses'
+            f' of camera 0'
+        )
+    near = did_you_mean(frame, sorted(tree.frames)) if frame not in tree.frames else ''
+    raise MissingDataError(
+        f'no static transform from {frame or "a frame without a name"} to camera 0; known are'
+        f' {tree}; name the frame of these whose poses they are with --frame{near}'
+    )
+
+
+# The errors of KITTI's odometry benchmark, segment by segment.
+#
+# Source: evaluate_odometry.cpp of the odometry devkit: trajectoryDistances,
+# lastFrameFromSegmentLength, rotationError, translationError, calcSequenceErrors and saveStats.
+# What is not obvious there, and is the same here:
+#
+# - The length of a segment is measured along the ground truth, in float32, and its last frame is
+#   the first one *beyond* the length; errors are divided by the length itself (100 m), not by the
+#   distance of the frames (100.7 m).
+# - Every 10th frame is a start, and a start has a segment of each length that still fits. All
+#   segments have the same weight in the mean, so that short ones, of which there are more, count
+#   more.
+# - The rotation error is the angle of the trace in float32: angles below about 0.02 degrees are 0,
+#   and the next possible one is 0.028 degrees.
+# - Matrices are inverted as such, not transposed: a rotation of seven digits has no error against
+#   itself.
+# - The speed of a segment counts both its first and its last frame, at 10 Hz.
+#
+# The devkit refuses a result that has not as many poses as the ground truth. Here a segment whose
+# first or last frame has no result is left out, and counted.
+
+
+LENGTHS_M = (100, 200, 300, 400, 500, 600, 700, 800)
+STEP = 10
+_PERIOD_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentErrors:
+    """The errors of N segments, by first frame, and of one frame by length.
+
+    Attributes:
+        first, last: (N,) positions of its first and last frame in the ground truth.
+        lengths_m: (N,) float32, of LENGTHS_M.
+        translations: (N,) float32, metres per metre.
+        rotations: (N,) float32, radians per metre.
+        speeds_m_s: (N,) float32.
+        left_out: Number of segments of the ground truth without a result.
+    """
+
+    first: Int64Array
+    last: Int64Array
+    lengths_m: Float32Array
+    translations: Float32Array
+    rotations: Float32Array
+    speeds_m_s: Float32Array
+    left_out: int = 0
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def t_err_percent(self) -> float | None:
+        """Mean translation error in percent; None without segments."""
+        return _mean(self.translations, 100)
+
+    @property
+    def r_err_deg_per_m(self) -> float | None:
+        """Mean rotation error in degrees per metre; None without segments."""
+        return _mean(self.rotations, 180 / np.pi)
+
+    def chosen(self, kept: npt.NDArray[np.bool_]) -> SegmentErrors:
+        """Return some of the segments, (N,) bool."""
+        return SegmentErrors(
+            self.first[kept],
+            self.last[kept],
+            self.lengths_m[kept],
+            self.translations[kept],
+            self.rotations[kept],
+            self.speeds_m_s[kept],
+        )
+
+    def of_length(self, length_m: int) -> SegmentErrors:
+        """Return the segments of one of LENGTHS_M."""
+        return self.chosen(self.lengths_m == length_m)
+
+
+def _mean(errors: Float32Array, factor: float) -> float | None:
+    """Return the mean of the devkit: a float32 sum, one after the other."""
+    if not len(errors):
+        return None
+    total = np.cumsum(errors, dtype=np.float32)[-1]
+    return float(total / np.float32(len(errors))) * factor
+
+
+def path_distances(poses: Float64Array) -> Float32Array:
+    """Return (N,) metres along (N, 4, 4) poses up to each."""
+    steps = np.diff(poses[:, :3, 3], axis=0).astype(np.float32)
+    found: Float32Array = np.cumsum(np.append(np.float32(0), _norms(steps)), dtype=np.float32)
+    return found
+
+
+def segment_errors(
+    numbers: Int64Array,
+    ground_truth: Float64Array,
+    result: Float64Array,
+    known: npt.NDArray[np.bool_],
+) -> SegmentErrors:
+    """Compute the errors of all segments.
+
+    Args:
+        numbers: (N,) frame numbers of the ground truth, ascending; with holes, every 10th is by
+            number.
+        ground_truth: (N, 4, 4) poses of camera 0.
+        result: (N, 4, 4) poses of camera 0 at the same frames, in any fixed frame.
+        known: (N,) which frames have a result.
+    """
+    distances = path_distances(ground_truth)
+    starts = np.flatnonzero((numbers - numbers[0]) % STEP == 0)
+    first = np.repeat(starts, len(LENGTHS_M))
+    lengths = np.tile(np.array(LENGTHS_M, dtype=np.float32), len(starts))
+    last = np.searchsorted(distances, distances[first] + lengths, side='right')
+    fits = last < len(distances)
+    first, last, lengths = first[fits], last[fits], lengths[fits]
+    scored = known[first] & known[last]
+    left_out = int(np.count_nonzero(~scored))
+    first, last, lengths = first[scored], last[scored], lengths[scored]
+    errors = np.linalg.inv(_between(result, first, last)) @ _between(ground_truth, first, last)
+    frames = (last - first + 1).astype(np.float32)
+    return SegmentErrors(
+        first,
+        last,
+        lengths,
+        _norms(errors[:, :3, 3].astype(np.float32)) / lengths,
+        _angles(errors) / lengths,
+        (lengths / (_PERIOD_S * frames.astype(np.float64))).astype(np.float32),
+        left_out,
+    )
+
+
+def _between(poses: Float64Array, first: Int64Array, last: Int64Array) -> Float64Array:
+    """Return (M, 4, 4) poses of the last frames in the first ones."""
+    found: Float64Array = np.linalg.inv(poses[first]) @ poses[last]
+    return found
+
+
+def _norms(vectors: Float32Array) -> Float32Array:
+    """Return (N,) lengths of (N, 3) vectors, added in the order of the devkit."""
+    x, y, z = vectors.T
+    found: Float32Array = np.sqrt(x * x + y * y + z * z)
+    return found
+
+
+def _angles(errors: Float64Array) -> Float32Array:
+    """Return (N,) radians of the rotations of (N, 4, 4) transforms."""
+    a, b, c = (errors[:, axis, axis].astype(np.float32) for axis in range(3))
+    cosines = (0.5 * ((a + b + c).astype(np.float64) - 1.0)).astype(np.float32)
+    found: Float32Array = np.arccos(np.clip(cosines, np.float32(-1), np.float32(1)))
+    return found
+
+
+# Absolute and relative pose errors (APE, RPE), by evo.
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """The errors of M frames, after an alignment.
+
+    Attributes:
+        ape_m: (M,) distances of the positions, metres.
+        rpe_m: (K,) errors of the steps from a frame to the next, metres; steps over missing frames
+            are left out.
+        positions: (M, 3) aligned positions of the result.
+        scale: Factor of the alignment; 1 unless it scales.
+    """
+
+    ape_m: Float64Array
+    rpe_m: Float64Array
+    positions: Float64Array
+    scale: float = 1.0
+
+
+def check_evo() -> None:
+    """Check that evo is installed.
+
+    Raises:
+        UsageError: It is not.
+    """
+    if find_spec('evo') is None:
+        raise UsageError(
+            "eval odometry needs evo, which is not installed; run pip install 'kitti_ros2[eval]'"
+        )
+
+
+def pose_errors(
+    numbers: Int64Array, ground_truth: Float64Array, result: Float64Array, alignment: Alignment
+) -> PoseErrors:
+    """Compute APE and RPE of the translation, as evo_ape and evo_rpe do.
+
+    Args:
+        numbers: (M,) frame numbers.
+        ground_truth: (M, 4, 4) poses.
+        result: (M, 4, 4) poses.
+        alignment: How the result is aligned first.
+
+    Raises:
+        UsageError: The alignment is not possible.
+    """
+    from evo.core.metrics import APE, RPE, PoseRelation  # noqa: PLC0415 - heavy, and an extra
+    from evo.core.trajectory import PosePath3D  # noqa: PLC0415 - as above
+
+    reference, estimate = (PosePath3D(poses_se3=[*rigid(each)]) for each in (ground_truth, result))
+    scale = _align(estimate, reference, alignment)
+    ape = APE(PoseRelation.translation_part)
+    ape.process_data((reference, estimate))
+    steps = np.zeros(0)
+    if len(numbers) > 1:
+        rpe = RPE(PoseRelation.translation_part, delta=1)
+        rpe.process_data((reference, estimate))
+        after = np.array(rpe.delta_ids)
+        steps = np.asarray(rpe.error)[numbers[after] - numbers[after - 1] == 1]
+    return PoseErrors(np.asarray(ape.error), steps, np.asarray(estimate.positions_xyz), scale)
+
+
+def _align(estimate: Any, reference: Any, alignment: Alignment) -> float:  # noqa: ANN401 - of evo
+    """Align a path of evo in place; return the scale."""
+    from evo import EvoException  # noqa: PLC0415 - as above
+
+    try:
+        if alignment in {Alignment.FIRST, Alignment.SCALE}:
+            estimate.align_origin(reference)
+        elif alignment is not Alignment.NONE:
+            *_, scale = estimate.align(reference, correct_scale=alignment is Alignment.SIM3)
+            return float(scale)
+    except EvoException as error:
+        other = Alignment.SCALE if alignment is Alignment.SIM3 else Alignment.FIRST
+        raise UsageError(
+            f'--align {alignment.value} is not possible (positions on a line, or at one place, do'
+            f' not tell the rotation); give --align {other.value}'
+        ) from error
+    return 1.0
+
+
+def fit_scale(ground_truth: Float64Array, result: Float64Array, alignment: Alignment) -> float:
+    """Return the factor of the result's positions by which they fit those of the ground truth.
+
+    Both are those of kitti-odom-eval (kitti_odometry.py, 2019), by which monocular odometry is
+    reported: for sim3 that of the alignment of all positions (Umeyama), as its 7dof; for scale the
+    least squares of positions from the first pose, as its scale.
+
+    Args:
+        ground_truth: (M, 4, 4) poses.
+        result: (M, 4, 4) poses.
+        alignment: One with a scale.
+
+    Raises:
+        UsageError: The alignment is not possible.
+    """
+    if alignment is Alignment.SIM3:
+        return pose_errors(np.arange(len(result)), ground_truth, result, alignment).scale
+    true, found = ((np.linalg.inv(poses[0]) @ poses)[:, :3, 3] for poses in (ground_truth, result))
+    squares, product = float(np.sum(found * found)), float(np.sum(found * true))
+    if not squares or product <= 0:
+        raise UsageError(
+            f'--align {alignment.value} is not possible (the result does not move along the ground'
+            f' truth); give --align first'
+        )
+    return product / squares
+
+
+def rmse(errors: Float64Array) -> float | None:
+    """Return the root of the mean square; None without errors."""
+    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
+
+
+def rigid(poses: Float64Array) -> Float64Array:
+    """Return (M, 4, 4) poses with the rotations nearest to theirs.
+
+    evo refuses matrices that are rounded to fewer than six digits.
+    """
+    u, _, vh = np.linalg.svd(poses[:, :3, :3])
+    found: Float64Array = poses.copy()
+    found[:, :3, :3] = u @ vh
+    return found

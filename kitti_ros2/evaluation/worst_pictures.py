@@ -6,29 +6,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..drawing.text import captioned
+from ..drawing.strokes import captioned
+from ..model.boxes import NEIGHBOURS
+from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
 from ..model.errors import NotKittiError, UsageError
-from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from ..model.matching import NEIGHBOURS
 from ..model.samples import FrameLabels
 from ..model.streams import Stream
-from ..options.pictures import PictureOptions
-from ..pictures.modes import MODES
-from ..pictures.output import write_picture
-from ..pictures.predictions import Predictions
-from ..pictures.series import PictureTally, concerned_losses, draw_frames
-from ..pictures.sources import open_frames
-from .ground_truth_labels import recording_of
+from ..options.outputs import PictureOptions
+from ..pictures.bag_frames import open_frames
+from ..pictures.painters import Predictions
+from ..pictures.panel import MODES
+from ..pictures.series import PictureTally, concerned_losses, draw_frames, write_picture
+from .ground_truth import recording_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from ..model.boxes import Box
-    from ..model.losses import Loss
+    from ..model.errors import Loss
     from ..options.read import ReadOptions
-    from ..pictures.frame import FrameSource
-    from .worst import WorstFrame
+    from ..pictures.recording_frames import FrameSource
+    from .detection import WorstFrame
 
 _MODE = 'panel'
 _LEAST_DIGITS = 2

@@ -5,41 +5,207 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
 
 from ..files.image_files import decode_image
+from ..messages.camera_info import with_nominal_mounts
 from ..messages.cdr import Message
-from ..messages.map_frame import has_no_gravity
-from ..messages.moment import Moment, make_rig
-from ..messages.mounts import with_nominal_mounts
-from ..messages.naming import naming_of
-from ..messages.selected_topics import select_topics, unmatched
-from ..messages.source import POINTS
-from ..messages.topics import make_table
-from ..model.cloud_formats import FORMATS
-from ..model.errors import KittiRos2Error, RemoteError, UsageError, describe_error
-from ..model.labels import has_complete_labels
-from ..model.losses import Loss
-from ..model.msgtypes import IMAGE
-from ..model.samples import Calibration, Description, FrameLabels, Scan
-from ..model.streams import CAMERA_NAMES, Stream
+from ..messages.naming import GREY, POINTS, Moment, has_no_gravity, make_rig, naming_of, promise
+from ..messages.topics import make_table, select_topics, unmatched
+from ..model.bag_formats import FORMATS, IMAGE
+from ..model.errors import (
+    KittiRos2Error,
+    Loss,
+    RemoteError,
+    UsageError,
+    describe_error,
+    format_numbers,
+)
+from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
+from ..model.streams import CAMERA_NAMES, NS_PER_S, Stream
 from ..options.messages import ColorEncoding
-from .description import describe
-from .remarks import Remarks
-from .turn_notes import turn_notes
+from ..stacks.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from ..messages.pixels import Pixels
+    from ..messages.images import Pixels
     from ..messages.topics import Topic
+    from ..model.bag_formats import CloudFormat
     from ..model.recording import ReadableRecording
-    from ..model.samples import Image, Sample
+    from ..model.samples import Image, Sample, Turn
     from ..options.messages import MessageOptions
-    from ..options.selection import SelectionOptions
+    from ..options.read import SelectionOptions
     from .schedule import Entry, Schedule
+
+
+# The description of a recording in its bag: what the messages hold of its files.
+
+
+def describe(
+    recording: ReadableRecording,
+    schedule: Schedule,
+    table: Sequence[Topic],
+    options: MessageOptions,
+) -> Description:
+    """Describe the recording, and which of its files are in the messages.
+
+    Unreadable samples are included, since the description is sent first.
+
+    Args:
+        recording: The recording.
+        schedule: The selected samples.
+        table: The rows that have messages.
+        options: Of the messages.
+    """
+    carried = {row.stream: schedule.numbers_of(row.stream) for row in table if row.restores}
+    numbered = Stream.CALIBRATION in recording.streams
+    calibrations: list[str] = []
+    if Stream.CALIBRATION in carried and not numbered:
+        calibrations = [file.name for file in recording.calibration(0).files]
+    described = promise(recording.describe(), carried, calibrations)
+    grey: list[str] = []
+    if options.color_encoding is ColorEncoding.MONO8:
+        raw = {row.stream for row in table if row.msgtype == IMAGE and row.restores}
+        grey = sorted(stream.value for stream in raw if _is_colour(recording, schedule, stream))
+    return replace(described, values={**described.values, GREY: grey}) if grey else described
+
+
+def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream) -> bool:
+    """Whether the first readable image of a stream has colours."""
+    for number in schedule.numbers_of(stream):
+        try:
+            image = cast('Image', recording.read(stream, number))
+        except RemoteError:
+            raise
+        except (KittiRos2Error, OSError):
+            continue
+        return image.channels > 1
+    return False
+
+
+# Non-fatal remarks on samples, collected while they are encoded.
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """Remarks on the samples encoded so far.
+
+    Attributes:
+        nominal: Parts of the calibration for which a nominal value is used.
+        calibration: Notes on calibration files.
+        estimated: The scans that a remark is on, by its text.
+    """
+
+    nominal: set[str] = field(default_factory=set)
+    calibration: set[str] = field(default_factory=set)
+    estimated: dict[str, set[int]] = field(default_factory=dict)
+
+    def add_calibration(self, calibration: Calibration) -> None:
+        """Add the notes on a calibration, and its parts for which a nominal value is used."""
+        self.nominal.update(calibration.nominal)
+        self.calibration.update(calibration.notes)
+
+    def add_estimated(self, text: str, number: int) -> None:
+        """Add a remark on a scan."""
+        self.estimated.setdefault(text, set()).add(number)
+
+    def add(self, other: Remarks) -> None:
+        """Add the remarks on other samples."""
+        self.nominal.update(other.nominal)
+        self.calibration.update(other.calibration)
+        for text, numbers in other.estimated.items():
+            self.estimated.setdefault(text, set()).update(numbers)
+
+    def on_calibration(self) -> list[str]:
+        """Return the notes on calibration files and nominal values."""
+        return sorted(self.calibration) + [
+            f'{part}: not in the calibration, a nominal value is used'
+            for part in sorted(self.nominal)
+        ]
+
+    def on_scans(self) -> list[str]:
+        """Return the notes on scans."""
+        return [
+            f'{text}: scans {format_numbers(sorted(numbers))}'
+            for text, numbers in sorted(self.estimated.items())
+        ]
+
+
+# Notes on scans whose turn of the scanner is nominal, or has no length.
+
+
+_WITHOUT_TIME = 'points have ring but no time'
+
+
+def turn_notes(
+    scans: Mapping[int, int], turns: Mapping[int, Turn], cloud_format: CloudFormat
+) -> list[str]:
+    """Return notes on the scans whose points have no time, or a nominal time or stamp.
+
+    Args:
+        scans: Stamps of the scans to be encoded, nanoseconds, by file number.
+        turns: The turn of each scan, by file number; none for scans compensated for motion.
+        cloud_format: Of the clouds.
+    """
+    notes = []
+    timed = cloud_format.is_timed
+    if timed and not scans.keys() <= turns.keys():
+        points = 'points have the time 0' if cloud_format.is_unsigned else _WITHOUT_TIME
+        notes.append(
+            f'{points}: the scans are compensated for motion, so all points of a scan are of one'
+            f' moment'
+        )
+    found = {
+        number: turns[number]
+        for number, stamp_ns in scans.items()
+        if number in turns and (timed or stamp_ns == turns[number].start_ns)
+    }
+    nominal = sorted(number for number, turn in found.items() if turn.nominal)
+    if nominal:
+        notes.append(
+            f'start and end of the turn are missing for scans {format_numbers(nominal)}: a nominal'
+            f' turn of {found[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
+            f' middle'
+        )
+    return notes
+
+
+# Notes on what a stack of --for needs and a recording does not have.
+
+
+def stack_notes(
+    options: MessageOptions, table: Sequence[Topic], images: str, schedule: Schedule
+) -> list[str]:
+    """Return what the stack of the options will miss.
+
+    Args:
+        options: Of the messages, with a stack.
+        table: The rows that have messages.
+        images: The last part of the names of image topics.
+        schedule: The selected samples.
+    """
+    from ..stacks.stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
+
+    stack, names = STACKS[StackName(options.stack).value], naming_of(options)
+    rows = {row.topic: row for row in table}
+    read = {
+        own: names.topic(own if own in names.topics else own.replace('/image_rect', f'/{images}'))
+        for own in stack.inputs
+    }
+    notes = [f'{stack.name} reads {topic}: no messages' for topic in read.values()
+             if topic not in rows]  # fmt: skip
+    imu = rows.get(read.get(IMU, ''))
+    if imu is not None and stack.imu_hz:
+        stamps = [entry.stamp_ns for entry in schedule if entry.stream is imu.stream]
+        rate = 1e9 / float(np.median(np.diff(stamps))) if len(set(stamps)) > 1 else np.inf
+        notes += stack.notes_of_imu(imu.topic, rate)
+    return notes
+
 
 _IN_MAP = (Stream.POSE, Stream.PATH)
 _AFFECTED = {
@@ -174,8 +340,6 @@ class Encoder:
             notes += self._missing_source()
         notes += self.remarks.on_scans()
         if options.stack is not None:
-            from .stack_notes import stack_notes  # noqa: PLC0415 - for --for only
-
             notes += stack_notes(options, self.table, self._images, self._schedule) + self._unmade
         return (*notes, *self._unmatched)
 

@@ -1,30 +1,193 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The schedule of a recording: the selected samples in chronological order."""
+"""The schedule of a recording: the samples of a selection in chronological order."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..model.streams import FRAME_STREAMS, UNNUMBERED, Stream
-from ..model.time_span import around, numbers_around, time_span
-from .stream_names import wanted_streams
-from .window import UNLIMITED, nothing_selected, numbered, select_window
+from ..model.errors import UsageError, describe_frames, did_you_mean, either, format_duration
+from ..model.recording import around, numbers_around, time_span
+from ..model.streams import (
+    FRAME_STREAMS,
+    IMAGE_STREAMS,
+    STREAM_ALIASES,
+    UNNUMBERED,
+    Stream,
+    format_stamp,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
-    from ..model.losses import Loss
+    from ..model.errors import Loss
     from ..model.recording import ReadableRecording, StreamIndex
     from ..model.samples import Int64Array, Turn
-    from ..options.selection import SelectionOptions
-    from .window import Window
+    from ..options.read import Bound, SelectionOptions
+
+
+# The streams that a selection names.
+
+
+_CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
+_PACKETS = {Stream.OXTS, Stream.OXTS_EXTRACT}
+
+
+def wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
+    """Return the streams of the option --streams; all without names.
+
+    Raises:
+        UsageError: A name is unknown.
+    """
+    if not asked:
+        return set(Stream)
+    wanted: set[Stream] = set()
+    for name in asked:
+        if name == 'image':
+            wanted |= set(IMAGE_STREAMS)
+        elif name in {stream.value for stream in Stream}:
+            wanted |= _PACKETS if name == Stream.OXTS.value else {Stream(name)}
+        else:
+            raise _no_stream(name)
+    return wanted
+
+
+def _no_stream(name: str) -> UsageError:
+    known = ['image', *(stream.value for stream in Stream)]
+    other = STREAM_ALIASES.get(name.lower())
+    hint = f'; did you mean {other.value}?' if other else did_you_mean(_numbered(name), known)
+    return UsageError(f'there is no stream {name!r}{hint or f"; choose from {either(known)}"}')
+
+
+def _numbered(name: str) -> str:
+    """Return image_2 for the names of a camera in KITTI's folders, and in topics."""
+    camera = _CAMERA.fullmatch(name.lower())
+    return f'image_{camera[1]}' if camera else name
+
+
+# The window of a selection: the file numbers and stamps from its start to its end.
+
+
+UNLIMITED = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
+
+
+class Window(NamedTuple):
+    """Limits of file numbers and stamps, both included.
+
+    Attributes:
+        numbers: Lowest and highest file number.
+        stamps_ns: Lowest and highest stamp.
+    """
+
+    numbers: tuple[int, int]
+    stamps_ns: tuple[int, int]
+
+    def takes(self, index: StreamIndex) -> npt.NDArray[np.bool_]:
+        """Return (N,) bool: which samples of a stream are inside."""
+        (first, last), (begin_ns, end_ns) = self
+        numbers = (index.numbers >= first) & (index.numbers <= last)
+        return numbers & (index.stamps_ns >= begin_ns) & (index.stamps_ns <= end_ns)
+
+
+def select_window(
+    streams: Mapping[Stream, StreamIndex], selection: SelectionOptions, *, common: bool
+) -> Window:
+    """Return the window of a selection.
+
+    Args:
+        streams: The samples of a recording, but those of UNNUMBERED streams.
+        selection: Its start and end.
+        common: Whether a number is the same moment in all streams.
+    """
+    numbers, stamps = list(UNLIMITED), list(UNLIMITED)
+    for side, bound in enumerate((selection.start, selection.end)):
+        if bound is None:
+            continue
+        if bound.frame is not None and common:
+            numbers[side] = bound.frame
+        else:
+            stamps[side] = _bound_ns(streams, bound, side)
+    return Window((numbers[0], numbers[1]), (stamps[0], stamps[1]))
+
+
+def numbered(recording: ReadableRecording) -> dict[Stream, StreamIndex]:
+    """Return the streams of a recording whose file numbers are its own."""
+    return {each: at for each, at in recording.streams.items() if each not in UNNUMBERED}
+
+
+def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) -> UsageError:
+    """Return the error for a selection without samples: empty, or its end is before its start."""
+    start, end = selection.start, selection.end
+    if start is not None and end is not None:
+        streams = numbered(recording)
+        first, last = _bound_ns(streams, start, 0), _bound_ns(streams, end, 1)
+        # Start and end are of different kinds, both inside the recording.
+        if UNLIMITED[0] < last < first < UNLIMITED[1]:
+            return selection.reversed_error()
+    present = {stream.value: index for stream, index in numbered(recording).items()}
+    wanted = [name for name in selection.streams if name in {*present, 'image'}]
+    if selection.streams and not wanted:
+        return UsageError(
+            f'{recording.name}: the selection takes no sample: no {either(selection.streams)};'
+            f' it has {", ".join(present)}'
+        )
+    found = list(present.values())
+    if not recording.common_numbers:  # frames are those of the reference stream
+        found = [recording.streams[_reference(numbered(recording))]]
+    numbers = np.unique(np.concatenate([index.numbers for index in found]))
+    stamps_ns = np.sort(np.concatenate([index.stamps_ns for index in present.values()]))
+    extent = describe_extent(numbers, stamps_ns, selection)
+    return UsageError(f'{recording.name}: {selection} takes no sample; it has {extent}')
+
+
+def describe_extent(numbers: Int64Array, stamps_ns: Int64Array, selection: SelectionOptions) -> str:
+    """Describe what a selection could take, in the units of its start and end.
+
+    Args:
+        numbers: (N,) the frames, ascending.
+        stamps_ns: (M,) the stamps of all samples, ascending.
+        selection: A selection that takes nothing.
+    """
+    bounds = [bound for bound in (selection.start, selection.end) if bound is not None]
+    parts = [describe_frames(numbers)]
+    first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+    if any(bound.offset_ns is not None for bound in bounds):
+        parts.append(f'in {format_duration(last_ns - first_ns)}')
+    if any(bound.stamp_ns is not None for bound in bounds):
+        parts.append(f'from {format_stamp(first_ns)} to {format_stamp(last_ns)}')
+    return ', '.join(parts)
+
+
+def _reference(streams: Mapping[Stream, StreamIndex]) -> Stream:
+    found: Stream = next(s for s in (Stream.SCAN, *Stream) if s in streams)
+    return found
+
+
+def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) -> int:
+    """Return the first (side 0) or last (side 1) stamp within a bound."""
+    if bound.stamp_ns is not None:
+        return bound.stamp_ns
+    if bound.offset_ns is not None:
+        first = min(int(index.stamps_ns.min()) for index in streams.values())
+        return first + bound.offset_ns
+    # Streams without a common frame number are cut where the reference stream has that frame.
+    index = streams[_reference(streams)]
+    frame = bound.frame or 0
+    position = int(np.searchsorted(index.numbers, frame, 'right' if side else 'left')) - side
+    if position < 0:
+        return UNLIMITED[0]
+    return int(index.stamps_ns[position]) if position < len(index) else UNLIMITED[1]
+
+
+# The schedule of a recording: the selected samples in chronological order.
+
 
 _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""

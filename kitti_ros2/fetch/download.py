@@ -5,31 +5,26 @@
 from __future__ import annotations
 
 import errno
-from contextlib import ExitStack
+import json
+import os
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Event, Lock
 from typing import TYPE_CHECKING
 
+from ..files.local_files import replace_file
 from ..files.threads import Threads
-from ..model.errors import KittiRos2Error, OutputError, UsageError
-from ..model.losses import Loss
-from ..model.stamps import NS_PER_S
-from ..options.dataset_tables import make_download_options
-from .catalogue import KITTI_URL
-from .checksums import read_checksums
-from .errors import BadArchiveError, StoppedError
-from .extract import ExtractedArchive, extract_all
-from .finished import FinishedArchives
-from .license import require_license
-from .locking import locked_folder, removed_if_empty
-from .meter import CancelledError, Meter
-from .selection import RawKinds, select
-from .sizes import archive_sizes, needed_bytes
-from .sources import DownloadError, make_source
-from .transfer import Backoff, Transfer
-from .verification import is_complete, require_archive, require_space
+from ..model.errors import KittiRos2Error, Loss, OutputError, UsageError
+from ..model.streams import NS_PER_S
+from ..options.datasets import make_download_options
+from .archive_formats import BadArchiveError, StoppedError, stopping
+from .catalogue import KITTI_URL, RawKinds, select
+from .download_sources import BrokenTransferError, DownloadError, make_source
+from .extract import ExtractedArchive, extract_all, locked_folder, removed_if_empty
+from .transfer import Backoff, Transfer, is_complete, read_checksums, require_archive, require_space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -38,12 +33,167 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..files.threads import ThreadTask
-    from ..options.fetching import DownloadOptions, ExtractOptions
+    from ..options.datasets import DownloadOptions, ExtractOptions
     from .catalogue import CatalogueEntry
-    from .keywords import DownloadKeywords
-    from .meter import Progress
-    from .sources import ArchiveSource
+    from .download_sources import ArchiveSource
+    from .extract import DownloadKeywords
 
+
+# The terms of KITTI's data: shown until they are accepted, which is remembered.
+
+
+TERMS = (
+    "KITTI's data is licensed under CC BY-NC-SA 3.0: name the authors, no commercial use, share"
+    ' what you make of it alike. The authors ask you to register at'
+    ' https://www.cvlibs.net/datasets/kitti/ before you download. SemanticKITTI has terms of its'
+    ' own, see http://www.semantic-kitti.org'
+)
+
+
+def require_license(*, accepted: bool) -> None:
+    """Remember that the terms are accepted.
+
+    Args:
+        accepted: Whether the user accepts them now.
+
+    Raises:
+        UsageError: The terms were never accepted.
+    """
+    path = _path()
+    if accepted:
+        with suppress(OSError):  # a home that cannot be written: it is asked for again
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f'{TERMS}\nAccepted with --accept-license.\n', encoding='utf-8')
+    elif not path.is_file():
+        raise UsageError(f'{TERMS}. To accept these terms, once, pass --accept-license')
+
+
+def _path() -> Path:
+    """Return the file that remembers it (XDG Base Directory Specification)."""
+    given = os.environ.get('XDG_CONFIG_HOME', '')
+    folder = Path(given) if given.startswith('/') else Path('~/.config').expanduser()
+    return folder / 'kitti_ros2' / 'kitti_terms_accepted.txt'
+
+
+# Progress of several transfers at a time, and of the extraction after them.
+
+
+if TYPE_CHECKING:
+    Progress = Callable[[int, int], None]
+
+
+class CancelledError(Exception):
+    """The download was cancelled; raised in the threads of the transfers."""
+
+
+class Meter:
+    """Bytes of all transfers.
+
+    Args:
+        sizes: The size of each archive by name, as far as it is known.
+        progress: Called with the bytes done and the bytes of all.
+    """
+
+    def __init__(self, sizes: dict[str, int], progress: Progress) -> None:
+        self.cancelled = Event()
+        self._sizes = sizes
+        self._progress = progress
+        self._done = 0
+        self._lock = Lock()
+
+    def advance(self, name: str, count: int, size: int | None) -> None:
+        """Count bytes of a transfer, and note the size of its archive.
+
+        Raises:
+            CancelledError: The download was cancelled.
+        """
+        if self.cancelled.is_set():
+            raise CancelledError
+        with self._lock:
+            self._done += count
+            if size is not None:
+                self._sizes[name] = size
+            self._progress(self._done, max(self._done, sum(self._sizes.values())))
+
+
+# The record of archives that were extracted: they are not downloaded again.
+
+
+_NAME = 'extracted.json'
+
+
+class FinishedArchives:
+    """The archives of which everything was extracted, by name, each with some of its files.
+
+    Args:
+        root: The folder that the files are in.
+        folder: Where the record is.
+        fsync: Whether it outlasts a power cut.
+    """
+
+    def __init__(self, root: Path, folder: Path, *, fsync: bool) -> None:
+        self._root = root
+        self._fsync = fsync
+        self._path = folder / _NAME
+        self._files: dict[str, list[str]] = {}
+        with suppress(OSError, ValueError):
+            found = json.loads(self._path.read_text('utf-8'))
+            if isinstance(found, dict):
+                self._files = {str(name): [*map(str, files)] for name, files in found.items()}
+
+    def __contains__(self, name: str) -> bool:
+        """Whether an archive was extracted, and its files are still there."""
+        files = self._files.get(name, [])
+        return bool(files) and all((self._root / each).is_file() for each in files)
+
+    def add(self, name: str, files: list[str]) -> None:
+        """Record that an archive was extracted.
+
+        Raises:
+            StoppedError: The disk refuses.
+        """
+        self._files[name] = files
+        part = self._path.with_name(f'.{_NAME}.part')
+        with stopping(self._path):
+            part.write_text(json.dumps(self._files, indent=1), encoding='utf-8')
+            replace_file(part, self._path, fsync=self._fsync)
+
+
+# Sizes of archives before they are downloaded, and the space that they need.
+
+
+_CONTENT_RATIO = 1.4
+"""Size of the content of KITTI's archives, at most: 1.33 for a real drive of 120 frames."""
+
+
+def archive_sizes(
+    entries: Sequence[CatalogueEntry], source: ArchiveSource, base_url: str
+) -> dict[str, int]:
+    """Return the sizes of archives by name: what the server says, else what the catalogue has."""
+    from_kitti = base_url == KITTI_URL
+    sizes = {each.name: each.about_bytes or 0 if from_kitti else 0 for each in entries}
+    with suppress(BrokenTransferError):  # that is for the transfers to report
+        for entry in entries:
+            found = (source.size(url) for url in entry.urls(base_url))
+            sizes[entry.name] = next((size for size in found if size), sizes[entry.name])
+    return sizes
+
+
+def needed_bytes(sizes: Iterable[int], present: int, options: DownloadOptions) -> float:
+    """Return the bytes that archives and their content need on a disk, at most at a time.
+
+    Args:
+        sizes: Those of the archives.
+        present: Bytes of archives that are there, also in part.
+        options: Whether archives are kept, and extracted.
+    """
+    largest = sorted(sizes, reverse=True)
+    kept = options.keep_archives or options.archives_only
+    archives = max(sum(largest if kept else largest[: options.jobs]) - present, 0)
+    return archives + (0.0 if options.archives_only else _CONTENT_RATIO * sum(largest))
+
+
+if TYPE_CHECKING:
     AnyPath = str | PathLike[str]
 
 ARCHIVES = 'archives'

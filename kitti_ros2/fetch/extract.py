@@ -5,35 +5,456 @@
 from __future__ import annotations
 
 import os
+import unicodedata
 from collections import defaultdict
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from enum import Enum
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from stat import S_ISDIR, S_ISLNK, S_ISREG
+from typing import TYPE_CHECKING, TypedDict
 
-from ..kitti.archives import is_archive
-from ..model.errors import KittiRos2Error, MissingPathError, UsageError
-from ..model.losses import Loss
-from ..model.text import format_count
-from ..options.dataset_tables import make_extract_options
-from .errors import BadArchiveError, BadMemberError, stopping
-from .locking import locked_folder
-from .members import Limits
-from .open_archive import open_archive
-from .placement import place_files
-from .tree import Outcome, Tree
-from .verification import require_space
+from ..files.local_files import crc32, start_writing_out, sync_files, sync_folders
+from ..files.local_staging import lock_exclusively, make_folder, output_error
+from ..kitti import names
+from ..kitti.archives import is_archive, is_known, is_part_of_set, is_top, places, places_in
+from ..model.errors import KittiRos2Error, Loss, MissingPathError, UsageError, format_count
+from ..options.datasets import make_extract_options
+from .archive_formats import (
+    PIECE_BYTES,
+    BadArchiveError,
+    BadMemberError,
+    Limits,
+    checked,
+    open_archive,
+    stopping,
+)
+from .transfer import require_space
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from typing_extensions import Unpack
 
-    from ..options.fetching import ExtractOptions
-    from .keywords import ExtractKeywords
-    from .placement import Placement
+    from ..options.datasets import ExtractOptions
+    from .archive_formats import Member
 
+
+# Types of the keyword options: those of the command line, with underscores.
+
+
+class ExtractKeywords(TypedDict, total=False):
+    """Options of extract."""
+
+    overwrite: bool
+    remove_archives: bool
+    max_ratio: float
+    max_size: int | str
+    fsync: bool
+
+
+class DownloadKeywords(TypedDict, total=False):
+    """Options of download."""
+
+    category: str | Sequence[str]
+    sync: bool
+    extract: bool
+    tracklets: bool
+    accept_license: bool
+    base_url: str | None
+    checksums: str | os.PathLike[str] | None
+    verify: bool
+    keep_archives: bool
+    archives_only: bool
+    jobs: int
+    retries: int
+    timeout: float | str
+    overwrite: bool
+    max_ratio: float
+    max_size: int | str
+    fsync: bool
+
+
+# A folder that one run at a time writes to, and that does not stay if nothing was written.
+
+
+@contextmanager
+def locked_folder(path: Path) -> Iterator[None]:
+    """Create a folder, and keep other runs out of it.
+
+    Raises:
+        OutputError: Another run is writing to it, or it cannot be created.
+    """
+    try:
+        make_folder(path)
+        folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise output_error(path, error) from error
+    try:
+        lock_exclusively(folder, path)
+        yield
+    finally:
+        os.close(folder)
+
+
+@contextmanager
+def removed_if_empty(*folders: Path) -> Iterator[None]:
+    """Remove folders in the end if nothing is in them, such as after a typing error."""
+    try:
+        yield
+    finally:
+        for folder in folders:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+# Complete files that get their names together, once all of them are on the disk.
+
+
+_MOST_FILES = 256
+_MOST_BYTES = 256 * 2**20
+
+
+class PendingFiles:
+    """Files that are complete under other names.
+
+    To sync files one by one takes the disk a hundred times as long as to sync them together.
+
+    Args:
+        root: The folder that they are below.
+        fsync: Whether they outlast a power cut.
+    """
+
+    def __init__(self, root: Path, *, fsync: bool) -> None:
+        self._root = root
+        self._fsync = fsync
+        self._parts: dict[Path, Path] = {}
+        self._size_bytes = 0
+        self._folders: set[Path] = set()
+
+    def __contains__(self, target: Path) -> bool:
+        """Whether a file is waiting for its name."""
+        return target in self._parts
+
+    def add(self, part: Path, target: Path, size: int) -> None:
+        """Let a complete file get its name soon.
+
+        Raises:
+            OSError: The disk refuses; the file that it is about has no name.
+        """
+        self._parts[target] = part
+        self._size_bytes += size
+        most = _MOST_FILES if self._fsync else 1
+        if len(self._parts) >= most or self._size_bytes >= _MOST_BYTES:
+            self.publish()
+
+    def note(self, target: Path) -> None:
+        """Note that a file has its name already, perhaps not on the disk yet."""
+        self._folders.add(target.parent)
+
+    def publish(self) -> None:
+        """Give all files their names.
+
+        Raises:
+            OSError: The disk refuses; the files that are left have no name.
+        """
+        if self._fsync:
+            sync_files([*self._parts.values()])
+        for target in [*self._parts]:
+            self._parts[target].replace(target)
+            self._folders.add(target.parent)
+            del self._parts[target]
+        self._size_bytes = 0
+
+    def settle(self) -> None:
+        """Give all files their names, and wait until these are on the disk.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        self.publish()
+        if self._fsync:
+            folders = {each for folder in self._folders for each in (folder, *folder.parents)}
+            sync_folders(each for each in folders if self._root in (each, *each.parents))
+        self._folders.clear()
+
+    def drop(self) -> None:
+        """Remove the files that have no name."""
+        for part in self._parts.values():
+            part.unlink(missing_ok=True)
+        self._parts.clear()
+
+
+# A folder that files are extracted into: nothing is written outside of it, or half.
+
+
+_DIFFERS = 'exists with other content; pass --overwrite to replace it'
+_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+class Outcome(Enum):
+    """What was done with a file of an archive."""
+
+    WRITTEN = 'written'
+    KEPT = 'kept'
+    PREFERRED = 'preferred'
+    """The existing file differs, and has more in it."""
+
+
+class Tree:
+    """The folder that files are extracted into.
+
+    Args:
+        root: The folder; it exists.
+        overwrite: Whether existing files that differ are replaced.
+        fsync: Whether the files outlast a power cut, once settled.
+    """
+
+    def __init__(self, root: Path, *, overwrite: bool, fsync: bool = True) -> None:
+        self._root = root
+        self._pending = PendingFiles(root, fsync=fsync)
+        self._real = Path(os.path.realpath(root))
+        self._overwrite = overwrite
+        self._folders: dict[Path, str] = {}
+
+    def put(
+        self, member: Member, place: str, pieces: Iterator[bytes], advance: Callable[[int], None]
+    ) -> Outcome:
+        """Write a file, unless it exists with the same content; settle gives it its name.
+
+        Args:
+            member: The file as the archive lists it.
+            place: Where it goes below the root.
+            pieces: Its content; read only if needed.
+            advance: Called with the bytes of each piece.
+
+        Raises:
+            BadMemberError: The content is damaged, or the place is taken.
+            OSError: The disk refuses.
+        """
+        target = self._root / place
+        self._enter(target.parent)
+        if target in self._pending:
+            self._pending.publish()
+        exists = self._exists(target)
+        if exists:
+            self._pending.note(target)
+        if exists and member.crc is not None and _equals(target, member.size, member.crc):
+            advance(member.size)
+            return Outcome.KEPT
+        differs = exists and (member.crc is not None or target.stat().st_size != member.size)
+        if differs and not self._overwrite and not _may_differ(target):
+            raise BadMemberError(_DIFFERS)
+        part = target.with_name(f'.{target.name}.part')
+        try:
+            crc = _write(part, member, pieces, advance)
+            outcome = Outcome.WRITTEN
+            if exists:
+                outcome = self._compare(target, part, member.size, crc)
+            if outcome is Outcome.WRITTEN:
+                self._pending.add(part, target, member.size)
+        finally:
+            if target not in self._pending:
+                part.unlink(missing_ok=True)
+        return outcome
+
+    def settle(self) -> None:
+        """Wait until all files are on the disk, under their names.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        self._pending.settle()
+
+    def close(self) -> None:
+        """Give files that are complete their names, and remove the others; never raises OSError."""
+        with suppress(OSError):
+            self._pending.publish()
+        self._pending.drop()
+
+    def _compare(self, target: Path, part: Path, size: int, crc: int) -> Outcome:
+        """Decide between an existing file and a new one, which is complete."""
+        if _equals(target, size, crc):
+            return Outcome.KEPT
+        if _may_differ(target) and _has_scanner(target) != _has_scanner(part):
+            return Outcome.PREFERRED if _has_scanner(target) else Outcome.WRITTEN
+        if not self._overwrite:
+            raise BadMemberError(_DIFFERS)
+        return Outcome.WRITTEN
+
+    def _enter(self, folder: Path) -> None:
+        """Create a folder below the root, and check that it is not elsewhere."""
+        if folder == self._root:
+            return
+        if folder not in self._folders:
+            self._enter(folder.parent)
+            self._folders[folder] = self._open_folder(folder)
+        if self._folders[folder]:
+            raise BadMemberError(self._folders[folder])
+
+    def _open_folder(self, folder: Path) -> str:
+        """Create a folder; return why it cannot be used, empty if it can."""
+        try:
+            mode = folder.lstat().st_mode
+        except FileNotFoundError:
+            folder.mkdir()
+            return ''
+        if S_ISLNK(mode):
+            place = Path(os.path.realpath(folder))
+            inside = place.is_dir() and self._real in place.parents
+            return '' if inside else f'{folder} is a symbolic link that leads out of {self._root}'
+        return '' if S_ISDIR(mode) else f'{folder} is a file, and a folder is needed there'
+
+    def _exists(self, target: Path) -> bool:
+        try:
+            mode = target.lstat().st_mode
+        except FileNotFoundError:
+            return False
+        if not S_ISREG(mode):
+            kind = 'symbolic link' if S_ISLNK(mode) else 'folder' if S_ISDIR(mode) else 'device'
+            raise BadMemberError(f'its place is taken by a {kind}; move it away')
+        return True
+
+
+def _write(
+    part: Path, member: Member, pieces: Iterator[bytes], advance: Callable[[int], None]
+) -> int:
+    """Write the content of a member to a file and return its CRC-32."""
+    crc = written = 0
+    with open(os.open(part, _FLAGS, 0o666), 'wb', buffering=0) as file:  # noqa: PTH123
+        for piece in pieces:
+            written += len(piece)
+            if written > member.size:
+                break
+            crc = crc32(piece, crc)
+            left = memoryview(piece)
+            while left:  # a disk that fills up takes less than it is given
+                left = left[file.write(left) :]
+            advance(len(piece))
+        start_writing_out(file.fileno())
+    if written != member.size:
+        raise BadMemberError(
+            f'damaged: its content has {"more" if written > member.size else "less"} than the'
+            f' {member.size:,} bytes that the archive declares'
+        )
+    return crc
+
+
+def _equals(path: Path, size: int, crc: int) -> bool:
+    """Whether a file has a size and CRC-32."""
+    if path.stat().st_size != size:
+        return False
+    found = 0
+    with path.open('rb') as file:
+        while piece := file.read(PIECE_BYTES):
+            found = crc32(piece, found)
+    return found == crc
+
+
+def _may_differ(path: Path) -> bool:
+    """Whether KITTI's own archives have different files of this name: calib.txt of odometry.
+
+    The archives of images have it without the line of the scanner.
+    """
+    return path.name == names.ODOMETRY_CALIB
+
+
+def _has_scanner(path: Path) -> bool:
+    return b'\nTr' in b'\n' + path.read_bytes()[:PIECE_BYTES]
+
+
+# Which files of an archive are extracted, and to which places; nothing is written here.
+
+
+_NOISE = frozenset({'__MACOSX', '.DS_Store', 'Thumbs.db', 'desktop.ini'})
+_REPACKED = 'it was not packed by KITTI; extract it with another program'
+
+
+@dataclass(frozen=True)
+class Placement:
+    """What is extracted of an archive.
+
+    Attributes:
+        path: The archive.
+        files: Its files with their places below the root, in the order of the archive.
+        notes: Non-fatal remarks.
+    """
+
+    path: Path
+    files: tuple[tuple[Member, str], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def size_bytes(self) -> int:
+        """Declared bytes of all files."""
+        return sum(member.size for member, _ in self.files)
+
+
+def place_files(path: Path, root: Path, limits: Limits) -> Placement:
+    """List an archive and choose the place of each of its files.
+
+    Raises:
+        BadArchiveError: The archive is damaged or hostile, or contains nothing of KITTI's.
+        MissingPathError: There is no such file.
+        UsageError: The root is a part of a data set.
+    """
+    with open_archive(path) as packed:
+        files = [each for each in checked(packed, limits) if not each.is_folder]
+    chosen = [each for each in files if not _is_noise(each.name)]
+    found = [each.name for each in chosen]
+    known = [name for name in found if is_known(name, path.name)]
+    if not known:
+        what = f'contains no folder of KITTI in {format_count(len(found), "file")}'
+        raise BadArchiveError(path, what, 'extract it with another program')
+    wanted = places_in(root, places(found, path.name))
+    if is_part_of_set(Path(os.path.realpath(root)).name) and any(
+        _is_whole(place) for place in wanted
+    ):
+        raise UsageError(
+            f'{root}: is a part of a data set, and {path} contains whole data sets;'
+            f' give the folder above it'
+        )
+    placed = list(zip(chosen, wanted, strict=True))
+    _check_collisions(path, placed)
+    skipped = len(files) - len(chosen)
+    note = f'{path}: {format_count(skipped, "file")} of desktop programs left out, as .DS_Store'
+    return Placement(path, tuple(placed), (note,) if skipped else ())
+
+
+def _is_noise(name: str) -> bool:
+    parts = name.split('/')
+    return not _NOISE.isdisjoint(parts) or parts[-1].startswith('._')
+
+
+def _is_whole(place: str) -> bool:
+    """Whether a place begins with a folder that belongs above a part of a data set."""
+    return is_top(place.partition('/')[0])
+
+
+def _check_collisions(path: Path, placed: Iterable[tuple[Member, str]]) -> None:
+    """Refuse names that are the same file on some file systems, and files with files in them."""
+    spellings: dict[str, str] = {}
+    files: dict[str, Member] = {}
+    folders: set[str] = set()
+    for member, place in placed:
+        parts = place.split('/')
+        for depth in range(1, len(parts) + 1):
+            part = '/'.join(parts[:depth])
+            key = unicodedata.normalize('NFC', part).casefold()
+            if spellings.setdefault(key, part) != part:
+                what = f'contains both {spellings[key]!r} and {part!r}'
+                raise BadArchiveError(path, what, _REPACKED)
+        folders.update('/'.join(parts[:depth]) for depth in range(1, len(parts)))
+        other = files.setdefault(place, member)
+        if (other.size, other.crc) != (member.size, member.crc):
+            raise BadArchiveError(path, f'contains two different files {place!r}', _REPACKED)
+    both = folders & files.keys()
+    if both:
+        raise BadArchiveError(path, f'contains {min(both)!r} as a file and as a folder', _REPACKED)
+
+
+if TYPE_CHECKING:
     AnyPath = str | PathLike[str]
     Progress = Callable[[int, int], None]
 

@@ -9,30 +9,123 @@ still has the same.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import random
+import re
+import shutil
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..files.durability import WritingOut, replace_file
-from ..model.text import format_bytes
-from .sources import (
+from ..files.local_files import WritingOut, replace_file
+from ..model.errors import BadFileError, MissingPathError, OutputError, format_bytes, naming
+from .archive_formats import PIECE_BYTES, BadArchiveError, open_archive
+from .download_sources import (
     BrokenTransferError,
     ChangedFileError,
     DownloadError,
     MissingArchiveError,
     without_password,
 )
-from .verification import sha256_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
     from typing import IO
 
-    from .sources import ArchiveSource, Opened
+    from .download_sources import ArchiveSource, Opened
+
+
+# Files of SHA-256 checksums, one for each line: 64 hexadecimal digits, then the file's name.
+
+
+_LINE = re.compile(r'([0-9A-Fa-f]{64})\s+\*?(\S.*)')
+
+
+def read_checksums(path: Path) -> dict[str, str]:
+    """Read the checksums in a file, by the last part of each name.
+
+    Raises:
+        MissingPathError: There is no such file.
+        BadFileError: A line is no checksum.
+    """
+    if not path.is_file():
+        raise MissingPathError(path)
+    found = {}
+    with naming(path):
+        text = path.read_text('utf-8', errors='replace')
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.startswith('#'):
+            continue
+        match = _LINE.fullmatch(line.strip())
+        if match is None:
+            raise BadFileError(path, 'no checksum', '64 hexadecimal digits and a name', line=number)
+        found[PurePosixPath(match[2]).name] = match[1].lower()
+    return found
+
+
+# Checks of downloaded files, and of the space for them.
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits."""
+    found = hashlib.sha256()
+    with naming(path), path.open('rb') as file:
+        while piece := file.read(PIECE_BYTES):
+            found.update(piece)
+    return found.hexdigest()
+
+
+def is_complete(path: Path, sha256: str) -> bool:
+    """Whether an archive was downloaded before.
+
+    Args:
+        path: The archive.
+        sha256: Its checksum; empty if it is not known.
+    """
+    if not path.is_file() or (sha256 and sha256_of(path) != sha256):
+        return False
+    try:
+        with open_archive(path):
+            return True
+    except BadArchiveError:
+        return False
+
+
+def require_archive(path: Path) -> None:
+    """Check that a downloaded file is an archive; remove it if it is not.
+
+    Raises:
+        DownloadError: It is not, as with a server that declares too small a size.
+    """
+    try:
+        with open_archive(path):
+            pass
+    except BadArchiveError as error:
+        path.unlink(missing_ok=True)
+        found = str(error).partition('; ')[0]
+        raise DownloadError(f'{found}, as the server has it; it was removed') from error
+
+
+def require_space(folder: Path, needed: float, advice: str) -> None:
+    """Check the free space of a disk.
+
+    Args:
+        folder: A folder on the disk.
+        needed: Bytes.
+        advice: What to do if they are not free.
+
+    Raises:
+        OutputError: They are not.
+    """
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        reason = f'needs about {format_bytes(needed)}, and {format_bytes(free)} are free'
+        raise OutputError(folder, reason, f'make room, or {advice}')
+
 
 _FIRST_WAIT_S = 0.5
 _LONGEST_WAIT_S = 60.0

@@ -14,8 +14,7 @@ from weakref import WeakKeyDictionary
 
 from aiohttp import ClientResponse, ClientSession
 
-from ..model.errors import RemoteError
-from ..model.text import shown
+from ..model.errors import RemoteError, shown
 
 if TYPE_CHECKING:
     from aiohttp.connector import Connection

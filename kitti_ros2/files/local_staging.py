@@ -13,6 +13,7 @@ before what it replaces is deleted.
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import fcntl
 import os
@@ -21,18 +22,101 @@ import shutil
 import tempfile
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..model.errors import NotDurableError, OutputError, OutputExistsError, UsageError
-from .durability import sync_folders, sync_tree
-from .exchange import exchange
-from .output_paths import make_parents, named_output
+from .local_files import sync_folders, sync_tree
 from .remote import is_remote
-from .signal_hold import deferred_signals
+from .threads import deferred_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
+
+
+# Two names of a file system change places at once (Linux's renameat2).
+
+
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
+# Of systems and file systems without it, such as NFS.
+_NOT_THERE = (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Let two existing files or folders change places; return False where that cannot be done.
+
+    Raises:
+        OSError: The file system refuses.
+    """
+    function = _renameat2()
+    if function is None:
+        return False
+    places = os.fsencode(one), os.fsencode(other)
+    if function(_AT_FDCWD, places[0], _AT_FDCWD, places[1], _RENAME_EXCHANGE) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in _NOT_THERE:
+        return False
+    raise OSError(code, os.strerror(code), str(other))
+
+
+@lru_cache(maxsize=1)
+def _renameat2() -> Any:  # noqa: ANN401 - a foreign function, or None
+    return getattr(ctypes.CDLL(None, use_errno=True), 'renameat2', None)
+
+
+# Names of outputs and the folders that they need.
+
+
+def named_output(path: Path) -> Path:
+    """Return the path of an output with its name, also for `.` and paths that end with `..`.
+
+    Raises:
+        UsageError: The path has no name.
+    """
+    if path.name in {'', '..'}:
+        path = Path(os.path.realpath(path))
+    if not path.name:
+        raise UsageError(f'{path} is no place for a bag; give the name of a file or folder to make')
+    return path
+
+
+def make_parents(folder: Path) -> list[Path]:
+    """Make a folder and those above it; return the folders that were made, the topmost first.
+
+    Raises:
+        OSError: One cannot be made; none is left behind.
+    """
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    created: list[Path] = []
+    try:
+        for path in reversed(missing):
+            path.mkdir(exist_ok=True)
+            created.append(path)
+    except BaseException:
+        for path in reversed(created):
+            with suppress(OSError):
+                path.rmdir()
+        raise
+    return created
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, all of which outlast a power cut.
+
+    Raises:
+        OSError: One cannot be made; none is left behind.
+    """
+    created = make_parents(folder)
+    if created:
+        sync_folders(each.parent for each in created)
+    elif not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
 
 
 _CONTENT = 'content'

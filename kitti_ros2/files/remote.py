@@ -13,18 +13,19 @@ import os
 import posixpath
 import re
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 from urllib.parse import unquote
 
-from ..model.errors import UsageError
-from ..model.text import shown
+from ..model.errors import BadFileError, UsageError, shown
 from .url_path import URL, LocalPathError, UrlPath
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from typing_extensions import Self, TypeIs
+
 
 _CHAIN = re.compile(r'[A-Za-z][\w+.-]*(?:://[^:]*)?::[A-Za-z][\w+.-]*(?:://|::)', re.ASCII)
 _LOCAL = ('file', 'local')
@@ -43,7 +44,7 @@ class RemotePath(UrlPath):
             FileNotFoundError: There is nothing.
             OSError, RemoteError: The store cannot be asked.
         """
-        from .remote_listing import sized_entry_of  # noqa: PLC0415 - for URLs only
+        from .remote_reads import sized_entry_of  # noqa: PLC0415 - for URLs only
 
         entry = sized_entry_of(self)
         mode = (stat.S_IFDIR | 0o555) if entry.is_folder else (stat.S_IFREG | 0o444)
@@ -57,7 +58,7 @@ class RemotePath(UrlPath):
 
     def _is_folder(self) -> bool | None:
         """Whether it is a folder; None if there is nothing."""
-        from .remote_listing import entry_of  # noqa: PLC0415 - for URLs only
+        from .remote_reads import entry_of  # noqa: PLC0415 - for URLs only
 
         try:
             return entry_of(self).is_folder
@@ -82,7 +83,7 @@ class RemotePath(UrlPath):
 
     def iterdir(self) -> Iterator[Self]:  # type: ignore[override]
         """Yield what is in the folder."""
-        from .remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+        from .remote_reads import listing_of  # noqa: PLC0415 - for URLs only
 
         yield from (self / name for name in listing_of(self))
 
@@ -100,7 +101,7 @@ class RemotePath(UrlPath):
             LocalPathError: It is to be written.
             OSError, RemoteError: It cannot be read.
         """
-        from .remote_bytes import RemoteFile  # noqa: PLC0415 - for URLs only
+        from .remote_reads import RemoteFile  # noqa: PLC0415 - for URLs only
 
         if mode.replace('t', '') not in {'r', 'rb', 'br'}:
             raise LocalPathError(self)
@@ -187,3 +188,45 @@ def common_folder(paths: Sequence[Path]) -> Path:
         if all(path == folder or folder in path.parents for path in paths):
             return folder
     raise ValueError(f'{first} and {paths[-1]} are in no common folder')
+
+
+# The marker of an output in a store whose upload was not completed, and its check by readers.
+
+
+def marker_of(path: RemotePath) -> RemotePath:
+    """Return the marker of an output of several files."""
+    return path.with_name(f'.{path.name}.partial')
+
+
+def refuse_incomplete(path: Path) -> None:
+    """Refuse to read an output whose upload was not completed, or what is in one.
+
+    Args:
+        path: A file or folder; local ones are not asked for.
+
+    Raises:
+        BadFileError: There is a marker.
+    """
+    if not is_remote(path) or path.scheme in {'http', 'https'}:
+        return
+    for folder in (path, *path.parents):
+        if not folder.parent.name:
+            return
+        marker = marker_of(folder)
+        if _is_there(marker):
+            raise BadFileError(
+                folder,
+                'its upload was not completed',
+                f'a complete output, without {marker}',
+                remedy='run the command that writes it again, or remove the marker to read what'
+                ' is there',
+            )
+
+
+def _is_there(marker: RemotePath) -> bool:
+    from .remote_requests import StoreError, object_at  # noqa: PLC0415 - for URLs only
+
+    # A bucket that may be read but not listed answers 403 for what is absent.
+    with suppress(StoreError):
+        return object_at(marker) is not None
+    return False

@@ -1,33 +1,58 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Local files sent to a store: several at a time, large ones in parts, memory bounded.
+"""Outputs in a store: made in a local temporary folder, and sent when complete; locks there.
 
-On S3 an object of several parts appears when its multipart upload is completed; one that is not is
-aborted, so that the store does not keep its parts. What arrived is compared by size, and by MD5
-where the store has it.
+Files are sent several at a time, large ones in parts; the memory is bounded. On S3 an object of
+several parts appears when its multipart upload is completed; one that is not is aborted, so that
+the store does not keep its parts. What arrived is compared by size, and by MD5 where the store has
+it.
 """
 
 from __future__ import annotations
 
 import hashlib
-from contextlib import suppress
+import json
+import os
+import secrets
+import socket
+import tempfile
+import threading
+import time
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import RemoteError
-from .filesystems import filesystem_of, key_of
-from .remote_requests import attempt
-from .store_objects import StoredObject, StoreError, md5_of, object_at, remove_objects
-from .workers import ordered_map
+from ..model.errors import KittiRos2Error, OutputError, OutputExistsError, RemoteError
+from .local_staging import Staging
+from .remote import marker_of
+from .remote_reads import forget
+from .remote_requests import (
+    StoredObject,
+    StoreError,
+    attempt,
+    create_object,
+    filesystem_of,
+    key_of,
+    md5_of,
+    object_at,
+    objects_at,
+    read_object,
+    refuse_read_only,
+    remove_objects,
+    write_object,
+)
+from .threads import deferred_signals, ordered_map
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from .filesystems import FileSystem
     from .remote import RemotePath
+    from .remote_requests import FileSystem
 
+
+if TYPE_CHECKING:
     Sent = tuple[RemotePath, StoredObject]
 
 PART = 8 << 20
@@ -233,3 +258,329 @@ def _ask(target: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
         return attempt(target, request)
     except (OSError, RemoteError) as error:
         raise StoreError(target, error) from error
+
+
+# Outputs in a store: made in a local temporary folder, and sent when they are complete.
+#
+# An output of one file is one object, which appears whole or not at all. One of several files has
+# no such moment, as a store cannot rename folders. Its files are sent under a marker, the object
+# ``.{name}.partial`` beside the output, which is sent first and removed last. Readers refuse an
+# output with its marker, and the next run replaces it.
+
+
+_LAST = 'metadata.yaml'
+"""Makes files a bag: the last to be sent."""
+_VERIFICATIONS = 3
+
+
+class UploadStaging:
+    """A local temporary place for an output in a store until it is complete; as Staging.
+
+    Attributes:
+        path: The output.
+        content: Where to write it: a path that does not exist yet, in a local temporary folder.
+
+    Args:
+        path: The output.
+        refusal: Returns the reason why an existing output is kept, None if it may be replaced.
+
+    Raises:
+        OutputExistsError: The output exists and may not be replaced.
+        OutputError: Another run on this machine is writing it, or the store or the disk refuses.
+        UsageError: A package is missing, or the scheme is unknown.
+    """
+
+    def __init__(self, path: RemotePath, refusal: Callable[[Path], str | None]) -> None:
+        refuse_read_only(path)
+        self.path = path
+        self._refusal = refusal
+        self._marker = marker_of(path)
+        self._find_replaced()
+        self._local = Staging(_local_place(path), lambda _: None)
+        self.content = self._local.content
+
+    def publish(self) -> None:
+        """Send the content.
+
+        Raises:
+            OutputExistsError: The output was created meanwhile, or may not be replaced.
+            OutputError: The store refuses; of an output of several files the marker is left.
+        """
+        replaced, marked = self._find_replaced()
+        if self.content.is_dir():
+            self._publish_folder(replaced)
+        else:
+            sent = self._send([Upload(self.content, self.path)])
+            self._verify(sent)
+            remove_objects(self.path / name for name in sorted(replaced) if name)
+            remove_objects([self._marker] if marked else [])
+        forget(self.path)
+        self._local.discard()
+
+    def discard(self) -> None:
+        """Remove the content; never raises OSError."""
+        self._local.discard()
+
+    def tell_remains(self, error: BaseException) -> None:
+        """Correct the text of an OutputError where the local copy could not be removed."""
+        self._local.tell_remains(error)
+
+    def _find_replaced(self) -> tuple[Mapping[str, StoredObject], bool]:
+        """Return the objects to replace, and whether they are of an upload that did not end."""
+        forget(self.path)
+        found = objects_at(self.path)
+        marked = object_at(self._marker) is not None
+        if found and not marked:
+            refusal = self._refusal(self.path)
+            if refusal is not None:
+                raise OutputExistsError(self.path, refusal)
+        return found, marked
+
+    def _publish_folder(self, replaced: Mapping[str, StoredObject]) -> None:
+        uploads = self._uploads()
+        run = f'The upload of {self.path.name} is not complete. Run {secrets.token_hex(8)}.\n'
+        write_object(self._marker, run.encode())
+        try:
+            sent = self._send(each for each in uploads if each.target.name != _LAST)
+            sent |= self._send(each for each in uploads if each.target.name == _LAST)
+            names = {'/'.join(target.names[len(self.path.names) :]) for target in sent}
+            stale = sorted(set(replaced) - names)
+            remove_objects(self.path / name if name else self.path for name in stale)
+            self._refuse_foreign(sorted(set(self._verify(sent)) - names), run)
+            remove_objects([self._marker])
+        except StoreError as error:
+            remains = (
+                f'its upload was not completed: {self._marker} marks it, and the next run with this'
+                f' output replaces it'
+            )
+            raise StoreError(self.path, OSError(error.reason), remains=remains) from error
+
+    def _refuse_foreign(self, foreign: Sequence[str], run: str) -> None:
+        """Refuse objects and a marker of another run.
+
+        Raises:
+            StoreError: There are some.
+        """
+        if foreign or read_object(self._marker) != run.encode():
+            found = f' and has sent {foreign[0]}' if foreign else ''
+            raise StoreError(self.path, OSError(f'another run is writing it{found}'))
+
+    def _uploads(self) -> list[Upload]:
+        """Return the files of the content in order of their names."""
+        files = sorted(
+            Path(folder, name) for folder, _, names in os.walk(self.content) for name in names
+        )
+        return [Upload(each, self.path / each.relative_to(self.content)) for each in files]
+
+    @staticmethod
+    def _send(uploads: Iterable[Upload]) -> dict[RemotePath, StoredObject]:
+        return dict(send(uploads))
+
+    def _verify(self, sent: Mapping[RemotePath, StoredObject]) -> Mapping[str, StoredObject]:
+        """Compare what is in the store with what was sent; send again what differs.
+
+        Returns:
+            All objects of the output.
+        """
+        for _ in range(_VERIFICATIONS):
+            found = objects_at(self.path)
+            by_path = {
+                self.path / name if name else self.path: each for name, each in found.items()
+            }
+            bad = [path for path, each in sent.items() if not is_same(each, by_path.get(path))]
+            if not bad:
+                return found
+            names = [path.names[len(self.path.names) :] for path in bad]
+            sources = [self.content.joinpath(*each) for each in names]
+            self._send(map(Upload, sources, bad))
+        if self.content.is_file():
+            remove_objects([self.path])
+        raise StoreError(bad[0], OSError('it differs in the store from what was sent'))
+
+
+def _local_place(path: RemotePath) -> Path:
+    """Return the local path of an output: the same for all runs, so that one finds another's.
+
+    Raises:
+        OutputError: The temporary folder cannot be used.
+    """
+    # In a folder of one's own: the names below can be predicted.
+    base = Path(tempfile.gettempdir(), f'kitti_ros2-uploads-{os.getuid()}')
+    try:
+        base.mkdir(mode=0o700, exist_ok=True)
+        state = base.lstat()
+    except OSError as error:
+        raise OutputError(
+            path, f'{base}: {error.strerror}', 'set TMPDIR to another folder'
+        ) from error
+    if base.is_symlink() or state.st_uid != os.getuid() or state.st_mode & 0o022:
+        raise OutputError(path, f'{base} belongs to somebody else', 'set TMPDIR to another folder')
+    return base / hashlib.sha256(str(path).encode()).hexdigest()[:16] / path.name
+
+
+# A lock in a store: an object whose owner writes it anew again and again.
+#
+# Clocks of machines differ, so that a lease is not a time of day: a lock whose content stays the
+# same for the whole lease, as its observer measures it, is left over from a run that was killed.
+
+
+LEASE_S = 30.0
+_RENEWALS = 3  # within a lease
+_POLL_S = 1.0
+
+
+@dataclass
+class StoreLock:
+    """A lock that this process holds.
+
+    Attributes:
+        path: Its object.
+        lost: Set if another run has taken the lock.
+    """
+
+    path: RemotePath
+    lost: threading.Event
+
+    def check(self) -> None:
+        """Raise an error if the lock was lost.
+
+        Raises:
+            OutputError: Another run has taken it.
+        """
+        if self.lost.is_set():
+            raise OutputError(
+                self.path,
+                'another run has taken this lock, as this one did not answer for too long',
+                'run one of the two again',
+            )
+
+
+@contextmanager
+def locked_in_store(
+    path: RemotePath, lease_s: float = LEASE_S, wait: Callable[[float], None] = time.sleep
+) -> Iterator[StoreLock]:
+    """Hold a lock, renewed by a thread.
+
+    Where a store has no conditional requests, two runs that begin at the same moment may both
+    get it for a moment; the one that wrote first notices it at its first renewal.
+
+    Args:
+        path: The object.
+        lease_s: After which time without renewals the lock is taken over.
+        wait: Waits so many seconds.
+
+    Raises:
+        OutputError: Another run holds it.
+        StoreError: The store cannot be asked.
+    """
+    lock = _Lock(path, lease_s)
+    lock.acquire(wait)
+    thread = threading.Thread(target=lock.renew_until_stopped, daemon=True)
+    with deferred_signals():  # as the event below, it shares a condition with its thread
+        thread.start()
+    try:
+        yield StoreLock(path, lock.lost)
+    finally:
+        with deferred_signals():
+            lock.stopped.set()
+        thread.join()
+        lock.release()
+
+
+class _Lock:
+    def __init__(self, path: RemotePath, lease_s: float) -> None:
+        self._path = path
+        self._lease_s = lease_s
+        self._owner = {**_this_process(), 'run': secrets.token_hex(8)}
+        self._beat = 0
+        self.lost = threading.Event()
+        self.stopped = threading.Event()
+
+    def acquire(self, wait: Callable[[float], None]) -> None:
+        """Create the object, or take over one that is left over."""
+        if create_object(self._path, self._content()):
+            return
+        seen = read_object(self._path)
+        polls = max(1, round(self._lease_s / _POLL_S))
+        for _ in range(0 if _is_dead(seen) else polls):
+            wait(_POLL_S)
+            now = read_object(self._path)
+            if now is None:
+                break
+            if now != seen:
+                raise OutputError(
+                    self._path.parent,
+                    f'another run is writing this ({_describe(now)})',
+                    'wait for it, or choose another name',
+                )
+        remove_objects([self._path])
+        if not create_object(self._path, self._content()):
+            raise OutputError(
+                self._path.parent, 'another run has just begun to write this', 'wait for it'
+            )
+
+    def renew_until_stopped(self) -> None:
+        """Renew the lock until it is released or lost."""
+        while not self.stopped.wait(self._lease_s / _RENEWALS):
+            try:
+                if not self._is_ours():
+                    self.lost.set()
+                    return
+                self._beat += 1
+                write_object(self._path, self._content())
+            except KittiRos2Error:
+                continue  # the store may answer again; if not, the run fails by itself
+
+    def release(self) -> None:
+        """Remove the object if it is ours; never raises an error of the store."""
+        with suppress(StoreError):
+            if self._is_ours():
+                remove_objects([self._path])
+
+    def _content(self) -> bytes:
+        return json.dumps({**self._owner, 'beat': self._beat}, sort_keys=True).encode()
+
+    def _is_ours(self) -> bool:
+        return _parsed(read_object(self._path)).get('run') == self._owner['run']
+
+
+def _this_process() -> dict[str, object]:
+    return {'host': socket.gethostname(), 'space': _process_space(), 'pid': os.getpid()}
+
+
+def _process_space() -> str:
+    """Return what tells machines and containers apart: boot and process namespace."""
+    with suppress(OSError):
+        boot = Path('/proc/sys/kernel/random/boot_id').read_text(encoding='ascii').strip()
+        return f'{boot} {Path("/proc/self/ns/pid").readlink()}'
+    return ''
+
+
+def _is_dead(content: bytes | None) -> bool:
+    """Whether a lock is of a process of this machine that has ended."""
+    owner = _parsed(content)
+    space, pid = owner.get('space'), owner.get('pid')
+    if not space or space != _process_space() or owner.get('host') != socket.gethostname():
+        return False
+    if not isinstance(pid, int):
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def _parsed(content: bytes | None) -> dict[str, object]:
+    with suppress(ValueError):
+        found = json.loads(content or b'{}')
+        if isinstance(found, dict):
+            return found
+    return {}
+
+
+def _describe(content: bytes) -> str:
+    owner = _parsed(content)
+    return f'process {owner.get("pid", "?")} on {owner.get("host", "?")}'

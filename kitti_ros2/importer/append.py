@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from ..files.durability import sync_folders, sync_tree
+from ..files.local_files import sync_folders, sync_tree
+from ..files.local_staging import lock_exclusively, may_exist, refuse_link, reported
 from ..files.remote import is_remote
-from ..files.signal_hold import deferred_signals
-from ..files.staging import lock_exclusively, may_exist, refuse_link, reported, staged
+from ..files.staging import staged
+from ..files.threads import deferred_signals
 from ..kitti import names
-from ..kitti.append_journal import (
+from ..kitti.object_set import (
     BEFORE,
     COMMITTED,
     CONTENT,
@@ -40,8 +41,8 @@ from ..model.errors import (
     OutputError,
     OutputExistsError,
     UsageError,
+    format_numbers,
 )
-from ..model.losses import format_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

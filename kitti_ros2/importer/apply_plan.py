@@ -1,36 +1,312 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Any bag -> KITTI: survey it, make a plan, convert by the plan."""
+"""Any bag -> KITTI: survey it, make a plan, convert by the plan, one data set or one a camera.
+
+Also what a plan makes of a bag, in advance, and what programs demand of the result.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from ..bags.reader import path_of
+import numpy as np
+
+from ..bags.bag_files import path_of
+from ..files.local_files import FilePlacer
 from ..files.staging import staged
-from ..kitti.replacing import keep_all_but_camera_sets, keep_all_but_data_sets
-from ..model.errors import UsageError
-from ..model.layouts import Layout
+from ..kitti import names
+from ..kitti.names import SPLITS
+from ..kitti.opening import keep_all_but_camera_sets, keep_all_but_data_sets
+from ..kitti.store import STORE
+from ..messages.naming import CALIBRATION, LABEL_LINES
+from ..model.bag_formats import TF_TYPES
+from ..model.errors import KittiRos2Error, UnsynchronisedError, UsageError
+from ..model.streams import NS_PER_S, Layout, Stream
+from ..rig.tf_tree import describe_direction
 from .append import appended
-from .camera_sets import build_sets, folder_of, plans_of
+from .bag_calibration import camera_models
+from .bag_cameras import other_cameras
+from .bag_poses import PlannedMotion, read_motion
+from .box_labels import is_own
 from .clocks import clock_notes, clocked
-from .convert import build
-from .guess import Guess, guess_plan
-from .loader_notes import loader_notes
-from .passed_over import passed_over
-from .plan import NONE
-from .set_builder import Target
+from .guess import Guess, guess_plan, passed_over
+from .kitti_frames import LossTally, choose_frames, pick_frames, select_frames
+from .plan import NONE, SOURCE, TF, made_optical_frames
+from .rigging import Rigging
+from .set_builder import Target, build
+from .tf_frames import CAMERA, LEVEL, made_frame, optical_axis
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagSource
-    from ..options.importing import ImportOptions
+    from ..bags.bag_files import BagSource
+    from ..model.geometry import Float64Array
+    from ..options.outputs import ImportOptions
+    from ..options.read import SelectionOptions
+    from ..rig.moving_tree import Track
+    from .kitti_frames import Frames, ImportReport
     from .plan import Plan
-    from .report import ImportReport
-    from .survey import Survey
+    from .survey import Survey, TopicSurvey
+
+
+# One data set a camera (--all-cameras), with frames and scans in common.
+#
+# Scans that are turned to the camera (scan.forward: camera) are those of each set.
+#
+# A set of layout object is a split named after its camera (training_CAM_BACK), and ImageSets lists
+# the frames that are whole in all of them. Another layout has a folder a camera (CAM_BACK).
+
+
+_CAMERA = 2
+_SCANS = frozenset({names.SCANS, names.RAW_SCANS, names.POINT_LABELS})
+
+
+def plans_of(plan: Plan) -> dict[str, Plan]:
+    """Return the plan of each camera's set, by the set's name; the plan itself without sets.
+
+    Raises:
+        UsageError: The calibration is not that of each camera.
+    """
+    if not plan.camera_sets:
+        return {plan.name: plan}
+    if plan.calibration != TF:
+        raise UsageError(
+            f'calibration: {plan.calibration}; expected tf, for each of camera_sets has its own'
+        )
+    labels = None if plan.labels is None else replace(plan.labels, camera=_CAMERA)
+    return {
+        name: replace(plan, cameras={_CAMERA: camera}, labels=labels, camera_sets={})
+        for name, camera in plan.camera_sets.items()
+    }
+
+
+def folder_of(plan: Plan, name: str) -> str:
+    """Return the folder of a camera's set in the output."""
+    return f'{plan.name}_{name}' if plan.layout.traits.frame_set else name
+
+
+def build_sets(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    stage: Path,
+    options: ImportOptions,
+    progress: Callable[[int, int], None],
+) -> list[ImportReport]:
+    """Convert bags into one data set a camera, below the folder stage.
+
+    Raises:
+        BadBagError, UsageError, MissingDataError: As apply_plan.convert_by_plan.
+        OSError: A file cannot be written.
+    """
+    plans = plans_of(plan)
+    common = common_frames(bags, plans, survey, options.selection)
+    reports: list[ImportReport] = []
+    first: Path | None = None
+    shared = bool(common) and not (plan.scan is not None and plan.scan.forward == CAMERA)
+    done = [0, 0]
+
+    def show(samples: int, size_bytes: int) -> None:
+        progress(done[0] + samples, done[1] + size_bytes)
+
+    for name, one in plans.items():
+        without = frozenset({Stream.SCAN}) if first is not None and shared else frozenset()
+        target = Target(stage / name, 0, common.get(name), without)
+        report = build(bags, one, survey, target, options, show)
+        if first is not None and shared:
+            _link_scans(first, target.stage)
+        first = first or stage / name
+        done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
+        known = {loss for each in reports for loss in each.losses}  # of topics in common
+        losses = tuple(loss for loss in report.losses if loss not in known)
+        told = {
+            note for each in reports for note in each.notes if note.startswith(names.IMAGE_SETS)
+        }
+        notes = tuple(note for note in report.notes if note not in told)
+        reports.append(replace(report, name=folder_of(plan, name), losses=losses, notes=notes))
+    if plan.layout.traits.frame_set:
+        _beside_each_other(stage, plan, plans)
+    return reports
+
+
+def common_frames(
+    bags: Sequence[BagSource],
+    plans: Mapping[str, Plan],
+    survey: Survey,
+    selection: SelectionOptions,
+) -> dict[str, Frames]:
+    """Return the frames that all sets have, by set; none if the frames are those of each camera.
+
+    Raises:
+        UsageError: As frames_of_sets.
+    """
+    plan = next(iter(plans.values()))
+    if _is_own(plan):
+        return {}
+    track = read_motion(bags, plan, clocked(survey, plan), LossTally()).of_frames
+    return frames_of_sets(plans, survey, track, selection)
+
+
+def frames_of_sets(
+    plans: Mapping[str, Plan],
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions,
+) -> dict[str, Frames]:
+    """Choose the frames of each set, by its name: those that all have, unless they are its images.
+
+    Args:
+        plans: The result of plans_of.
+        survey: Of the bags.
+        track: As choose_frames.
+        selection: Of the frames.
+
+    Raises:
+        UsageError: No frame is whole in all sets, or the selection takes none.
+    """
+    if len(plans) == 1 or _is_own(next(iter(plans.values()))):
+        return {
+            name: _frames_of(name, each, survey, track, selection) for name, each in plans.items()
+        }
+    found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
+    keys = {name: _keys(frames) for name, frames in found.items()}
+    kept = set.intersection(*(set(each.tolist()) for each in keys.values()))
+    if not kept:
+        raise UsageError(
+            'no frame is whole in all cameras; widen tolerance_s of the plan, or remove cameras'
+            ' from its camera_sets'
+        )
+    wanted = np.array(sorted(kept))
+    return {
+        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), selection)
+        for name, frames in found.items()
+    }
+
+
+def _is_own(plan: Plan) -> bool:
+    """Whether the frames of a set are its images."""
+    return plan.reference == f'image_{_CAMERA}'
+
+
+def _frames_of(
+    name: str,
+    plan: Plan,
+    survey: Survey,
+    track: Track | None,
+    selection: SelectionOptions | None = None,
+) -> Frames:
+    """Choose the frames of a set; its camera has another key in the plan of all sets."""
+    try:
+        return choose_frames(plan, survey, track, selection)
+    except UnsynchronisedError as error:
+        keys = f'cameras.{_CAMERA}.', f'camera_sets.{name}.'
+        raise UnsynchronisedError(str(error).replace(*keys)) from None
+
+
+def _keys(frames: Frames) -> np.typing.NDArray[np.int64]:
+    """Return (N,) what tells frames apart in all sets: the scan, else the stamp."""
+    return frames.samples.get(Stream.SCAN, frames.stamps_ns)
+
+
+def _link_scans(source: Path, target: Path) -> None:
+    """Place the scans of one set in another, as hard links where the file system has them."""
+    placer = FilePlacer(copy=False)
+    for path in sorted(source.rglob('*')):
+        place = target / path.relative_to(source)
+        in_scans = _SCANS.intersection(path.relative_to(source).parts)
+        if in_scans and path.is_file() and not place.exists():
+            placer.place(path, place)
+
+
+def _beside_each_other(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
+    """Move splits from folders of their own to their places; keep the frames that all list."""
+    lists: dict[str, list[str]] = {}
+    for name in plans:
+        folder = stage / name / names.IMAGE_SETS
+        for listed in STORE.names(folder):
+            lines = STORE.read_text(folder / listed).splitlines()
+            lists[listed] = [line for line in lists.get(listed, lines) if line in set(lines)]
+            (folder / listed).unlink()
+        folder.rmdir()
+        (stage / name / plan.name).rename(stage / folder_of(plan, name))
+        (stage / name).rmdir()
+    for listed, lines in lists.items():
+        text = ''.join(f'{line}\n' for line in lines)
+        STORE.write_text(stage / names.IMAGE_SETS / listed, text)
+
+
+# What programs that load, train on or evaluate KITTI demand of labels, beyond its format.
+#
+# mmdetection3d and OpenPCDet compute the yaw of a box in the scan as -(pi/2 + rotation_y), as if x
+# of the scan were the optical axis of the camera (mmdetection3d v1.4.0,
+# mmdet3d/structures/ops/box_np_ops.py:66; OpenPCDet,
+# pcdet/datasets/kitti/kitti_dataset.py:167-168).
+
+
+_TURN_RAD = np.radians(5)
+"""KITTI's own scans are turned by less than a degree."""
+
+
+def loader_notes(plan: Plan, survey: Survey) -> Iterator[str]:
+    """Yield notes on pitfalls in loading, training on or evaluating the labels."""
+    is_set = plan.layout.traits.frame_set
+    if plan.labels is None:
+        if is_set and plan.name == SPLITS[0]:
+            yield 'loaders read label_2 of training frames; without labels say --name testing'
+        return
+    if is_set:
+        yield from _turned_scans(plan, survey)
+    tracked = survey.tracklets and is_own(survey, plan.labels.topic)
+    if not (plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES or tracked):
+        yield (
+            f'{plan.labels.topic}: has no occlusion, so labels contain 0, visible, and evaluations'
+            f' count them; labels.occluded of the plan: 3 is unknown, which they leave out'
+        )
+
+
+def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
+    """Yield a note on the cameras that look aside from x of the scans."""
+    if plan.scan is None or plan.calibration != TF:
+        return
+    turned = {}
+    for name, one in plans_of(plan).items():
+        axis = _camera_in_scan(one, survey)
+        # One that looks up or down has no direction there; its frame may be no optical one.
+        if axis is None or np.hypot(axis[0], axis[1]) < LEVEL:
+            continue
+        if abs(np.arctan2(axis[1], axis[0])) > _TURN_RAD:
+            turned[name] = describe_direction(axis)
+    if not turned:
+        return
+    each = ', '.join(f'{name} ({looks})' for name, looks in turned.items())
+    if plan.camera_sets:
+        what, also = f'cameras of the sets look aside from x of the scans: {each}', ' of each set'
+    else:
+        what, also = f'camera 2 looks {next(iter(turned.values()))} in the scans', ''
+    yield (
+        f'{what}, so mmdetection3d and OpenPCDet turn boxes by that angle: to train with them set'
+        f' scan.forward: {CAMERA} in the plan, which turns the scans{also}'
+    )
+
+
+def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
+    """Return (3,) the direction of camera 2 in the scans as written, None if it is not known."""
+    try:
+        models = camera_models(plan, survey)
+        if not models:
+            return None
+        others, links = other_cameras(plan, survey)
+        optical = [*links, *made_optical_frames(plan, survey)]
+        plan, made = made_frame(plan, survey.tree_with(optical), models, others)
+        tree = survey.tree_with([*optical, *made])
+        return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models, others)
+    except KittiRos2Error:  # it stops the conversion, which reports it
+        return None
+
+
+# Any bag -> KITTI: survey it, make a plan, convert by the plan.
 
 
 def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> Guess:
@@ -152,3 +428,170 @@ def convert_by_plan(
     refusal = keep_all_but_data_sets(1) if options.overwrite else None
     with staged(out, refusal, fsync=options.fsync) as stage:
         return build(bags, plan, survey, Target(stage), options, progress)
+
+
+# What a plan makes of the topics of a bag: by stream, and those that it passes over.
+
+
+_UNIT = ('imu', 'fix', 'velocity')
+_STREAMS = {
+    'scan': Stream.SCAN,
+    'pose': Stream.POSE,
+    'labels': Stream.LABELS,
+    **dict.fromkeys(_UNIT, Stream.OXTS),
+}
+"""By key of a plan the stream whose topics are named there."""
+
+_ORDER = (
+    Stream.SCAN,
+    Stream.IMAGE_0,
+    Stream.IMAGE_1,
+    Stream.IMAGE_2,
+    Stream.IMAGE_3,
+    Stream.IMAGE_4,
+    Stream.LABELS,
+    Stream.POSE,
+    Stream.OXTS,
+    Stream.CALIBRATION,
+)
+_FRAMES = frozenset({'frame', 'body', 'world'})
+"""Keys of coordinate frames, whose names may be those of topics."""
+
+
+@dataclass(frozen=True)
+class PlannedTopic:
+    """A topic of a bag in a plan.
+
+    Attributes:
+        streams: KITTI's streams that are made of it; empty for a topic that is passed over.
+        topic, msgtype: As the bag has them.
+        count: Number of messages.
+        rate_hz: Mean rate by the stamps that a conversion uses; None for fewer than two.
+        frame: The coordinate frame of most messages; empty without one.
+    """
+
+    streams: tuple[str, ...]
+    topic: str
+    msgtype: str
+    count: int
+    rate_hz: float | None
+    frame: str
+
+
+@dataclass(frozen=True)
+class PlanOverview:
+    """What a plan makes of a bag.
+
+    Attributes:
+        plan: The plan.
+        used: The topics that become KITTI's streams, by stream.
+        passed_over: The others that have messages, by name.
+        frames: Number of frames of the conversion, None if it would fail.
+        faults: Why it would fail, a line each.
+        notes: Non-fatal remarks about the frames, a line each.
+    """
+
+    plan: Plan
+    used: tuple[PlannedTopic, ...]
+    passed_over: tuple[PlannedTopic, ...]
+    frames: int | None
+    faults: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def overlook_plan(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, selection: SelectionOptions
+) -> PlanOverview:
+    """Return what a plan makes of bags; of their messages the poses alone are read.
+
+    Args:
+        bags: Those of one recording.
+        plan: The rules of the conversion.
+        survey: The content of the bags.
+        selection: Of the frames.
+    """
+    streams = streams_of_topics(plan, survey)
+    order = {stream.value: place for place, stream in enumerate(_ORDER)}
+    topics = [_planned(each, streams.get(each.name, ())) for each in _with_messages(survey)]
+    used = [each for each in topics if each.streams]
+    used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
+    survey = clocked(survey, plan)
+    motion, faults = PlannedMotion(), list[str]()
+    sets: list[Frames] = []
+    plans: Mapping[str, Plan] = {}
+    try:
+        plans = plans_of(plan)
+        motion = read_motion(bags, next(iter(plans.values())), survey, LossTally())
+        sets = list(frames_of_sets(plans, survey, motion.of_frames, selection).values())
+        faults += [
+            f'no two streams have a frame in common: {each.unsynchronised}'
+            for each in sets
+            if each.unsynchronised
+        ]
+    except KittiRos2Error as error:
+        faults.append(str(error))
+    for each in plans.values():
+        try:
+            Rigging(each, survey, motion.tree)
+        except KittiRos2Error as error:
+            faults.append(str(error))
+    notes = [note for each in sets for note in each.notes]
+    notes += [loss.text() for each in sets for loss in each.losses]
+    return PlanOverview(
+        plan,
+        tuple(used),
+        tuple(each for each in topics if not each.streams),
+        None if faults else len(sets[0]),
+        tuple(dict.fromkeys(faults)),
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def streams_of_topics(plan: Plan, survey: Survey) -> dict[str, tuple[str, ...]]:
+    """Return by topic of a bag the streams that a plan makes of it, of topics with messages."""
+    present = {each.name for each in _with_messages(survey)}
+    found: dict[str, dict[str, None]] = {}
+    for stream, text in _texts(asdict(plan)):
+        if text in present:
+            found.setdefault(text, {})[stream.value] = None
+    for topic in _with_messages(survey):
+        if topic.msgtype in TF_TYPES and plan.calibration == TF and topic.name not in found:
+            found[topic.name] = {Stream.CALIBRATION.value: None}
+    if plan.calibration == SOURCE and CALIBRATION in present:
+        found[CALIBRATION] = {Stream.CALIBRATION.value: None}
+    return {topic: tuple(streams) for topic, streams in found.items()}
+
+
+def _texts(values: Mapping[str, Any]) -> Iterator[tuple[Stream, str]]:
+    """Yield the texts of a plan that may name topics, each with the stream of its key."""
+    for key, value in values.items():
+        if key in _STREAMS:
+            yield from _texts_below(value, _STREAMS[key])
+    for camera in values['camera_sets'].values():
+        yield from _texts_below(camera, Stream.IMAGE_2)
+    for number, camera in values['cameras'].items():
+        yield from _texts_below(camera, Stream(f'image_{number}'))
+
+
+def _texts_below(value: Any, stream: Stream) -> Iterator[tuple[Stream, str]]:  # noqa: ANN401
+    if isinstance(value, str):
+        yield stream, value
+    elif isinstance(value, dict):
+        for key, each in value.items():
+            if key not in _FRAMES:
+                yield from _texts_below(each, Stream.CALIBRATION if key == 'info' else stream)
+    elif isinstance(value, (list, tuple)):
+        for each in value:
+            yield from _texts_below(each, stream)
+
+
+def _with_messages(survey: Survey) -> list[TopicSurvey]:
+    found = [topic for topic in survey.topics.values() if topic.count]
+    return sorted(found, key=lambda topic: topic.name)
+
+
+def _planned(topic: TopicSurvey, streams: tuple[str, ...]) -> PlannedTopic:
+    stamps, _ = topic.stamps()
+    span_ns = int(np.ptp(stamps)) if len(stamps) > 1 else 0
+    rate = (len(stamps) - 1) * NS_PER_S / span_ns if span_ns else None
+    return PlannedTopic(streams, topic.name, topic.msgtype, topic.count, rate, topic.frame)

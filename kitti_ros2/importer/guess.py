@@ -1,50 +1,298 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of the KITTI stream of each topic: by type, name, frame and neighbours."""
+"""Detection of the KITTI stream of each topic: by type, name, frame and neighbours.
+
+Also what could be done with the topics that the plan does not use.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+import re
+from collections import defaultdict
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..messages.cdr import vector_of
+from ..messages.naming import RECORDING
+from ..messages.oxts import has_orientation
 from ..messages.scan_sources import SCAN_TYPES
-from ..model import msgtypes as types
-from ..model.errors import MissingDataError, UsageError
-from ..model.stamps import NS_PER_S, format_stamp
-from ..model.streams import Stream
-from .camera_geometry import find_heading, with_frames
-from .camera_topics import find_cameras
-from .clock_offsets import estimate_offsets
-from .clocks import clocked
-from .convert_scans import cloud_notes
-from .guess_cameras import guess_camera_sets, guess_cameras, keeps_distortion, main_camera
-from .guess_labels import guess_labels
-from .guess_pose import guess_pose
-from .guess_scan import guess_scan
-from .guess_unit import (
-    guess_imu_frame,
-    guess_unit,
-    guess_unit_frame,
-    guess_velocity_axes,
-    has_place,
+from ..messages.topics import own_topics
+from ..model import bag_formats as types
+from ..model.errors import MissingDataError, UsageError, one_line, some_of
+from ..model.streams import NS_PER_S, Stream, format_stamp
+from ..rig.tf_tree import find_body
+from .bag_cameras import (
+    find_cameras,
+    find_heading,
+    guess_camera_sets,
+    guess_cameras,
+    keeps_distortion,
+    main_camera,
+    with_frames,
 )
-from .named_frames import NamedFrames, moving_pairs
-from .optical_frames import optical_link
-from .plan import NONE, SOURCE, TF, Incomplete, Plan
-from .report import undecoded
-from .scan_frame import face_forward
+from .bag_labels import PixelFrames, guess_labels, has_cubes
+from .bag_poses import guess_pose, link_topics
+from .bag_scans import cloud_notes, guess_scan
+from .clocks import clocked, estimate_offsets
+from .kitti_frames import pass_over, undecoded
+from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link
+from .survey import SOLID
 from .sync import default_tolerance_ns
+from .tf_frames import (
+    NamedFrames,
+    child_of,
+    describe_axes,
+    face_forward,
+    forward_frame,
+    is_fixed,
+    is_forward,
+    moving_pairs,
+    near_frame,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..model.layouts import Layout
-    from ..model.losses import Loss
+    from ..model.errors import Loss
     from ..model.samples import Int64Array
-    from ..rig.heading import Heading
+    from ..model.streams import Layout
+    from ..rig.tf_tree import FrameTree, Heading
     from .plan import CameraPlan, PosePlan, ScanPlan
-    from .survey import Survey
+    from .survey import Survey, TopicSurvey
+
+
+# Choice of the topics and the frame of the GPS/IMU unit.
+
+
+def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
+    """Whether a receiver of the vehicle has a fix."""
+    return any(each.has_fix for each in _of_vehicle(survey, types.FIX, scan))
+
+
+def guess_unit(
+    survey: Survey, scan: ScanPlan | None, notes: list[str], pose: PosePlan | None = None
+) -> dict[str, str]:
+    """Choose the topics of the GPS/IMU unit, by their keys in the plan.
+
+    Args:
+        survey: Of the bags.
+        scan: The scans, whose vehicle it is of.
+        notes: Takes what is missing.
+        pose: The plan's poses, which take the place of a fix.
+    """
+    found = _best_topics(survey, scan, pose, notes)
+    if 'fix' not in found and pose is None and 'imu' not in found:
+        notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
+        return {}
+    if 'fix' not in found:
+        if pose is not None:
+            found |= _odometry(survey, pose)
+        place = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
+        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
+    elif 'imu' in found and not ('velocity' in found and survey.topics[found['velocity']].moves):
+        found |= _odometry_of(survey, survey.topics[found['imu']].frame)
+    placed = 'fix' in found or pose is not None
+    for key, msgtype, rest in (
+        ('imu', 'Imu', 'its columns of oxts are 0'),
+        ('velocity', 'TwistStamped', 'in oxts it is derived from the places' if placed else ''),
+    ):
+        if key not in found:
+            notes.append(f'missing: {key} ({msgtype}); {rest or "its columns of oxts are 0"}')
+    return found
+
+
+def _best_topics(
+    survey: Survey, scan: ScanPlan | None, pose: PosePlan | None, notes: list[str]
+) -> dict[str, str]:
+    """Return the topics of the unit by their keys, and note those that are passed over."""
+    found: dict[str, str] = {}
+    joined = _joined_frames(survey, scan)
+    for key, msgtype, rank in (
+        ('imu', types.IMU, partial(_imu_rank, joined=joined)),
+        ('fix', types.FIX, _fix_rank),
+        ('velocity', types.TWIST, _velocity_rank),
+    ):
+        topics = _of_vehicle(survey, msgtype, scan)
+        if key == 'velocity':
+            topics = _in_known_axes(topics, survey, joined, pose, found)
+        notes += [
+            f'passed over for {key}: {each.name} ({each.count}); no transform joins its frame,'
+            f' {each.frame}, to that of the scans'
+            for each in survey.of_type(msgtype)
+            if each not in topics
+        ]
+        if not topics:
+            continue
+        best = max(topics, key=rank)
+        notes += pass_over(key, best, topics)
+        if key == 'fix' and not best.has_fix:
+            notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
+        else:
+            found[key] = best.name
+    return found
+
+
+def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
+    """Return the frames that static transforms join to the scans'."""
+    if scan is None:
+        return frozenset()
+    tree = survey.tree
+    known = {*tree.frames, scan.frame}
+    return frozenset(each for each in known if tree.joins(scan.frame, each))
+
+
+def _in_known_axes(
+    topics: list[TopicSurvey],
+    survey: Survey,
+    joined: Collection[str],
+    pose: PosePlan | None,
+    unit: Mapping[str, str],
+) -> list[TopicSurvey]:
+    """Return the velocities that can be turned into the axes of the unit, if that has a place."""
+    imu, fix = (survey.topics[unit[key]].frame if key in unit else '' for key in ('imu', 'fix'))
+    has_place = imu in joined if 'imu' in unit else pose is not None and pose.body in joined
+    if not has_place:
+        return topics
+    known = {'', fix, *joined}
+    return [each for each in topics if each.frame in known or is_fixed(each.frame)]
+
+
+def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
+    """Return the topics of a type but those of another robot.
+
+    Its frames have another prefix (robot2/base_link), and no transform joins them to the scans'.
+    """
+    tree, own = survey.tree, '' if scan is None else scan.frame
+    found = []
+    for each in survey.of_type(msgtype):
+        known = {own, each.frame} <= tree.frames
+        prefixes = own.rpartition('/')[0], each.frame.rpartition('/')[0]
+        apart = known and all(prefixes) and prefixes[0] != prefixes[1]
+        if not apart or tree.root_of(own) == tree.root_of(each.frame):
+            found.append(each)
+    return found
+
+
+def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, bool, int]:
+    """Rank an Imu: in a joined frame, with an orientation, not raw, with values, of most."""
+    oriented = any(map(has_orientation, topic.looks))
+    rates = (each.angular_velocity for each in topic.looks)
+    forces = (each.linear_acceleration for each in topic.looks)
+    measured = any(vector_of(each).any() for each in (*rates, *forces))
+    return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
+
+
+def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    """Rank a NavSatFix: with a fix, not raw, of most messages."""
+    return topic.has_fix, 'raw' not in topic.name, topic.count
+
+
+def _velocity_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
+    return 'cmd' not in topic.name, topic.moves, topic.count
+
+
+def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
+    """Return the Odometry whose twist is the velocity: that of the poses, or of the same body."""
+    tree = survey.tree
+    topics = [
+        each
+        for each in survey.of_type(types.ODOMETRY)
+        if each.name == pose.topic
+        or child_of(each) == pose.body
+        or tree.joins(pose.body, child_of(each))
+    ]
+    if not topics:
+        return {}
+    return {'velocity': max(topics, key=lambda each: (each.name == pose.topic, each.count)).name}
+
+
+def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
+    """Return the Odometry with a twist whose body static transforms join to a frame."""
+    tree = survey.tree
+    topics = [
+        each
+        for each in survey.of_type(types.ODOMETRY)
+        if child_of(each) in tree.frames and tree.joins(frame, child_of(each)) and each.moves
+    ]
+    return {'velocity': max(topics, key=lambda each: each.count).name} if topics else {}
+
+
+def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str]) -> VelocityAxes:
+    """Choose the axes of a TwistStamped by its frame.
+
+    Receivers with one antenna do not know where it looks: the velocity of nmea_navsat_driver and
+    others, in the frame of their NavSatFix, is along east and north. That in a fixed frame (mavros'
+    velocity_local, in map) is along its axes, which REP 103 has as east, north, up.
+    """
+    topic = survey.topics.get(unit.get('velocity', ''))
+    if topic is None or topic.msgtype != types.TWIST or not topic.frame:
+        return VelocityAxes.FRAME
+    fixed = is_fixed(topic.frame)
+    fix, imu = (survey.topics[unit[key]].frame if key in unit else '' for key in ('fix', 'imu'))
+    if not fixed and (topic.frame != fix or topic.frame == imu):
+        return VelocityAxes.FRAME
+    why = 'which does not move' if fixed else f'that of {unit["fix"]}'
+    notes.append(
+        f'{topic.name}: its frame is {topic.frame}, {why}, so it is taken as along east, north and'
+        f' up (velocity_axes)'
+    )
+    return VelocityAxes.ENU
+
+
+def guess_imu_frame(
+    survey: Survey, imu: str, scan: ScanPlan | None, heading: Heading | None, notes: list[str]
+) -> str:
+    """Return the frame of the Imu if static transforms connect it to the scans'.
+
+    It is one with x forward, y left and z up, as KITTI's.
+
+    Args:
+        survey: Of the bags.
+        imu: The topic of the plan, empty for none.
+        scan: The scans.
+        heading: The robot's forward; None where it is unknown.
+        notes: A note is added.
+    """
+    topics = _of_vehicle(survey, types.IMU, scan)
+    if not topics or scan is None:
+        return ''
+    joined = _joined_frames(survey, scan)
+    chosen = max(topics, key=lambda each: (each.name == imu, _imu_rank(each, joined)))
+    if chosen.frame in joined:
+        tree = survey.tree
+        return _forward_frame(chosen.frame, tree, find_body(tree, [chosen.frame]) or heading, notes)
+    notes.append(
+        f'missing: a static transform from {chosen.frame} to {scan.frame}; the imu frame is'
+        f' nominal until imu_frame names a frame that is joined'
+    )
+    return ''
+
+
+def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: list[str]) -> str:
+    """Return the frame of the Imu, or one near it or the body's where its x is not forward."""
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    if heading is None or axes is None or is_forward(axes):
+        return frame
+    told = f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward'
+    found = near_frame(frame, tree, heading) or forward_frame(frame, tree, heading)
+    if found:
+        notes.append(f'{told}: imu_frame is {found}, and oxts is turned to it')
+        return found
+    notes.append(f'{told}, and so has no frame of the bag: oxts is along the axes of {frame}')
+    return frame
+
+
+def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:
+    """Return the frame whose poses become oxts if static transforms connect it to the scans'."""
+    tree = survey.tree
+    joined = scan is not None and tree.joins(scan.frame, pose.body)
+    return pose.body if joined else ''
+
+
+# Detection of the KITTI stream of each topic: by type, name, frame and neighbours.
+
 
 _DEFAULT_TOLERANCE_S = 0.05
 _MOST_SHOWN = 8
@@ -273,3 +521,286 @@ def _reference(
 def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
     date = format_stamp(first_ns)[: len('2011-09-26')].replace('-', '_')
     return layout.traits.default_name.format(date=date, kind='extract' if extract else 'sync')
+
+
+# The topics of a bag that a plan does not use, and what could be done with each.
+
+
+_PACKETS = 'raw packets: play them through the driver, and record its PointCloud2'
+_RADAR = 'KITTI has no radar'
+_OBJECTS = (
+    '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic'
+)
+_BOXES_2D = '2D boxes: labels need a Detection2DArray'
+_LABELS_2D = '2D boxes: for labels of layouts object and tracking: name the topic in labels.topic'
+_JOINED_2D = '2D boxes: name the topic in labels.boxes_2d'
+_POSES = 'poses: for the layouts odometry, raw and tracking: name the topic in pose.topic'
+_UNIT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
+_VIDEO = 'video: record Image or CompressedImage, or decode it to them'
+_LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
+_MARKERS = 'drawings: cubes of a MarkerArray are boxes, if labels.topic names it'
+_NO_CUBES = 'drawings, without a cube that could be a box'
+_NO_CALIBRATION = 'boxes: labels need a calibration, which --calib gives'
+_NO_CAMERA = 'boxes: labels are of a camera with a camera_info, which the plan has not'
+_MAP = 'KITTI has no maps'
+_STATE = 'KITTI has no place for it'
+
+_ADVICE = {
+    'sensor_msgs/Image': 'images: name the topic in cameras',
+    'sensor_msgs/CompressedImage': 'images: name the topic in cameras',
+    'sensor_msgs/CameraInfo': 'calibration of images that are not used',
+    'sensor_msgs/PointCloud2': 'scans: name the topic in scan.topic',
+    'sensor_msgs/PointCloud': 'scans of an old type: convert them to PointCloud2',
+    'sensor_msgs/LaserScan': 'one ring: name the topic in scan.topic, with scan.from: laser_scan',
+    'sensor_msgs/MultiEchoLaserScan': 'one ring: record a LaserScan of it',
+    'sensor_msgs/Range': 'distances without a direction',
+    'livox_ros_driver/CustomMsg': _LIVOX,
+    'livox_ros_driver2/CustomMsg': _LIVOX,
+    'livox_interfaces/CustomMsg': _LIVOX,
+    'velodyne_msgs/VelodyneScan': ('scans: name the topic in scan.topic, with scan.from: velodyne'),
+    'ouster_msgs/PacketMsg': _PACKETS,
+    'ouster_ros/PacketMsg': _PACKETS,
+    'ouster_sensor_msgs/PacketMsg': _PACKETS,
+    'hesai_ros_driver/UdpFrame': _PACKETS,
+    'pandar_msgs/PandarScan': _PACKETS,
+    'nebula_msgs/NebulaPackets': _PACKETS,
+    'rslidar_msg/RslidarPacket': _PACKETS,
+    'rslidar_msgs/rslidarScan': _PACKETS,
+    'radar_msgs/RadarScan': _RADAR,
+    'radar_msgs/RadarTracks': _RADAR,
+    'radar_msgs/RadarReturn': _RADAR,
+    'ars40x_msgs/ObjectList': _RADAR,
+    'vision_msgs/Detection3DArray': _OBJECTS,
+    'vision_msgs/Detection3D': 'one 3D box: labels need a Detection3DArray',
+    'vision_msgs/Detection2D': _BOXES_2D,
+    'autoware_perception_msgs/DetectedObjects': _OBJECTS,
+    'autoware_perception_msgs/TrackedObjects': _OBJECTS,
+    'autoware_perception_msgs/PredictedObjects': '3D boxes: record TrackedObjects for labels',
+    'autoware_auto_perception_msgs/DetectedObjects': '3D boxes of an old type of Autoware',
+    'autoware_auto_perception_msgs/TrackedObjects': '3D boxes of an old type of Autoware',
+    'visualization_msgs/MarkerArray': _MARKERS,
+    'visualization_msgs/Marker': 'a drawing: labels need the cubes of a MarkerArray',
+    'geometry_msgs/PoseArray': 'poses without sizes: labels need boxes',
+    'nav_msgs/Odometry': _POSES,
+    'nav_msgs/Path': _POSES,
+    'geometry_msgs/PoseStamped': _POSES,
+    'geometry_msgs/PoseWithCovarianceStamped': 'poses: record Odometry or PoseStamped of them',
+    'sensor_msgs/Imu': _UNIT,
+    'sensor_msgs/NavSatFix': _UNIT,
+    'geometry_msgs/TwistStamped': _UNIT,
+    'geometry_msgs/TwistWithCovarianceStamped': 'velocities: record a TwistStamped of them',
+    'gps_msgs/GPSFix': 'positions: record a NavSatFix of them',
+    'gps_common/GPSFix': 'positions: record a NavSatFix of them',
+    'nmea_msgs/Sentence': 'positions: record a NavSatFix of them',
+    'theora_image_transport/Packet': _VIDEO,
+    'ffmpeg_image_transport_msgs/FFMPEGPacket': _VIDEO,
+    'foxglove_msgs/CompressedVideo': _VIDEO,
+    'nav_msgs/OccupancyGrid': _MAP,
+    'nav_msgs/GridCells': _MAP,
+    'grid_map_msgs/GridMap': _MAP,
+    'octomap_msgs/Octomap': _MAP,
+    'sensor_msgs/JointState': _STATE,
+    'sensor_msgs/Joy': _STATE,
+    'sensor_msgs/BatteryState': _STATE,
+    'sensor_msgs/MagneticField': _STATE,
+    'sensor_msgs/FluidPressure': _STATE,
+    'sensor_msgs/Temperature': _STATE,
+    'sensor_msgs/TimeReference': _STATE,
+    'geometry_msgs/Twist': _STATE,
+    'ackermann_msgs/AckermannDriveStamped': _STATE,
+    'std_msgs/String': _STATE,
+}
+"""What can be done with messages of a type that a plan does not use."""
+
+_DEPTH_ADVICE = 'depth images: name the topic in scan.topic, with scan.from: depth'
+_ANY_ADVICE = 'no stream of KITTI is made of this type'
+
+_NOT_READ = 'its messages cannot be read, for the reason in another note'
+"""Advice where the survey notes the reason."""
+
+_BACKGROUND = frozenset(
+    {
+        'rcl_interfaces/Log',
+        'rosgraph_msgs/Log',
+        'rcl_interfaces/ParameterEvent',
+        'diagnostic_msgs/DiagnosticArray',
+        'diagnostic_msgs/DiagnosticStatus',
+        'rosgraph_msgs/Clock',
+        'statistics_msgs/MetricsMessage',
+        'bond/Status',
+        'dynamic_reconfigure/Config',
+        'dynamic_reconfigure/ConfigDescription',
+        'lifecycle_msgs/TransitionEvent',
+        'rosbag2_interfaces/WriteSplitEvent',
+        'rosbag2_interfaces/MessagesLostEvent',
+    }
+)
+"""Types that nodes publish about themselves."""
+
+_BOXES = SOLID | {types.DETECTIONS_2D}
+_DEPTHS = frozenset({'16UC1', '32FC1'})
+_DEPTH_NAME = re.compile(r'depth|disparity', re.IGNORECASE)
+_MOST_TOPICS = 6
+_NAMED = re.compile(r'/[\w/~.-]+')
+
+
+@dataclass(frozen=True)
+class Unused:
+    """Topics of one type that a plan does not use.
+
+    Attributes:
+        msgtype: Their type, such as sensor_msgs/LaserScan; of topics with one advice their types.
+        counts: Number of messages by topic.
+        advice: What can be done with them; empty for what nodes publish about themselves.
+    """
+
+    msgtype: str
+    counts: tuple[tuple[str, int], ...]
+    advice: str
+
+    def note(self) -> str:
+        """Return one line."""
+        topics = some_of(
+            [f'{one_line(name)} ({count})' for name, count in self.counts], _MOST_TOPICS
+        )
+        return f'not used: {topics}, {one_line(self.msgtype)}; {self.advice}'
+
+
+def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list[Unused]:
+    """Return the topics with messages that a plan does not use, by advice and type.
+
+    Args:
+        survey: Of the bags.
+        plan: Every topic that it names is used, and so are transforms, and Odometry that is a link
+            between frames.
+        named: Topics to leave out.
+    """
+    left_out = set(named) | set(_texts(asdict(plan))) | _planned_links(survey, plan)
+    if RECORDING in survey.topics:
+        left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
+    pixels = _pixel_frames(survey, plan)
+    groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
+    for topic in sorted(survey.topics.values(), key=lambda each: each.name):
+        if topic.count and topic.name not in left_out and topic.msgtype not in types.TF_TYPES:
+            advice = _advice(topic, survey, plan, pixels)
+            groups[_short(topic.msgtype), advice].append((topic.name, topic.count))
+    for channel, loss in survey.left_out:
+        if loss.count and channel.topic not in left_out:
+            kind = _short(channel.msgtype)
+            advice = _ADVICE.get(kind, _NOT_READ)
+            groups[kind, advice].append((channel.topic, loss.count))
+    return [Unused(kind, tuple(counts), advice) for (kind, advice), counts in groups.items()]
+
+
+def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[str]:
+    """Return notes on the topics that a plan does not use.
+
+    Args:
+        survey: Of the bags.
+        plan: The plan.
+        notes: Earlier notes; the topics that one of these says are passed over are left out.
+    """
+    named = [
+        name for note in notes if note.startswith('passed over') for name in _NAMED.findall(note)
+    ]
+    found = unused_topics(survey, plan, named)
+    background = [each for group in found if not group.advice for each in group.counts]
+    told = [group.note() for group in _by_advice(found) if group.advice]
+    if background:
+        topics = some_of(
+            [f'{one_line(name)} ({count})' for name, count in background], _MOST_TOPICS
+        )
+        told.append(f'not used: {topics}, which nodes publish about themselves')
+    return told
+
+
+def _by_advice(found: Iterable[Unused]) -> list[Unused]:
+    """Join topics with one advice, for which their types are listed."""
+    groups: dict[str, list[Unused]] = defaultdict(list)
+    for each in found:
+        groups[each.advice].append(each)
+    return [
+        Unused(
+            ', '.join(each.msgtype for each in same),
+            tuple(count for each in same for count in each.counts),
+            advice,
+        )
+        for advice, same in groups.items()
+    ]
+
+
+def _planned_links(survey: Survey, plan: Plan) -> set[str]:
+    try:
+        return link_topics(plan, survey)
+    except UsageError:  # it stops the conversion, which reports it
+        return set()
+
+
+def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401 - of dataclasses
+    """Yield all texts within a value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for each in value.values():
+            yield from _texts(each)
+    elif isinstance(value, (list, tuple)):
+        for each in value:
+            yield from _texts(each)
+
+
+def _advice(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
+    kind = _short(topic.msgtype)
+    if kind in _BACKGROUND:
+        return ''
+    if topic.msgtype in _BOXES and not (plan.cameras or plan.camera_sets):
+        return _NO_CAMERA
+    if topic.msgtype in _BOXES and plan.calibration == NONE:
+        return _NO_CALIBRATION
+    if topic.msgtype == types.DETECTIONS_2D:
+        return _advice_2d(topic, survey, plan, pixels)
+    if topic.msgtype == types.MARKERS and not has_cubes(topic):
+        return _NO_CUBES
+    return _DEPTH_ADVICE if _is_depth(topic) else _ADVICE.get(kind, _ANY_ADVICE)
+
+
+def _label_camera(plan: Plan) -> int:
+    """Return the number of the labels' camera, or of the main one."""
+    if plan.labels is not None:
+        return plan.labels.camera
+    return main_camera(plan.cameras) if plan.cameras else -1
+
+
+def _pixel_frames(survey: Survey, plan: Plan) -> PixelFrames | None:
+    """Return the frames of the labels' camera, None where it is not planned."""
+    camera = plan.cameras.get(_label_camera(plan))
+    try:
+        return None if camera is None else PixelFrames(survey, survey.tree, camera)
+    except UsageError:  # as in _links
+        return None
+
+
+def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
+    labels = plan.labels
+    if pixels is not None and topic.frame not in pixels:
+        return (
+            f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
+            f' {_label_camera(plan)} have {some_of(pixels.every, _MOST_TOPICS)}'
+        )
+    labelled = None if labels is None else survey.topics.get(labels.topic)
+    solid = labelled is not None and labelled.msgtype != types.DETECTIONS_2D
+    return _JOINED_2D if solid else _LABELS_2D
+
+
+def _is_depth(topic: TopicSurvey) -> bool:
+    if topic.msgtype == types.IMAGE:
+        encodings = {getattr(look, 'encoding', '') for look in topic.looks}
+        return bool(encodings & _DEPTHS) or bool(_DEPTH_NAME.search(topic.name))
+    return topic.msgtype == types.COMPRESSED and bool(_DEPTH_NAME.search(topic.name))
+
+
+def _short(msgtype: str) -> str:
+    return msgtype.replace('/msg/', '/')
+
+
+def _is_source(name: str) -> bool:
+    return name.startswith(RECORDING.rpartition('/')[0] + '/')

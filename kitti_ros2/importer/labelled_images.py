@@ -16,35 +16,33 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.decoding import Decoder
-from ..bags.reader import open_messages
+from ..bags.reader import Decoder, open_messages
 from ..drawing.annotate import annotate
-from ..drawing.objects import objects_of
-from ..drawing.pixels import colour_pixels
+from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
-from ..messages.source import LABEL_LINES, decode_text
+from ..messages.naming import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, UsageError, describe_error
-from ..model.layouts import Layout
 from ..model.samples import FrameLabels
-from .apply_calibration import Rigging
-from .frames_at import BoxTimes, stamp_of_boxes
+from ..model.streams import Layout
+from .bag_poses import read_moving
+from .bag_scans import without_unreadable_scans
+from .box_labels import own_number
 from .guess import guess_plan
-from .labels import own_number
-from .plan import NONE, SOURCE, TF
-from .planned_topics import topic_of
-from .poses import read_moving
-from .report import LossTally
-from .scan_needs import without_unreadable_scans
+from .kitti_frames import LossTally
+from .plan import NONE, SOURCE, TF, topic_of
+from .rigging import Rigging
 from .survey import glance
 from .sync import default_tolerance_ns
+from .tf_frames import BoxTimes, stamp_of_boxes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..bags.reader import BagMessage, OpenBag
-    from ..drawing.pixels import Pixels as Picture
-    from ..messages.pixels import Pixels
+    from ..bags.bag_files import OpenBag
+    from ..bags.reader import BagMessage
+    from ..drawing.drawn_objects import Pixels as Picture
+    from ..messages.images import Pixels
     from ..model.samples import Int64Array
     from .plan import Plan
     from .survey import Survey

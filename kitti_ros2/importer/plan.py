@@ -1,18 +1,43 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a conversion from a bag, as a user reads and edits it: topics and streams."""
+"""The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
+
+It is parsed and formatted as YAML, checked, and its topics are found in the survey of the bag.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from math import isfinite
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-from ..model.boxes import VISIBLE
-from ..model.layouts import Layout
+import numpy as np
+
+from ..messages.camera_info import camera_model
+from ..messages.images import size_of
+from ..messages.naming import LABEL_LINES
+from ..messages.scan_sources import MODELS, SCAN_SOURCES
+from ..model import bag_formats as types
+from ..model.bag_formats import CAMERA_INFO
+from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
+from ..model.classes import KITTI_CLASSES, own_class
+from ..model.errors import UsageError, did_you_mean, one_line, shown
+from ..model.geometry import Transform
+from ..model.streams import GeoOrigin, Layout
+from ..rig.tf_tree import AXES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from ..messages.camera_info import CameraModel
+    from ..rig.tf_tree import Link
+    from .survey import Survey, TopicSurvey
+
+
+# The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
 
 
 TF = 'tf'
@@ -215,3 +240,407 @@ class Plan:
     velocity_offset_s: float = _quiet(0.0)
     camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})
     origin: str = ''
+
+
+# The topics that a plan names, in the survey of its bags.
+
+
+def topic_of(survey: Survey, name: str) -> TopicSurvey:
+    """Return the survey of a topic that a plan names.
+
+    Raises:
+        UsageError: The bag has no such topic, or it has no messages.
+    """
+    topic = survey.topics.get(name)
+    if topic is None or not topic.count:
+        topics = sorted(each.name for each in survey.topics.values() if each.count)
+        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
+        raise UsageError(
+            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
+        )
+    return topic
+
+
+def camera_of(survey: Survey, name: str) -> CameraModel:
+    """Return the camera of the CameraInfo topic that a plan names.
+
+    Raises:
+        UsageError: The bag has no such topic, or it has no messages.
+        ValueError: It is of another type, or its first message is no valid calibration.
+    """
+    info = topic_of(survey, name)
+    if info.msgtype != CAMERA_INFO or not info.looks:
+        reason = info.failure or f'it is a {info.msgtype}'
+        raise ValueError(f'no CameraInfo ({reason})')
+    return camera_model(info.looks[0])
+
+
+def image_size(images: TopicSurvey) -> tuple[int, int] | None:
+    """Return (width, height) of the first image of a topic whose size is known; None without."""
+    return next(filter(None, map(size_of, images.looks)), None)
+
+
+def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
+    """Return a camera with the size of its images where its own has width and height swapped.
+
+    The principal point of P tells that it is the size that is wrong, not the image that is turned:
+    it is nearer to the middle of the images.
+    """
+    size = image_size(images)
+    if size is None or size == model.size or size != model.size[::-1]:
+        return model
+    aside, aside_own = (
+        float(np.linalg.norm(model.p[:2, 2] - np.array(each) / 2)) for each in (size, model.size)
+    )
+    return replace(model, size=size) if aside < aside_own else model
+
+
+# Optical frames of cameras whose own frame has x forward and z up.
+#
+# A CameraInfo is for an optical frame, z forward, x right, y down (REP 103,
+# sensor_msgs/CameraInfo). Simulators and exporters often name the body of the camera; the optical
+# frame is one more static link then, so that calibration, labels and poses agree.
+
+
+X_FORWARD = 'x'
+"""The value of forward of a camera whose frame has x forward, y left, z up."""
+
+LINK_T_OPTICAL = Transform(AXES['z'].T.copy(), np.zeros(3))
+"""The optical frame in such a frame."""
+
+
+def optical_name(frame: str, forward: str) -> str:
+    """Return the name of the optical frame of a camera's frame: itself, or the made one."""
+    return f'{frame} with {forward} forward, optical' if forward else frame
+
+
+def frame_of(camera: CameraPlan, survey: Survey) -> str:
+    """Return the frame that a camera of a plan has in the bag.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    return camera.frame or topic_of(survey, camera.info).frame
+
+
+def optical_link(frame: str, forward: str) -> Link:
+    """Return the link from a frame with x forward to its optical frame."""
+    return frame, optical_name(frame, forward), LINK_T_OPTICAL
+
+
+def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
+    """Return the links to the optical frames that a plan has made.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    cameras: Iterable[CameraPlan] = plan.cameras.values()
+    frames = {frame_of(each, survey) for each in cameras if each.forward and each.info}
+    return [optical_link(frame, X_FORWARD) for frame in sorted(frames)]
+
+
+# Check of the message types of the topics that a plan names.
+
+
+_IMAGES = (types.IMAGE, types.COMPRESSED)
+_LABELS = (
+    types.DETECTIONS_3D,
+    types.TRACKED_OBJECTS,
+    types.DETECTED_OBJECTS,
+    types.MARKERS,
+    types.DETECTIONS_2D,
+)
+_VELOCITIES = (types.TWIST, types.ODOMETRY)
+
+
+def check_types(plan: Plan, survey: Survey) -> None:
+    """Check that messages of a plan's topics can be decoded as what the plan uses them for.
+
+    Topics without messages, scans, poses and CameraInfos are checked where they are used.
+
+    Raises:
+        UsageError: The type of one is another; the error names the key.
+    """
+    for key, name, expected in _uses(plan):
+        topic = survey.topics.get(name) if name else None  # a bag may have a topic of no name
+        if topic is not None and topic.count and topic.msgtype not in expected:
+            raise UsageError(
+                f'{key}: {name} is of type {topic.msgtype}; expected {", ".join(expected)}'
+            )
+
+
+def _uses(plan: Plan) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    """Yield the key, the topic and the valid types of each use of a topic."""
+    for index, camera in plan.cameras.items():
+        yield f'cameras.{index}.topic', camera.topic, _IMAGES
+    if plan.labels is not None and plan.labels.topic != LABEL_LINES:
+        yield 'labels.topic', plan.labels.topic, _LABELS
+    yield 'imu', plan.imu, (types.IMU,)
+    yield 'fix', plan.fix, (types.FIX,)
+    yield 'velocity', plan.velocity, _VELOCITIES
+
+
+# Check of the classes that a plan maps.
+
+
+def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, str]:
+    """Return the classes of a plan by name or number, with KITTI's spelling.
+
+    Args:
+        classes: As it is in the file.
+        where: The file and the key.
+        any_word: Whether other classes than KITTI's are valid.
+
+    Raises:
+        UsageError: One is invalid; the error names the key.
+    """
+    if not isinstance(classes, dict):
+        raise UsageError(f'{where}: {shown(classes)}; expected NAME: CLASS, ...')
+    found = {}
+    for name, wanted in classes.items():
+        if type(name) not in (str, int) or not isinstance(wanted, str):
+            raise UsageError(
+                f'{where}: {shown(name)}: {shown(wanted)}; expected two texts (quote numbers)'
+            )
+        kind = own_class(wanted)
+        is_word = wanted.isprintable() and len(wanted.split()) == 1
+        if kind is None and not (any_word and is_word):
+            raise UsageError(
+                f'{where}: {name}: {wanted!r}; expected {", ".join(KITTI_CLASSES)}, or any word'
+                f' with keep_classes: true{did_you_mean(wanted, KITTI_CLASSES)}'
+            )
+        found[str(name)] = kind or wanted
+    return found
+
+
+# Check of the numbers of a plan.
+
+
+_LONGEST_S = 4e9
+"""127 years: header stamps, 32-bit seconds, plus that are still int64 nanoseconds."""
+
+
+def as_number(value: float, where: str) -> float:
+    """Return a number of a file as float.
+
+    Raises:
+        UsageError: It is not finite.
+    """
+    try:
+        number = float(value)
+    except OverflowError:  # of a whole number
+        number = float('inf')
+    if not isfinite(number):
+        raise UsageError(f'{where}: {number}; expected a finite number')
+    return number
+
+
+def check_numbers(values: Mapping[str, Any], place: str) -> None:
+    """Check the values of a plan, or of a part of it, against their limits.
+
+    Args:
+        values: By the names of the fields.
+        place: The file and the part, for errors.
+
+    Raises:
+        UsageError: One is outside of its limits; the error names the key.
+    """
+    for key, value in values.items():
+        if not isinstance(value, float):
+            continue
+        if key.endswith('offset_s') and abs(value) > _LONGEST_S:
+            expected = f'seconds from -{_LONGEST_S:.0f} to {_LONGEST_S:.0f}'
+        elif key == 'tolerance_s' and not 0 <= value <= _LONGEST_S:
+            expected = f'seconds from 0 to {_LONGEST_S:.0f}'
+        elif key == 'minimum_range_m' and value < 0:
+            expected = '0 or more'
+        elif key in {'intensity_scale', 'unit_m'} and value <= 0:
+            expected = 'more than 0'
+        else:
+            continue
+        raise UsageError(f'{place}{key}: {value}; expected {expected}')
+
+
+# A plan as YAML: formatted, and parsed with the key of each error.
+
+
+_SET_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,99}')
+
+
+def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
+    """Format the plan as YAML, with notes as comments above; the inverse of parse_plan."""
+    import yaml  # noqa: PLC0415 - 15 ms that a report of a folder does not need
+
+    values = _values(plan)
+    values['cameras'] = dict(sorted(values['cameras'].items()))
+    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
+    comments = ''.join(f'# {one_line(note)}\n' for note in notes)
+    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+
+
+def _values(part: Any) -> Any:  # noqa: ANN401 - a plan, or a part of it
+    """Return a part of a plan as YAML has it, without quiet fields at their default."""
+    if isinstance(part, Enum):
+        return part.value
+    if isinstance(part, dict):
+        return {name: _values(value) for name, value in part.items()}
+    if not is_dataclass(part):
+        return part
+    values = {each: getattr(part, each.name) for each in fields(part)}
+    return {
+        _key(each.name): _values(value)
+        for each, value in values.items()
+        if not (QUIET in each.metadata and value in (each.default, {}))
+    }
+
+
+def _key(name: str) -> str:
+    """Return the key of a field: from of from_, which is a word of Python."""
+    return name.rstrip('_')
+
+
+def parse_plan(text: str, path: Path) -> Plan:
+    """Parse a plan from YAML.
+
+    Raises:
+        UsageError: It is not a valid plan; the error names the key.
+    """
+    from ..model.yaml_text import YamlTextError, load_yaml  # noqa: PLC0415 - as above
+
+    try:
+        values = load_yaml(text)
+    except YamlTextError as error:
+        raise UsageError(f'{path}: is not valid YAML ({error})') from None
+    if not isinstance(values, dict):
+        raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
+    made = dict(values)
+    made['cameras'] = cameras = _parse_cameras(made.pop('cameras', None) or {}, path)
+    made['camera_sets'] = _parse_sets(made.pop('camera_sets', None) or {}, path)
+    if made['camera_sets'] and cameras:
+        raise UsageError(f'{path}: camera_sets: each has its own camera; expected no cameras')
+    for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
+        if made.get(name) is not None:
+            made[name] = _make(kind, made[name], path, name)
+    _check_parts(made, path)
+    for name, choice in _CHOICES.items():
+        if name in made:
+            made[name] = _choose(choice, made[name], f'{path}: {name}')
+    plan: Plan = _make(Plan, made, path, '')
+    _check_origin(plan.origin, path)
+    return plan
+
+
+def _check_origin(text: str, path: Path) -> None:
+    try:
+        GeoOrigin.parse(text)
+    except ValueError as error:
+        raise UsageError(f'{path}: origin: {error}') from None
+
+
+def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
+    if not isinstance(cameras, dict) or not all(
+        type(key) is int and key in range(5) for key in cameras
+    ):
+        raise UsageError(
+            f'{path}: cameras: expected KITTI camera numbers 0 to 4, found {shown(cameras)}'
+        )
+    return {key: _camera(value, path, f'cameras: {key}') for key, value in cameras.items()}
+
+
+def _camera(value: object, path: Path, place: str) -> CameraPlan:
+    camera: CameraPlan = _make(CameraPlan, value, path, place)
+    if camera.forward not in {'', X_FORWARD}:
+        raise UsageError(
+            f'{path}: {place}: forward: {camera.forward}; expected {X_FORWARD}, or nothing for an'
+            f' optical frame'
+        )
+    return camera
+
+
+def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
+    place = f'{path}: camera_sets'
+    if not isinstance(sets, dict):
+        raise UsageError(f'{place}: {shown(sets)}; expected names of sets, each with a camera')
+    for name in sets:
+        if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
+            raise UsageError(
+                f'{place}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
+            )
+    if len({name.lower() for name in sets}) < len(sets):
+        raise UsageError(f'{place}: names of sets must differ by more than case')
+    return {name: _camera(value, path, f'camera_sets: {name}') for name, value in sets.items()}
+
+
+def _check_parts(made: dict[str, Any], path: Path) -> None:
+    """Check the values of scan and labels; classes get KITTI's spelling."""
+    scan, labels = made.get('scan'), made.get('labels')
+    _check_words(scan, path)
+    if labels is None:
+        return
+    if labels.occluded not in range(UNKNOWN_OCCLUSION + 1):
+        raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
+    where = f'{path}: labels: classes'
+    classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
+    made['labels'] = replace(labels, classes=classes)
+
+
+def _check_words(scan: ScanPlan | None, path: Path) -> None:
+    words = {'from': [each.word for each in SCAN_SOURCES], 'model': list(MODELS)}
+    for key, known in words.items():
+        value = '' if scan is None else getattr(scan, 'from_' if key == 'from' else key)
+        if value and value not in known:
+            hint = did_you_mean(value, known)
+            expected = ', '.join(known)
+            raise UsageError(
+                f'{path}: scan: {key}: {shown(value)}; expected one of {expected}{hint}'
+            )
+
+
+def _choose(kind: type[Enum], value: object, where: str) -> Enum:
+    try:
+        # The error of an Enum has the whole value.
+        return kind(value if isinstance(value, str) else None)
+    except ValueError:
+        known = [str(each.value) for each in kind]
+        hint = did_you_mean(value if isinstance(value, str) else '', known)
+        raise UsageError(f'{where}: {shown(value)}; expected {" or ".join(known)}{hint}') from None
+
+
+def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
+    """Make a dataclass from a mapping, its values checked against the types of the fields."""
+    place = f'{path}: {where}: ' if where else f'{path}: '
+    if not isinstance(values, dict):
+        raise UsageError(f'{place}expected {", ".join(_key(f.name) for f in fields(kind))}')
+    known = {_key(each.name): each for each in fields(kind)}
+    unknown = [str(key) for key in values if key not in known]
+    if unknown:
+        hint = did_you_mean(unknown[0], known)
+        keys = ', '.join(known)
+        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
+    hints = get_type_hints(kind, localns={'Mapping': dict})
+    checked = {}
+    for key, value in values.items():
+        name = known[key].name
+        wanted = hints[name]
+        if wanted is float and type(value) in (int, float):
+            checked[name] = as_number(value, f'{place}{key}')
+        elif wanted in _WORDS and type(value) is not wanted:
+            raise UsageError(f'{place}{key}: {shown(value)}; expected {_WORDS[wanted]}')
+        else:
+            checked[name] = value
+    check_numbers(checked, place)
+    try:
+        return kind(**checked)
+    except TypeError:
+        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
+        missing = [name for name in needed if known[name].name not in checked]
+        raise UsageError(f'{place}missing {", ".join(missing)}') from None
+
+
+_CHOICES: dict[str, type[Enum]] = {
+    'layout': Layout,
+    'incomplete': Incomplete,
+    'stamps': StampSource,
+    'velocity_axes': VelocityAxes,
+}
+_WORDS = {str: 'a text (quote numbers)', bool: 'true or false', float: 'a number', int: 'a number'}

@@ -5,34 +5,340 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..model.errors import KittiRos2Error
+from ..bags.bag_files import path_of
+from ..bags.reader import Decoder, open_messages
+from ..files.image_files import encode_png
+from ..files.threads import ordered_map, worker_count
+from ..kitti import names
+from ..kitti.find import make_writer
+from ..kitti.store import STORE
+from ..kitti.writers import WriteOptions
+from ..model.errors import KittiRos2Error, UnsynchronisedError
+from ..model.geometry import Transform
+from ..model.samples import rect_from_velo
 from ..model.streams import Stream
-from .frames import Frames, frame_topics
-from .frames_at import UnknownPlaceError
-from .label_messages import LabelMessages
-from .report import ImportReport, LossTally, unread
-from .set_notes import set_notes
-from .stream_gaps import unit_losses
+from .bag_calibration import is_extract
+from .bag_labels import LabelMessages, joined
+from .bag_poses import read_motion
+from .bag_scans import dropped_notes
+from .clocks import clocked, unit_losses
+from .kitti_frames import (
+    NO_FRAME,
+    NO_PACKET,
+    Frames,
+    ImportReport,
+    LossTally,
+    choose_frames,
+    damage,
+    frame_topics,
+    numbered,
+    unread,
+)
+from .oxts_packets import PacketMaker, UnitPoses
+from .rigging import Riggings
 from .sync import NONE
+from .tf_frames import BoxTimes, UnknownPlaceError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from ..bags.decoding import Decoder
+    import numpy.typing as npt
+
+    from ..bags.bag_files import BagSource
     from ..bags.reader import BagMessage
-    from ..model.losses import Loss
-    from ..rig.pose_track import Track
-    from .excerpt import Excerpt
-    from .oxts_stream import PacketMaker
-    from .sample_writer import SampleWriter
+    from ..kitti.writers import LayoutWriter
+    from ..model.errors import Loss
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Float32Array, Int64Array
+    from ..options.outputs import ImportOptions
+    from ..rig.moving_tree import Track
+    from .kitti_frames import Excerpt
+    from .plan import Plan
+    from .rigging import Rigging
     from .survey import Survey
+
+
+# The vehicle's pose at each frame: a track of poses -> KITTI's camera poses.
+
+
+def camera_poses(
+    track: Track, frames_ns: Int64Array, body_t_cam0: Transform
+) -> list[Float64Array | None]:
+    """Convert the poses of a data set's frames to those of KITTI odometry.
+
+    Args:
+        track: Poses of the body in a fixed frame.
+        frames_ns: (N,) stamps, nanoseconds.
+        body_t_cam0: The rectified camera 0 in the body frame.
+
+    Returns:
+        For each frame (3, 4) float64: the rectified camera 0 in that of the first frame with a
+        pose, metres; None without a pose.
+    """
+    poses = track.at(frames_ns)
+    start = next((pose for pose in poses if pose is not None), None)
+    if start is None:
+        return [None] * len(poses)
+    # Maps may be far from their origin (UTM); subtracting first keeps all digits.
+    near = Transform.from_translation(-start.translation)
+    first_cam0_t_near = (near @ start @ body_t_cam0).inverse()
+    return [
+        None if pose is None else (first_cam0_t_near @ (near @ pose @ body_t_cam0)).matrix()[:3]
+        for pose in poses
+    ]
+
+
+# Depth maps of scans that were made from depth images: each point in its pixel of a camera.
+#
+# As the sparse maps of KITTI's depth benchmark (velodyne_raw) they are the projections of the
+# points, the nearest where several fall in a pixel. Where the depth image is registered to the
+# camera's images, each pixel gets its own depth back.
+
+
+_PER_M = 256.0
+_DEEPEST = 65535
+
+
+class DepthMaps:
+    """Writes the depth maps of a recording; thread-safe.
+
+    Attributes:
+        folders: Of the maps, by camera; none unless the scans are of depth images.
+    """
+
+    def __init__(
+        self, plan: Plan, rigging: Rigging, writer: LayoutWriter, *, unrectified: bool
+    ) -> None:
+        wanted = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
+        self._unrectified = rigging.scans.are_depth and unrectified
+        self._writer = writer
+        self.folders = {
+            camera: writer.depth_folder(camera)
+            for camera in sorted(plan.cameras)
+            if wanted and writer.depth_folder(camera) and rigging.images.size(camera)
+        }
+
+    def write(self, number: int, stamp_ns: int, points: Float32Array, rigging: Rigging) -> None:
+        """Write the maps of a scan, (N, 4) in velo_link, by the rigging of its frame."""
+        calibration = rigging.calibrations.at(stamp_ns)
+        for camera in self.folders:
+            size = rigging.images.size(camera)
+            if calibration is not None and size is not None:
+                pixels = make_depth_map(points, calibration, camera, size)
+                self._writer.write_depth(camera, number, encode_png(pixels))
+
+    def notes(self) -> list[str]:
+        """Return what was written, or why nothing was."""
+        if self._unrectified:
+            return ['no depth maps were written: the images of an extract are not rectified']
+        return [
+            f'{folder}: depth maps of camera {camera}, 16-bit PNG, metres * 256'
+            for camera, folder in self.folders.items()
+        ]
+
+
+def make_depth_map(
+    points: Float32Array, calibration: Calibration, camera: int, size: tuple[int, int]
+) -> npt.NDArray[np.uint16]:
+    """Return (H, W) depth times 256, metres, along the axis of a rectified camera; 0 without one.
+
+    Args:
+        points: (N, 4) x y z reflectance in velo_link.
+        calibration: Contains the camera and the place of the scanner.
+        camera: KITTI index.
+        size: (width, height) of its rectified image.
+    """
+    model = calibration.cameras[camera]
+    seen = rect_from_velo(calibration) if model.cam_T_velo is None else model.cam_T_velo
+    places = seen.apply(points[:, :3].astype(np.float64))
+    u, v, depth = (np.column_stack([places, np.ones(len(places))]) @ model.p_rect.T).T
+    ahead = depth > 0
+    column, row = (np.round(each[ahead] / depth[ahead]) for each in (u, v))
+    inside = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
+    value = np.clip(np.round(depth[ahead][inside] * _PER_M), 1, _DEEPEST).astype(np.uint16)
+    # The last write to a pixel stays: the nearest.
+    order = np.argsort(-value.astype(np.int64), kind='stable')
+    found = np.zeros((size[1], size[0]), dtype=np.uint16)
+    places_in = row[inside].astype(np.intp)[order], column[inside].astype(np.intp)[order]
+    found[places_in] = value[order]
+    return found
+
+
+# Decoded messages of a plan's frames -> the files of their samples.
+
+
+class SampleWriter:
+    """Converts messages to samples and writes them; scans and images from several threads.
+
+    Attributes:
+        plan: The rules.
+        frames: Those to write.
+        riggings: Convert messages to samples.
+        writer: Of the layout.
+        first: The number of the first frame.
+        empty_labels: Number of frames without a box so far.
+    """
+
+    def __init__(
+        self, plan: Plan, frames: Frames, riggings: Riggings, writer: LayoutWriter, first: int
+    ) -> None:
+        self.plan = plan
+        self.frames = frames
+        self.riggings = riggings
+        self.writer = writer
+        self.first = first
+        self.empty_labels = 0
+        rigging = riggings.first
+        labels_t_velo = rigging.labels.standing.frame_T_velo
+        if labels_t_velo is not None:
+            writer.place_labels(labels_t_velo)
+        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
+        self._lock = Lock()  # for the counts of scans
+        self._points_dropped: Counter[str] = Counter()
+
+    def write_calibration(self) -> int:
+        """Write the calibration of every frame, or of all; return how many were written."""
+        count = 0
+        stamps_ns = self.frames.stamps_ns.tolist()
+        if not self.plan.layout.traits.calibration_per_frame:
+            del stamps_ns[1:]
+        for number, stamp_ns in enumerate(stamps_ns, self.first):
+            calibration = self._rigging(number).calibrations.at(stamp_ns)
+            if calibration is not None:
+                self.writer.write_calibration(number, calibration)
+                count += 1
+        return count
+
+    def write_scan(self, number: int, topic: str, place: int, cloud: Any) -> int:  # noqa: ANN401 - of the bag
+        """Write a scan, by its place in its topic; return its bytes.
+
+        Raises:
+            ValueError: No point is left of it.
+        """
+        stamp_ns = self._stamp_ns(number, topic, place)
+        rigging = self._rigging(number)
+        scan, dropped = rigging.scans.scan(cloud, self._own_ns(topic, place), place)
+        with self._lock:
+            self._points_dropped.update(dropped)
+        if not len(scan.points):
+            reasons = ', '.join(reason for reason, count in dropped.items() if count)
+            raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
+        self.writer.write_scan(number, stamp_ns, scan)
+        self._depth_maps.write(number, stamp_ns, scan.points, rigging)
+        return scan.points.nbytes
+
+    def write_image(self, camera: int, number: int, topic: str, place: int, image: Any) -> int:  # noqa: ANN401 - of the bag
+        """Write an image, by its place in its topic; return its bytes."""
+        png = self._rigging(number).images.png(camera, image)
+        self.writer.write_image(camera, number, self._stamp_ns(number, topic, place), png)
+        return len(png)
+
+    def write_labels(self, number: int, solid: list[Any], flat: list[Any]) -> int:
+        """Write the labels of a frame; return 0: sizes are those of scans and images.
+
+        Args:
+            number: Of the frame.
+            solid: The messages with boxes.
+            flat: Those with boxes in the image.
+        """
+        frame = number - self.first
+        times = times_of_boxes(self.plan, self.frames, frame)
+        stamp_ns = int(self.frames.stamps_ns[frame])
+        boxes = self._rigging(number).labels.boxes(joined(solid), stamp_ns, times, flat)
+        self.writer.write_labels(number, boxes)
+        self.empty_labels += not boxes
+        return 0
+
+    def write_poses(self, track: Track) -> int:
+        """Write the poses of the frames, each of which must have one; return how many."""
+        stamps_ns = self.frames.stamps_ns
+        poses = camera_poses(track, stamps_ns, self.riggings.first.body_t_rect())
+        known = [pose for pose in poses if pose is not None]
+        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
+            self.writer.write_pose(number, stamp_ns, pose)
+        return len(known)
+
+    def notes(self) -> list[str]:
+        """Return what was written of depth maps and tracks, and which points were dropped."""
+        notes = [*self._depth_maps.notes(), *self.writer.notes()]
+        if self.plan.scan is not None:
+            notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
+        return notes
+
+    def _rigging(self, number: int) -> Rigging:
+        return self.riggings.of(number - self.first)
+
+    def _stamp_ns(self, number: int, topic: str, place: int) -> int:
+        """Return a sample's own stamp where the layout stores it, else the frame's."""
+        if self.plan.layout.traits.stamps_per_stream:
+            return self._own_ns(topic, place)
+        return int(self.frames.stamps_ns[number - self.first])
+
+    def _own_ns(self, topic: str, place: int) -> int:
+        return int(self.frames.stamps[topic][place])
+
+
+def times_of_boxes(plan: Plan, frames: Frames, frame: int) -> BoxTimes:
+    """Return when the boxes of a frame and its scan are placed, by the position of the frame."""
+    topics = frame_topics(plan)
+    place = int(frames.samples[Stream.LABELS][frame])
+    boxes = topics[Stream.LABELS]
+    own_ns, moved_ns = (int(each[boxes][place]) for each in (frames.stamps, frames.moved_ns))
+    cloud_ns = int(frames.stamps_ns[frame])
+    scans = frames.samples.get(Stream.SCAN)
+    if scans is not None and scans[frame] != NONE:
+        cloud_ns = int(frames.stamps[topics[Stream.SCAN]][scans[frame]])
+    return BoxTimes(own_ns - moved_ns, cloud_ns, moved_ns)
+
+
+# Notes on a written object set with labels: what stops programs that train on it.
+#
+# OpenPCDet concatenates the objects of each label file (pcdet/datasets/kitti/kitti_dataset.py,
+# get_infos); create_data.py of mmdetection3d takes the first frame of each of train, val and test
+# (tools/dataset_converters/update_infos_to_v2.py).
+
+
+_LISTS = {'val': '--split 0.8 fills val.txt', 'test': 'a bag converted with --name testing has it'}
+"""By list of ImageSets that may be empty, what fills it."""
+
+
+def set_notes(plan: Plan, folder: Path, files: int, empty: int) -> Iterator[str]:
+    """Yield notes on a set; none if it is no object set with labels.
+
+    Args:
+        plan: Of the set.
+        folder: The one with ImageSets.
+        files: Number of label files.
+        empty: Number of those without a line.
+    """
+    if plan.labels is None or not plan.layout.traits.frame_set or not files:
+        return
+    if empty:
+        yield (
+            f'{empty} of {files} label files have no line, which stops OpenPCDet: take these frames'
+            f' out of ImageSets/train.txt and val.txt'
+        )
+    paths = {name: folder / names.IMAGE_SETS / f'{name}{names.TXT}' for name in _LISTS}
+    lacking = [name for name, path in paths.items() if not STORE.read_text(path).strip()]
+    if lacking:
+        lists = ' and '.join(f'{name}{names.TXT}' for name in lacking)
+        are = 'is empty' if len(lacking) == 1 else 'are empty'
+        yield (
+            f"ImageSets/{lists} {are}, which stops mmdetection3d's create_data.py:"
+            f' {"; ".join(_LISTS[name] for name in lacking)}'
+        )
+
+
+# Samples of a plan's frames -> files, each when its message is read; and the report.
 
 
 @dataclass(frozen=True)
@@ -243,3 +549,65 @@ def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int6
     """Map places in a topic to frame numbers."""
     frames = np.flatnonzero(samples != NONE)
     return dict(zip(samples[frames].tolist(), (frames + first).tolist(), strict=True))
+
+
+# Conversion of bags by a plan: one pass, each sample written when it is read.
+
+
+_LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
+
+
+def build(
+    bags: Sequence[BagSource],
+    plan: Plan,
+    survey: Survey,
+    target: Target,
+    options: ImportOptions,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+) -> ImportReport:
+    """Convert bags as apply_plan.convert_by_plan does, into the folder of a target.
+
+    Raises:
+        BadBagError, UsageError, MissingDataError: As there.
+        OSError: A file cannot be written.
+    """
+    losses = LossTally()
+    survey = clocked(survey, plan)
+    motion = read_motion(bags, plan, survey, losses)
+    frames = target.frames
+    if frames is None:
+        frames = choose_frames(plan, survey, motion.of_frames, options.selection)
+    if frames.unsynchronised:
+        raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
+    if target.excerpt is not None:
+        frames = target.excerpt.of(frames)
+    riggings = Riggings(plan, survey, frames, motion.tree)
+    rigging = riggings.first
+    unit = UnitPoses(plan, survey, frames, rigging, motion)
+    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (unit.lost_ns, NO_PACKET)):
+        for stamp_ns in stamps_ns.tolist():
+            losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
+    packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
+    written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
+    with make_writer(plan.layout, target.stage, plan.name, written) as writer:
+        samples = SampleWriter(plan, frames, riggings, writer, target.first)
+        builder = SetBuilder(samples, packets, target, losses)
+        builder.write_calibration()
+        with open_messages(bags, builder.topics, must_read=False) as messages:
+            read = numbered(messages)
+            if target.excerpt is not None:
+                read = target.excerpt.read(messages, survey, frames, frame_topics(plan))
+            outcomes = ordered_map(
+                carry_out,
+                builder.jobs(read, Decoder(messages.typestore, lent=True)),
+                worker_count(),
+            )
+            with closing(outcomes):
+                for count, (job, outcome) in enumerate(outcomes, 1):
+                    builder.take(job, outcome)
+                    progress(count, builder.size_bytes)
+            damaged = damage({**messages.losses, **survey.losses}, path_of(bags[0]).name)
+        builder.write_packets()
+        if motion.track is not None and Stream.POSE in writer.accepts:
+            builder.write_poses(motion.track)
+    return builder.report(survey, damaged)

@@ -1,42 +1,73 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Label files: label_2/NNNNNN.txt (object) and label_02/SSSS.txt (tracking), one object a line.
-
-Columns, separated by blanks (source: readme.txt of the object and tracking devkits):
-
-- tracking only: frame (file number), track id (-1 for DontCare)
-- type: a word; custom ones are legal
-- truncated: object 0..1, the part that leaves the image; tracking a level 0, 1, 2; -1 unknown
-- occluded: 0 visible, 1 partly, 2 largely, 3 unknown, -1 DontCare
-- alpha: observation angle, radians, -pi..pi; -10 for DontCare
-- left, top, right, bottom: 2D box, pixels, 0-based
-- height, width, length: metres; -1 for DontCare
-- x, y, z: the bottom face's centre in the rectified camera 0 frame, metres; -1000 for DontCare
-- rotation_y: heading about the camera's y axis, radians, -pi..pi; -10 for DontCare
-- score: detections only
-
-Object files have two decimals, tracking files six.
-
-label_all of Waymo in KITTI's format has the camera of the 2D box where results have the score, and
-maybe a name of the track behind it (source: save_label of mmdetection3d's converter, 1.1).
-"""
+"""Files of labelled objects: of the object and tracking layouts, results, and tracklets of raw."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
+from xml.parsers.expat import ExpatError, ParserCreate
 
-from ..model.boxes import DONT_CARE, Box, is_absurd
-from ..model.errors import BadFileError
-from ..model.samples import FrameLabels
-from .names import WAYMO_LABELS
-from .text_file import Lines, parse_lines, parse_numbers
+import numpy as np
+
+from ..kitti import names
+from ..model.boxes import DONT_CARE, Box, Cuboid, is_absurd
+from ..model.errors import (
+    BadFileError,
+    Loss,
+    MissingDataError,
+    MissingPathError,
+    UsageError,
+    shown,
+    some_of,
+)
+from ..model.geometry import Transform, rotation_from_rpy
+from ..model.samples import FrameLabels, TextFile
+from ..model.streams import Stream
+from .names import (
+    CALIB,
+    FRAME_DIGITS,
+    OBJECT_LABELS,
+    SEQUENCE_DIGITS,
+    SIX_DIGITS,
+    SPLITS,
+    TRACKING_LABELS,
+    TXT,
+    WAYMO_LABELS,
+    FileNames,
+    number_of,
+    split_name,
+)
+from .store import STORE
+from .text_file import BOM, Lines, check_columns, check_count, parse_lines, parse_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from ..model.samples import TextFile
+
+# Label files: label_2/NNNNNN.txt (object) and label_02/SSSS.txt (tracking), one object a line.
+#
+# Columns, separated by blanks (source: readme.txt of the object and tracking devkits):
+#
+# - tracking only: frame (file number), track id (-1 for DontCare)
+# - type: a word; custom ones are legal
+# - truncated: object 0..1, the part that leaves the image; tracking a level 0, 1, 2; -1 unknown
+# - occluded: 0 visible, 1 partly, 2 largely, 3 unknown, -1 DontCare
+# - alpha: observation angle, radians, -pi..pi; -10 for DontCare
+# - left, top, right, bottom: 2D box, pixels, 0-based
+# - height, width, length: metres; -1 for DontCare
+# - x, y, z: the bottom face's centre in the rectified camera 0 frame, metres; -1000 for DontCare
+# - rotation_y: heading about the camera's y axis, radians, -pi..pi; -10 for DontCare
+# - score: detections only
+#
+# Object files have two decimals, tracking files six.
+#
+# label_all of Waymo in KITTI's format has the camera of the 2D box where results have the score,
+# and maybe a name of the track behind it (source: save_label of mmdetection3d's converter, 1.1).
+
 
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
 EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
@@ -209,3 +240,571 @@ def _parse_integer(word: str) -> int:
     if not value.is_integer():
         raise ValueError(f'{word!r} is no whole number')
     return int(value)
+
+
+# A label file of the tracking layout, or the result file of a tracker, by frame.
+
+
+class TrackFile:
+    """The lines of a file with the labels of all frames of a sequence; see label_file.
+
+    Raises:
+        BadFileError: More than a thousand lines have no frame number, or too few or many columns.
+
+    Attributes:
+        path: The file.
+        rows: By frame number the rows of its lines, from 0.
+        errors: An error for each line without a frame number.
+    """
+
+    def __init__(self, text: str, path: Path) -> None:
+        self.path = path
+        self.rows: dict[int, list[int]] = {}
+        self.errors: list[BadFileError] = []
+        self._lines = text.splitlines(keepends=True)
+        for row, line in enumerate(self._lines):
+            word = line.split(maxsplit=1)[0] if line.strip() else ''
+            whole = word.removeprefix(BOM).removesuffix('.0')
+            if whole.isdecimal() and len(whole) <= names.FRAME_DIGITS:
+                self.rows.setdefault(int(whole), []).append(row)
+            elif word:
+                found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
+                self.errors.append(BadFileError(path, found, expected, line=row + 1))
+                check_count(self.errors, path, expected)
+        framed = ((row + 1, self._lines[row]) for rows in self.rows.values() for row in rows)
+        check_columns(framed, TRACK_COLUMNS, path, EXPECTED_TRACKS)
+
+    def _rows(self, number: int) -> dict[int, Box | BadFileError]:
+        return {
+            row: parse_track(self._lines[row].removeprefix(BOM), self.path, row + 1)
+            for row in self.rows.get(number, ())
+        }
+
+    def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
+        """Return the boxes of a frame, and an error for each invalid line."""
+        found = self._rows(number).values()
+        boxes = [each for each in found if not isinstance(each, BadFileError)]
+        return boxes, [each for each in found if isinstance(each, BadFileError)]
+
+    def labels(self, number: int, name: str) -> FrameLabels:
+        """Return the labels of a frame, none if it has no line.
+
+        Args:
+            number: The frame.
+            name: The file's name in the recording.
+        """
+        rows = self._rows(number)
+        source = TextFile(name, ''.join(self._lines[row] for row in rows))
+        return frame_labels(rows, source, self.path)
+
+
+# Label files by frame, and result files of a detector or tracker in the same format.
+
+
+_DATA = 'data'
+"""The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
+_NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
+_MOST_FOLDERS = 200
+_MOST_LOOKS = 20
+_OF_DATA_SETS = frozenset({CALIB, OBJECT_LABELS, WAYMO_LABELS, TRACKING_LABELS})
+
+
+class ResultFiles:
+    """The results, or the labels, of one recording.
+
+    Args:
+        path: A folder with a file for each frame (like label_2), directly or in its data/; or a
+            tracker's file (lines of all frames, like label_02).
+        stream: For losses.
+        frames: How the frames of the labels are named; None: by numbers, or in the order of names.
+
+    Attributes:
+        root: The folder of the files, or the tracker's file.
+        complete: Whether frames that are not in numbers have no objects, as in a tracker's file.
+        numbers: The frames, ascending; of a folder those with a file.
+        losses: Files whose name is no frame's; lines of a tracker's file without one.
+        frames: How the frames are named.
+
+    Raises:
+        UsageError: The path contains no result file; the message says what to give.
+        BadFileError: A tracker's file is no text, or no line begins with a frame number.
+        OSError: It cannot be read.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        stream: str = Stream.PREDICTIONS.value,
+        frames: FileNames | None = None,
+    ) -> None:
+        if not path.exists():
+            raise MissingPathError(path)
+        self.complete = path.is_file()
+        self.root = path if self.complete else _folder_of(path, frames)
+        self._stream = stream
+        self._absent = f'{self.root}: no result file for frames {{}}'
+        self._tracks = _read_tracks(path) if self.complete else None
+        if self._tracks is None:
+            self.frames = frames or STORE.find_frames({self.root: (TXT,)}, FRAME_DIGITS)
+            self._listing = STORE.list_numbered(self.root, (TXT,), FRAME_DIGITS, self.frames)
+            self.numbers: tuple[int, ...] = tuple(self._listing.numbers.tolist())
+            self.losses = self._misnamed()
+        else:
+            self.frames = frames or SIX_DIGITS
+            self.numbers = tuple(sorted(self._tracks.rows))
+            self.losses = tuple(Loss(stream, 1, str(error)) for error in self._tracks.errors)
+        self._known = frozenset(self.numbers)
+
+    def _misnamed(self) -> tuple[Loss, ...]:
+        """Return the files of no frame, and those of a frame that has another."""
+        listing = self._listing
+        texts = [name for name in listing.strays if _is_text(name)]
+        of_none = [name for name in texts if self.frames.stems or number_text(name)]
+        doubles = [name for names in listing.doubles.values() for name in names]
+        reasons = {
+            f'{self.root}: {some_of(of_none)}: no frame has this name': of_none,
+            f'{self.root}: {some_of(doubles)} not read; their frames have other files': doubles,
+        }
+        return tuple(
+            Loss(self._stream, len(names), text.replace('{', '(').replace('}', ')'))
+            for text, names in reasons.items()
+            if names
+        )
+
+    def path(self, number: int) -> Path:
+        """Return the file of a frame."""
+        return self._listing.path(number) if self._tracks is None else self.root
+
+    def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
+        """Read the boxes of a frame, and an error for each invalid line; none if it has no file.
+
+        Raises:
+            BadFileError: The file is no text.
+            OSError: The file cannot be read.
+        """
+        if self._tracks is not None:
+            return self._tracks.boxes(number)
+        if number not in self._known:
+            return [], []
+        lines = parse_labels(STORE.read_text(self.path(number)), self.path(number))
+        return [*lines.sound().values()], [*lines.errors.values()]
+
+    def read(self, number: int) -> FrameLabels:
+        """Read the results of a frame; invalid lines are in its missing.
+
+        Raises:
+            MissingDataError: There is no file for it; {} in the message stands for its number.
+            BadFileError: The file is no text.
+            OSError: The file cannot be read.
+        """
+        path = self.path(number)
+        if self._tracks is not None:
+            return self._tracks.labels(number, path.name)
+        if number not in self._known:
+            raise MissingDataError(self._absent)
+        text = STORE.read_text(path)
+        return frame_labels(parse_labels(text, path).rows(), TextFile(path.name, text), path)
+
+    def absent(self, numbers: Collection[int]) -> Loss | None:
+        """Return the loss of the frames without a result file; a tracker's file has all frames."""
+        if self.complete or self._known.issuperset(numbers):
+            return None
+        lost = tuple(sorted({*numbers} - self._known))
+        return Loss(self._stream, len(lost), self._absent, lost)
+
+
+def find_frame_files(path: Path, digits: int = FRAME_DIGITS) -> Path | None:
+    """Return the folder with files named by frame: a path, or its data/; None without such files.
+
+    The folder itself comes first.
+
+    Args:
+        path: A folder.
+        digits: Of the names; SEQUENCE_DIGITS for a tracker's files.
+    """
+    return next((each for each in (path, path / _DATA) if _named_by(each, digits)), None)
+
+
+def _named_by(folder: Path, digits: int) -> bool:
+    texts = [name for name in STORE.names(folder) if _is_text(name)]
+    if any(len(number_text(name)) == digits for name in texts):
+        return True
+    return digits == FRAME_DIGITS and _are_labels(folder, texts[:_MOST_LOOKS])
+
+
+def _is_text(name: str) -> bool:
+    return split_name(name)[1].lower() == TXT and not name.startswith('.')
+
+
+def number_text(name: str) -> str:
+    """Return the digits of a numbered file; empty for another name."""
+    stem = split_name(name)[0]
+    return stem if number_of(stem) is not None else ''
+
+
+def _are_labels(folder: Path, texts: Sequence[str]) -> bool:
+    """Whether files of other names than KITTI's hold labels of a frame each."""
+    for name in texts:
+        try:
+            lines = STORE.read_text(folder / name).split('\n', 1)
+            if lines[0].strip():
+                return parse_box(lines[0]).frame is None
+        except (ValueError, BadFileError, OSError):
+            return False
+    return False
+
+
+def _folder_of(path: Path, frames: FileNames | None) -> Path:
+    """Return the folder of the files of a path.
+
+    Raises:
+        UsageError: There are none.
+    """
+    if frames is not None and frames.stems:
+        found = next((each for each in (path, path / _DATA) if _is_of(each, frames)), None)
+        if found is None:
+            wanted = f'expected a file like {frames.stem(0)}{TXT} for each frame'
+            raise UsageError(f'{path}: holds {some_of(STORE.names(path)) or "nothing"}; {wanted}')
+        return found
+    found = find_frame_files(path)
+    if found is None:
+        raise UsageError(f'{path}: {_describe_folder(path)}')
+    return found
+
+
+def _is_of(folder: Path, frames: FileNames) -> bool:
+    return bool(len(STORE.list_numbered(folder, (TXT,), FRAME_DIGITS, frames).numbers))
+
+
+def _describe_folder(path: Path) -> str:
+    """Describe a folder without files named by frame, and what to give instead."""
+    entries = STORE.names(path)
+    if not entries:
+        return f'the folder is empty; expected a file like {_NAMED} for each frame'
+    below = [path / name for name in entries[:_MOST_FOLDERS] if name not in _OF_DATA_SETS]
+    found = [each for folder in below if (each := find_frame_files(folder)) is not None]
+    if found:
+        return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, found)])}?'
+    if not _OF_DATA_SETS.union(SPLITS).isdisjoint(entries):
+        return f'is a folder of a KITTI data set; expected result files like {_NAMED}'
+    tracks = STORE.list_numbered(path, (TXT,), SEQUENCE_DIGITS)
+    first = tracks.path(int(tracks.numbers[0])) if len(tracks.numbers) else None
+    hint = f'; give the file of one sequence, such as {first}' if first is not None else ''
+    return f'contains no file like {_NAMED}, but {some_of(entries)}{hint}'
+
+
+def _read_tracks(path: Path) -> TrackFile:
+    """Read a tracker's file.
+
+    Raises:
+        BadFileError: It is no text, or has lines but no frame number.
+    """
+    tracks = TrackFile(STORE.read_text(path), path)
+    if tracks.errors and not tracks.rows:
+        expected = (
+            f'17 or 18 columns, of which the first is the frame, or a folder of files like {_NAMED}'
+        )
+        raise BadFileError(path, 'no line begins with a frame number', expected)
+    return tracks
+
+
+# tracklet_labels.xml: the labelled objects of a raw drive, one item a track.
+#
+# A boost serialization archive (source: readme.txt and tracklets.h of the raw data devkit):
+#
+# - objectType, h w l in metres, first_frame (file number), then one pose a frame without a gap
+# - tx ty tz: the bottom face's centre in velo_link, metres; rx ry are 0, rz is the yaw, radians
+# - state: 0 unset, 1 interpolated, 2 labelled; occlusion: -1 unset, 0 visible, 1 partly, 2 fully
+# - truncation: -1 unset, 0 in the image, 1 truncated, 2 out of the image, 99 behind it
+# - occlusion_kf and the amt_ fields are the annotation tool's own; -1 is unset
+
+
+MOST_BYTES = 256 << 20
+_EXPECTED = 'a tracklet_labels.xml of the raw data devkit'
+_MOST_LEVELS = 100
+_LIST, _ITEM, _CLASS_NAME = 'tracklets', 'item', 'objectType'
+_TRACK_ITEM = [_LIST, _ITEM]
+_POSE_ITEM = [_LIST, _ITEM, 'poses', _ITEM]
+_TRACK_NUMBERS = ('h', 'w', 'l', 'first_frame')
+_POSE_NUMBERS = ('tx', 'ty', 'tz', 'rz', 'state', 'occlusion', 'truncation')
+_WHOLE = {
+    'first_frame': range(10**names.FRAME_DIGITS),
+    **dict.fromkeys(('state', 'occlusion', 'truncation'), range(-1, 100)),
+}
+
+LABELLED = 2
+FULLY_OCCLUDED = 2
+TRUNCATION_IN_IMAGE = 0
+TRUNCATION_CUT = 1
+_OUT_OF_IMAGE = (2, 99)
+
+_HEAD = (
+    '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n'
+    '<!DOCTYPE boost_serialization>\n'
+    '<boost_serialization signature="serialization::archive" version="9">\n'
+)
+_UNSET_FIELDS = (
+    'amt_occlusion',
+    'amt_occlusion_kf',
+    'amt_border_l',
+    'amt_border_r',
+    'amt_border_kf',
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackletPose:
+    """The pose of an object in one frame.
+
+    Attributes:
+        translation: Bottom face's centre in velo_link, metres.
+        yaw: About velo_link's z, radians.
+        occlusion: -1 unset, 0 visible, 1 partly, 2 fully.
+        truncation: -1 unset, 0 in the image, 1 truncated, 2 out of it, 99 behind.
+        state: 0 unset, 1 interpolated, 2 labelled.
+    """
+
+    translation: tuple[float, float, float]
+    yaw: float
+    occlusion: int = -1
+    truncation: int = -1
+    state: int = LABELLED
+
+
+@dataclass(frozen=True)
+class Tracklet:
+    """One object over consecutive frames.
+
+    Attributes:
+        class_name: Its objectType.
+        size_hwl: Height, width, length, metres.
+        first_frame: File number of the first pose.
+        poses: One a frame.
+    """
+
+    class_name: str
+    size_hwl: tuple[float, float, float]
+    first_frame: int
+    poses: Sequence[TrackletPose]
+
+
+def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
+    """Parse the tracks of a tracklet_labels.xml.
+
+    Raises:
+        BadFileError: The XML is truncated, too large or incomplete, or defines entities.
+    """
+    if len(data) > MOST_BYTES:
+        raise BadFileError(path, f'{len(data)} bytes', f'at most {MOST_BYTES} bytes of XML')
+    try:
+        return _TrackParser(path).parse(data)
+    except ExpatError as error:
+        found = f'no whole XML ({error})'
+        raise BadFileError(path, found, _EXPECTED, line=error.lineno) from None
+    except (LookupError, ValueError) as error:
+        found = f'XML in an encoding that is not known ({error})'
+        raise BadFileError(path, found, _EXPECTED) from None
+
+
+class _TrackParser:
+    """Parses tracks from expat's events: elements of a tree take 20 times their text."""
+
+    def __init__(self, path: Path | str) -> None:
+        self._path = path
+        self._open: list[str] = []
+        self._text: list[str] = []
+        self._track: dict[str, float] = {}
+        self._class_name = ''
+        self._pose: dict[str, float] = {}
+        self._poses: list[TrackletPose] = []
+        self._tracklets: list[Tracklet] = []
+        self._is_list = False
+        self._expat = ParserCreate()
+        self._expat.buffer_text = True
+        self._expat.StartElementHandler = self._start
+        self._expat.EndElementHandler = self._end
+        self._expat.CharacterDataHandler = self._text.append
+        self._expat.EntityDeclHandler = self._refuse_entity
+
+    def parse(self, data: bytes) -> list[Tracklet]:
+        """Return the tracks.
+
+        Raises:
+            BadFileError: An element is missing or invalid.
+        """
+        self._expat.Parse(data, True)  # noqa: FBT003 - it takes no name
+        if not self._is_list:
+            raise BadFileError(self._path, 'no element tracklets', _EXPECTED)
+        return self._tracklets
+
+    def _start(self, name: str, _: dict[str, str]) -> None:
+        if len(self._open) == _MOST_LEVELS:
+            self._refuse(f'more than {_MOST_LEVELS} levels of elements', _EXPECTED)
+        self._open.append(name)
+        self._text.clear()
+
+    def _end(self, name: str) -> None:
+        parents = self._open[1:-1]
+        if parents == _POSE_ITEM:
+            if name in _POSE_NUMBERS:
+                self._pose.setdefault(name, self._number(name))
+        elif parents == _TRACK_ITEM:
+            if name in _TRACK_NUMBERS:
+                self._track.setdefault(name, self._number(name))
+            elif name == _CLASS_NAME:
+                self._class_name = self._class_name or ''.join(self._text)
+        elif name == _ITEM and parents == _POSE_ITEM[:-1]:
+            self._end_pose()
+        elif name == _ITEM and parents == _TRACK_ITEM[:-1]:
+            self._end_track()
+        elif name == _LIST and len(self._open) == len(_TRACK_ITEM):
+            self._is_list = True
+        self._open.pop()
+        self._text.clear()
+
+    def _end_pose(self) -> None:
+        tx, ty, tz, yaw, state, occlusion, truncation = self._all(self._pose, _POSE_NUMBERS)
+        pose = TrackletPose((tx, ty, tz), yaw, int(occlusion), int(truncation), int(state))
+        self._poses.append(pose)
+        self._pose.clear()
+
+    def _end_track(self) -> None:
+        if not self._class_name:
+            self._refuse(f'no element {_CLASS_NAME}', _EXPECTED)
+        height, width, length, first_frame = self._all(self._track, _TRACK_NUMBERS)
+        size_hwl = (height, width, length)
+        self._tracklets.append(Tracklet(self._class_name, size_hwl, int(first_frame), self._poses))
+        self._track.clear()
+        self._class_name = ''
+        self._poses = []
+
+    def _all(self, fields: dict[str, float], needed: Iterable[str]) -> list[float]:
+        for name in needed:
+            if name not in fields:
+                self._refuse(f'no element {name}', _EXPECTED)
+        return [fields[name] for name in needed]
+
+    def _number(self, name: str) -> float:
+        text = ''.join(self._text)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        whole = _WHOLE.get(name)
+        if whole is None:
+            if not math.isfinite(value):
+                self._refuse(f'{name} is {shown(text)}', 'a finite number')
+        elif not (value.is_integer() and int(value) in whole):
+            expected = f'a whole number from {whole[0]} to {whole[-1]}'
+            self._refuse(f'{name} is {shown(text)}', expected)
+        return value
+
+    def _refuse_entity(self, name: str, *_: object) -> None:
+        self._refuse(f'XML with entities ({shown(name)})', _EXPECTED)
+
+    def _refuse(self, found: str, expected: str) -> NoReturn:
+        place = ''
+        if self._open[1:3] == _TRACK_ITEM:
+            place = f'item {len(self._tracklets)}: '
+        if self._open[1:5] == _POSE_ITEM:
+            place = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
+        line = self._expat.CurrentLineNumber
+        raise BadFileError(self._path, place + found, expected, line=line)
+
+
+def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
+    """Map file numbers to boxes in velo_link; a track's place in the file is its id.
+
+    An occlusion of 2, fully, has no level of its own in labels: it is their 2, largely.
+    """
+    frames: dict[int, list[Cuboid]] = {}
+    for track, tracklet in enumerate(tracklets):
+        height, width, length = tracklet.size_hwl
+        for offset, pose in enumerate(tracklet.poses):
+            x, y, z = pose.translation
+            middle = np.array([x, y, z + height / 2])
+            velo_t_box = Transform(rotation_from_rpy(0.0, 0.0, pose.yaw), middle)
+            cuboid = Cuboid(
+                tracklet.class_name,
+                str(track),
+                velo_t_box,
+                (length, width, height),
+                track_id=track,
+                occluded=pose.occlusion if 0 <= pose.occlusion <= FULLY_OCCLUDED else None,
+                truncation=_truncation_level(pose.truncation),
+            )
+            frames.setdefault(tracklet.first_frame + offset, []).append(cuboid)
+    return frames
+
+
+def _truncation_level(truncation: int) -> int | None:
+    if truncation in _OUT_OF_IMAGE:
+        return 2
+    return truncation if truncation in {TRUNCATION_IN_IMAGE, TRUNCATION_CUT} else None
+
+
+def labels_of_tracklets(cuboids: Sequence[Cuboid], path: Path | str) -> FrameLabels:
+    """Return the labels of a frame from its boxes; those of invalid size are listed in missing."""
+    missing = {
+        cuboid.identity: f'{path}: item {cuboid.identity} is of length, width, height'
+        f' {" ".join(f"{v:g}" for v in cuboid.size_lwh)}; expected positive sizes; it gets no'
+        f' marker and no 3D detection'
+        for cuboid in cuboids
+        if min(cuboid.size_lwh) <= 0
+    }
+    sound = [cuboid for cuboid in cuboids if cuboid.identity not in missing]
+    return FrameLabels(cuboids=sound, missing=missing)
+
+
+def format_tracklets(tracklets: Iterable[Tracklet]) -> str:
+    """Format a tracklet_labels.xml.
+
+    Boost writes class ids only where a class occurs first: on the first track and its first pose.
+    """
+    items = list(tracklets)
+    lines = ['<tracklets class_id="0" tracking_level="0" version="0">']
+    lines += [f'\t<count>{len(items)}</count>', '\t<item_version>1</item_version>']
+    for index, tracklet in enumerate(items):
+        lines += _format_tracklet(tracklet, first=index == 0)
+    lines += ['</tracklets>', '</boost_serialization>']
+    return _HEAD + '\n'.join(lines) + '\n'
+
+
+def _format_tracklet(tracklet: Tracklet, *, first: bool) -> list[str]:
+    height, width, length = tracklet.size_hwl
+    item = ' class_id="1" tracking_level="0" version="1"' if first else ''
+    poses = ' class_id="2" tracking_level="0" version="0"' if first else ''
+    lines = [
+        f'\t<item{item}>',
+        f'\t\t<objectType>{escape(tracklet.class_name, quote=False)}</objectType>',
+        f'\t\t<h>{height:.9g}</h>',
+        f'\t\t<w>{width:.9g}</w>',
+        f'\t\t<l>{length:.9g}</l>',
+        f'\t\t<first_frame>{tracklet.first_frame}</first_frame>',
+        f'\t\t<poses{poses}>',
+        f'\t\t\t<count>{len(tracklet.poses)}</count>',
+        '\t\t\t<item_version>2</item_version>',
+    ]
+    for index, pose in enumerate(tracklet.poses):
+        lines += _format_pose(pose, first=first and index == 0)
+    return [*lines, '\t\t</poses>', '\t\t<finished>1</finished>', '\t</item>']
+
+
+def _format_pose(pose: TrackletPose, *, first: bool) -> list[str]:
+    tx, ty, tz = (f'{value:.17g}' for value in pose.translation)
+    values = {
+        'tx': tx,
+        'ty': ty,
+        'tz': tz,
+        'rx': '0',
+        'ry': '0',
+        'rz': f'{pose.yaw:.17g}',
+        'state': f'{pose.state}',
+        'occlusion': f'{pose.occlusion}',
+        'occlusion_kf': '0',
+        'truncation': f'{pose.truncation}',
+        **dict.fromkeys(_UNSET_FIELDS, '-1'),
+    }
+    item = ' class_id="3" tracking_level="0" version="2"' if first else ''
+    fields = [f'\t\t\t\t<{name}>{value}</{name}>' for name, value in values.items()]
+    return [f'\t\t\t<item{item}>', *fields, '\t\t\t</item>']

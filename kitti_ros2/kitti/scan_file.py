@@ -9,22 +9,424 @@ a line. Source: readme.txt of the raw data devkit. Other data sets have .bin fil
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..kitti import names
 from ..model.errors import BadFileError
 from ..model.samples import Scan
-from ..model.scan_columns import KITTI_COLUMNS, REST
-from .scan_check import HEAD_BYTES, find_mismatch, odd_scan_error
+from ..model.streams import KITTI_COLUMNS, REST, Stream
+from .store import STORE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     import numpy.typing as npt
 
     from ..model.samples import Float32Array
-    from ..model.scan_columns import ScanColumns
+    from ..model.streams import ScanColumns
+    from .recording_index import RecordingIndex
+
+
+# Detects scans that are not KITTI's 4 float32 a point, from the values of their first points.
+#
+# A column has values of its own kind: of some sign and magnitude. So values that are read with the
+# right number of columns tell a column by its values best: that is the number with the greatest
+# mutual information of column and kind of value. 4 columns stay without good evidence for others:
+#
+# - Reflectances of 0 to 1 in the fourth column are KITTI's, unless the number is a multiple of 4.
+# - Multiples of 4 may be points in turn, such as those of two lasers: seen in the same directions,
+#   and not all within 1 m or of whole numbers, as other features are; or reflectances are negative.
+# - float64 read as float32 has values that are no lengths; and the reverse.
+#
+# Sources: 5 columns, nuScenes (nuscenes-devkit, python-sdk/nuscenes/utils/data_classes.py); 6,
+# Waymo in KITTI's format (mmdetection3d, tools/dataset_converters/waymo_converter.py: x y z
+# intensity elongation timestamp); 7, radar of View-of-Delft (x y z RCS v_r v_r_compensated time).
+
+
+if TYPE_CHECKING:
+    Values = npt.NDArray[np.floating[Any]]
+
+HEAD_BYTES = 1 << 16
+"""Of a scan that are looked at: 4096 points."""
+_ENOUGH_BYTES = 1 << 13
+_FEW_BYTES = 1 << 10
+_MOST_SCANS = 8  # small ones, until there is enough
+_COLUMNS = 4
+_NUMBERS = range(3, 33)
+_LEAST_LABELS = 16
+_FEWEST_VALUES = 128
+_FEWEST_DOUBLES = 32
+
+_LIMITS = (0.25, 1.0, 4.0, 16.0)
+_KINDS = 12  # 5 magnitudes of either sign, zero, NaN
+_LEAST_GAIN = 0.12
+"""Nats a value that another number of columns must explain better than 4."""
+_NEARLY = 0.08
+"""Nats a value within which the smallest number of columns is the best."""
+_DEVIATIONS = 4.0
+_OTHER_DIRECTION = 0.6
+_FARTHEST_M = 1e4
+_NEAR_M = 1.0
+_FEW = 0.02
+_MOST = 0.98
+_SHARE_OF_NONSENSE = 0.25
+_MOST_OF_A_COLUMN = 0.9
+
+_STARTS = (
+    (b'version https://git-lfs', 'a pointer of Git LFS', 'fetch the file itself: git lfs pull'),
+    (b'# .PCD', 'a PCD file', ''),
+    (b'VERSION .7', 'a PCD file', ''),
+    (b'ply\n', 'a PLY file', ''),
+    (b'ply\r\n', 'a PLY file', ''),
+    (b'LASF', 'a LAS file', ''),
+    (b'PK\x03\x04', 'a ZIP archive, as .npz is', ''),
+    (b'\x1f\x8b\x08', 'compressed by gzip', 'decompress it: gunzip'),
+    (b'\x89HDF', 'an HDF5 file', ''),
+)
+_NUMPY = b'\x93NUMPY'
+_NUMPY_HEADER = re.compile(rb"'descr': *'[<|=]?(\w+)'.*'shape': *\(([\d, ]*)\)")
+_DIGITS = b'0123456789+-.eE,; \t\r\nnaifNAIF'
+_TO_FLOAT32 = 'write its points as bare float32, such as with tofile of NumPy'
+_EXPECTED = 'x y z reflectance, 4 float32 a point'
+
+
+class Mismatch(NamedTuple):
+    """What scans are instead.
+
+    Attributes:
+        found: A sentence without its subject.
+        remedy: What to do.
+        point_bytes: Bytes of a point, 0 if points are not bare; None if it is not known.
+    """
+
+    found: str
+    remedy: str
+    point_bytes: int | None = None
+
+
+class ScanLook(NamedTuple):
+    """What the scans of a recording are.
+
+    Attributes:
+        path: One of them.
+        found: What they are, if not KITTI's.
+        unit: Whether reflectances are 0 to 1, so that a scan of other columns stands out.
+    """
+
+    path: Path | None = None
+    found: Mismatch | None = None
+    unit: bool = False
+
+    @property
+    def error(self) -> BadFileError | None:
+        """The error if they are not KITTI's."""
+        return mismatch_error(self.path, self.found) if self.path and self.found else None
+
+    def doubt(self, columns: ScanColumns) -> str | None:
+        """Return the note that the given columns are not theirs; None if they may be."""
+        if self.found is None or self.found.point_bytes in {None, columns.point_bytes}:
+            return None
+        return f'{self.path}: {self.found.found}, not those of --columns; check what is read'
+
+    def check(self, path: Path, data: npt.NDArray[np.uint8]) -> None:
+        """Check that a scan is not of other columns than the others.
+
+        Raises:
+            BadFileError: It is.
+        """
+        whole = len(data) % KITTI_COLUMNS.point_bytes == 0
+        if self.unit and whole and not _is_unit(data[:_FEW_BYTES].view('<f4')[3::4]):
+            found = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
+            if found is not None and found.point_bytes is not None:
+                raise odd_scan_error(path, found)
+
+
+def look_at_scans(recording: RecordingIndex, *, labelled: bool) -> ScanLook:
+    """Look at the scans of a recording; only first bytes of the first ones are read.
+
+    One other scan must agree, as a single file may be damaged. If it is labelled, SemanticKITTI's
+    labels beside the first scan count its points.
+    """
+    listing = recording.listings.get(Stream.SCAN)
+    if listing is None:
+        return ScanLook()
+    paths = [listing.path(number) for number in listing.numbers.tolist()]
+    paths = [path for path in paths if path.suffix.lower() != names.TXT]
+    first, used = _first_heads(paths)
+    points = _label_count(used[0]) if used and labelled else None
+    found = find_mismatch(first, points)
+    if found is None:
+        return ScanLook(unit=_has_unit(first))
+    others, _ = _first_heads(paths[len(paths) // 2 :][:1]) if len(paths) > len(used) else ([], [])
+    if others and find_mismatch(others) is None:
+        return ScanLook(unit=_has_unit(others))
+    return ScanLook(used[0], found)
+
+
+def _has_unit(heads: Sequence[tuple[bytes, int]]) -> bool:
+    return all(_is_unit(_values(head, np.dtype('<f4'))[3::4]) for head, _ in heads)
+
+
+def _is_unit(reflectance: Values) -> bool:
+    return bool(((reflectance >= 0) & (reflectance <= 1)).all())
+
+
+def mismatch_error(path: Path | str, found: Mismatch) -> BadFileError:
+    """Return the error of a scan."""
+    return BadFileError(path, found.found, _EXPECTED, remedy=found.remedy)
+
+
+def odd_scan_error(path: Path | str, found: Mismatch) -> BadFileError:
+    """Return the error of a scan among KITTI's."""
+    return BadFileError(path, found.found, _EXPECTED, remedy='move it to a set of its own')
+
+
+def _first_heads(paths: Sequence[Path]) -> tuple[list[tuple[bytes, int]], list[Path]]:
+    """Return heads and sizes of the first scans that can be read, and their paths."""
+    heads: list[tuple[bytes, int]] = []
+    used = []
+    for path in paths[:_MOST_SCANS]:
+        try:
+            data, size = STORE.read_ends(path, HEAD_BYTES)
+        except (BadFileError, OSError):
+            continue
+        if size:
+            heads.append((data[: min(HEAD_BYTES, size)], size))
+            used.append(path)
+        if sum(len(head) for head, _ in heads) >= _ENOUGH_BYTES:
+            break
+    return heads, used
+
+
+def _label_count(scan: Path) -> int | None:
+    """Return the number of SemanticKITTI's labels beside a scan, None if there are none."""
+    path = scan.parents[1] / names.POINT_LABELS / (scan.stem + names.LABEL)
+    try:
+        return path.stat().st_size // 4
+    except OSError:
+        return None
+
+
+def find_mismatch(heads: Sequence[tuple[bytes, int]], points: int | None = None) -> Mismatch | None:
+    """Return what scans are, if they are not 4 float32 a point.
+
+    Args:
+        heads: First bytes and size of each.
+        points: Of the first scan, from its labels; None if they are not known.
+    """
+    heads = [(head, size) for head, size in heads if size]
+    if not heads:
+        return None
+    head, size = heads[0]
+    if points and size == points * KITTI_COLUMNS.point_bytes:
+        return None
+    sizes = [size for _, size in heads]
+    with np.errstate(all='ignore'):
+        return (
+            _other_format(head)
+            or _doubles([head for head, _ in heads], sizes)
+            or _by_labels(size, points)
+            or _floats([head for head, _ in heads], sizes)
+        )
+
+
+def _other_format(head: bytes) -> Mismatch | None:
+    """Return the format of a file that begins as those of others do."""
+    if head.startswith(_NUMPY):
+        match = _NUMPY_HEADER.search(head[:256])
+        shape = f' of {match[1].decode()} ({match[2].decode()})' if match else ''
+        return Mismatch(f'it is a NumPy file (.npy){shape}', _TO_FLOAT32, 0)
+    for start, what, remedy in _STARTS:
+        if head.startswith(start):
+            return Mismatch(f'it is {what}', remedy or _TO_FLOAT32, 0)
+    if not head.translate(None, _DIGITS) and head.split()[1:]:
+        return Mismatch('it is a text file of numbers', _TO_FLOAT32, 0)
+    return None
+
+
+def _doubles(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
+    """Return the mismatch if the values are float64."""
+    doubles = [_values(head, np.dtype('<f8')) for head in heads]
+    every = np.concatenate(doubles)
+    few = len(every) < _FEWEST_DOUBLES
+    if few or any(size % 8 for size in sizes) or _nonsense_share(heads) < _FEW:
+        return None
+    magnitude = np.abs(every)
+    rows = _rows(doubles, _best(doubles, sizes))
+    lengths = np.concatenate([each[:, :3].ravel() for each in rows])
+    sane = (magnitude == 0) | ((magnitude > 1e-9) & (magnitude < 1e12)) | np.isnan(every)
+    if not len(lengths) or sane.mean() < _MOST or (np.abs(lengths) < _FARTHEST_M).mean() < _MOST:
+        return None
+    columns = _best(doubles, sizes)
+    if len(every) < _FEWEST_VALUES or any(size % (8 * columns) for size in sizes):
+        return Mismatch('values are those of float64', 'read them with --columns, :f8 behind each')
+    return _of_columns(columns, 'float64')
+
+
+def _by_labels(size: int, points: int | None) -> Mismatch | None:
+    """Return the mismatch by the number of labels, one for each point."""
+    if points is None or points < _LEAST_LABELS or size % (4 * points):
+        return None
+    columns = size // (4 * points)
+    return _of_columns(columns, 'float32') if columns in _NUMBERS else None
+
+
+def _floats(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
+    """Return the mismatch of float32 of another number of columns, or of values that are none."""
+    values = [_values(head, np.dtype('<f4')) for head in heads]
+    if not sum(map(len, values)):
+        return None
+    columns = _best(values, sizes)
+    if columns != _COLUMNS and _is_proved(values, columns):
+        return _of_columns(columns, 'float32')
+    if sum(map(len, values)) < _FEWEST_VALUES:
+        return None
+    if _nonsense_share(heads) > _SHARE_OF_NONSENSE:
+        return Mismatch('most values cannot be float32 of a scan', _TO_FLOAT32)
+    fourth = np.concatenate([row[:, 3] for row in _rows(values, _COLUMNS)])
+    wrong = _is_nonsense(fourth)
+    if wrong.mean() > _MOST_OF_A_COLUMN:
+        found = f'the fourth value of most points is no reflectance, such as {fourth[wrong][0]:g}'
+        return Mismatch(found, "leave it out: --columns 'x y z -'; a name in place of - keeps it")
+    return None
+
+
+def _of_columns(columns: int, kind: str) -> Mismatch:
+    suffix, width = (':f8', 8) if kind == 'float64' else ('', 4)
+    known = KITTI_COLUMNS.names[:columns]
+    text = ' '.join(f'{name}{suffix}' for name in (*known, *['-'] * (columns - len(known))))
+    keeps = '; a name in place of - keeps a column' if columns > _COLUMNS else ''
+    return Mismatch(
+        f'size and values are those of {columns} {kind} a point',
+        f"read them with --columns '{text}'{keeps}",
+        columns * width,
+    )
+
+
+def _values(head: bytes, kind: np.dtype) -> Values:
+    whole = len(head) // kind.itemsize * kind.itemsize
+    return np.frombuffer(head[:whole], kind)
+
+
+def _nonsense_share(heads: Sequence[bytes]) -> float:
+    wrong = _is_nonsense(np.concatenate([_values(head, np.dtype('<f4')) for head in heads]))
+    return float(wrong.mean()) if len(wrong) else 0.0
+
+
+def _is_nonsense(values: Values) -> npt.NDArray[np.bool_]:
+    """Return which float32 are no coordinate: tiny, above 2^24, or NaN of odd bits."""
+    bits = values.view('<u4') & 0x7FFFFFFF
+    exponent, mantissa = bits >> 23, bits & 0x7FFFFF
+    odd_nan = (exponent == 255) & (mantissa != 0) & (mantissa != 0x400000)
+    wrong: npt.NDArray[np.bool_] = (
+        odd_nan | ((exponent > 150) & (exponent < 255)) | ((exponent < 107) & (bits != 0))
+    )
+    return wrong
+
+
+def _best(values: Sequence[Values], sizes: Sequence[int]) -> int:
+    """Return the number of columns that explains values best, the smallest of equals."""
+    width = values[0].itemsize
+    possible = [n for n in _NUMBERS if all(size % (n * width) == 0 for size in sizes)]
+    kinds = [_kinds_of(each) for each in values]
+    gains = {n: _information(kinds, n) for n in {*possible, _COLUMNS}}
+    best = max(gains.values())
+    chosen = min((n for n in possible if gains[n] >= best - _NEARLY), default=_COLUMNS)
+    count = sum(map(len, values))
+    noise = _DEVIATIONS * np.sqrt(2 * (chosen - 1) * (_KINDS - 1)) / (2 * count)
+    return chosen if gains[chosen] - gains[_COLUMNS] > _LEAST_GAIN + noise else _COLUMNS
+
+
+def _kinds_of(values: Values) -> npt.NDArray[np.intp]:
+    """Return the kind of each value: of 0 to 11, by sign and magnitude."""
+    kinds = np.searchsorted(_LIMITS, np.abs(values)) + np.where(values < 0, len(_LIMITS) + 1, 0)
+    kinds[values == 0] = _KINDS - 2
+    kinds[np.isnan(values)] = _KINDS - 1
+    return kinds
+
+
+def _information(kinds: Sequence[npt.NDArray[np.intp]], columns: int) -> float:
+    """Return the mutual information of column and kind, nats a value, without that of chance."""
+    table = np.zeros(columns * _KINDS)
+    for each in kinds:
+        column = np.arange(len(each)) % columns
+        table += np.bincount(column * _KINDS + each, minlength=columns * _KINDS)
+    counts = table.reshape(columns, _KINDS)
+    total = counts.sum()
+    expected = counts.sum(1, keepdims=True) * counts.sum(0, keepdims=True) / total
+    present = counts > 0
+    gain = float((counts[present] * np.log(counts[present] / expected[present])).sum())
+    freedom = (columns - 1) * max(int((counts.sum(0) > 0).sum()) - 1, 1)
+    return (gain - freedom / 2) / float(total)
+
+
+def _rows(values: Sequence[Values], columns: int) -> list[Values]:
+    """Return (N, columns) rows of each scan."""
+    return [each[: len(each) // columns * columns].reshape(-1, columns) for each in values]
+
+
+def _is_proved(values: Sequence[Values], columns: int) -> bool:
+    """Whether nothing speaks for 4 columns, and x y z of the others are lengths.
+
+    Two points of 18 bytes, as of the fields x y z intensity ring, have the size of 9 columns.
+    """
+    reflectance = np.concatenate([row[:, 3] for row in _rows(values, _COLUMNS)])
+    rows = np.concatenate(_rows(values, columns))
+    if not len(rows) or (np.abs(rows[:, :3]) < _FARTHEST_M).mean() < _MOST:
+        return False
+    if (_is_nonsense(rows).mean(axis=0) > _SHARE_OF_NONSENSE).mean() > 1 / 2:
+        return False
+    if columns % _COLUMNS:
+        return not _is_unit(reflectance)
+    groups = [rows[:, at : at + 3] for at in range(0, columns, _COLUMNS)]
+    return bool((reflectance < 0).mean() > _FEW) or any(
+        _is_other(group, groups[0]) for group in groups[1:]
+    )
+
+
+def _is_other(group: Values, points: Values) -> bool:
+    """Whether columns are no points of the scanner of others: seen elsewhere, small, or whole.
+
+    Points of lasers that look into the sky are 0 or NaN: those tell nothing, unless all are 0.
+    """
+    seen = _is_seen(group)
+    if not seen.any():
+        return not np.isnan(group).any()
+    seen &= _is_seen(points)
+    group, points = group[seen], points[seen]
+    if not len(points):
+        return False
+    apart = float(np.hypot(*(_mean_direction(group) - _mean_direction(points))))
+    if apart > _OTHER_DIRECTION + 2 / np.sqrt(len(points)):
+        return True
+    return any(
+        share(group) > _MOST and share(points) < 1 / 2 for share in (_share_near, _share_whole)
+    )
+
+
+def _is_seen(points: Values) -> npt.NDArray[np.bool_]:
+    seen: npt.NDArray[np.bool_] = (points != 0).any(axis=1) & np.isfinite(points).all(axis=1)
+    return seen
+
+
+def _share_near(points: Values) -> float:
+    return float((np.abs(points) <= _NEAR_M).all(axis=1).mean())
+
+
+def _share_whole(points: Values) -> float:
+    return float((points == np.rint(points)).all(axis=1).mean())
+
+
+def _mean_direction(points: Values) -> npt.NDArray[np.float64]:
+    """Return (2,) the mean of the unit vectors to points; near 0 for those all around."""
+    xy = points[:, :2].astype(np.float64)
+    mean: npt.NDArray[np.float64] = np.nan_to_num(xy / np.hypot(*xy.T)[:, None]).mean(axis=0)
+    return mean
+
 
 POINT_BYTES = KITTI_COLUMNS.point_bytes
 
@@ -154,3 +556,25 @@ def _bad_line(data: bytes, path: Path | str) -> BadFileError:
         if len(numbers) != 4:
             return BadFileError(path, f'{len(numbers)} values', expected, line=index)
     return BadFileError(path, 'the file is empty', expected)
+
+
+# SemanticKITTI's point labels, labels/NNNNNN.label: one uint32 a point, in the scan's order.
+#
+# The low 16 bits are the class, the high 16 the instance, 0 for none. Source: README of
+# semantic-kitti-api.
+
+
+def parse_point_labels(data: bytes, points: int, path: Path | str) -> npt.NDArray[np.uint32]:
+    """Parse the (N,) uint32 labels of a scan of N points.
+
+    Raises:
+        BadFileError: The file has another number of labels.
+    """
+    if len(data) != points * 4:
+        raise BadFileError(path, f'{len(data)} bytes', f'{points * 4}, four a point of its scan')
+    return np.frombuffer(data, dtype='<u4')
+
+
+def format_point_labels(labels: npt.NDArray[np.uint32]) -> bytes:
+    """Format a .label file; the inverse of parse_point_labels."""
+    return np.ascontiguousarray(labels, dtype='<u4').tobytes()

@@ -7,26 +7,66 @@ from __future__ import annotations
 import os
 import stat
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..files.durability import start_writing_out
-from ..files.page_cache import write_uncached
+from ..files.local_files import start_writing_out, write_uncached
 from ..files.remote import RemotePath
-from ..model.errors import BadFileError
-from ..model.text import format_bytes
-from .listings import kept
+from ..model.errors import BadFileError, format_bytes
 from .names import FileNames, find_frames, find_numbered, split_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
 
     from ..model.samples import Int64Array
+
+
+# Listings of folders, read once while a recording is looked for and opened.
+
+
+S = TypeVar('S')
+
+_KEPT: ContextVar[dict[Path, list[str]] | None] = ContextVar('listings', default=None)
+
+
+@contextmanager
+def listings_kept() -> Iterator[None]:
+    """List each folder once within this context, or within the outermost one.
+
+    The detection of a layout asks for the names in a folder once for each layout, and the reader
+    once more. What changes on the disk meanwhile is not noticed.
+    """
+    if _KEPT.get() is not None:
+        yield
+        return
+    token = _KEPT.set({})
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
+
+
+def kept(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]]:
+    """Wrap the method that lists a folder, for listings_kept."""
+
+    @wraps(names)
+    def listed(store: S, folder: Path) -> list[str]:
+        known = _KEPT.get()
+        if known is None:
+            return names(store, folder)
+        if folder not in known:
+            known[folder] = names(store, folder)
+        return known[folder].copy()
+
+    return listed
+
 
 _PIECE_BYTES = 1 << 20
 
@@ -106,7 +146,7 @@ def decode_text(data: bytes, path: Path) -> str:
 
 
 def _remote_names(folder: RemotePath) -> list[str]:
-    from ..files.remote_listing import listing_of  # noqa: PLC0415 - for URLs only
+    from ..files.remote_reads import listing_of  # noqa: PLC0415 - for URLs only
 
     try:
         return [*listing_of(folder)]
@@ -115,13 +155,13 @@ def _remote_names(folder: RemotePath) -> list[str]:
 
 
 def _read_remote(path: RemotePath) -> bytes:
-    from ..files.remote_ahead import AHEAD  # noqa: PLC0415 - for URLs only
+    from ..files.remote_reads import AHEAD  # noqa: PLC0415 - for URLs only
 
     return AHEAD.read(path)
 
 
 def _read_remote_ends(path: RemotePath, length: int) -> tuple[bytes, int]:
-    from ..files.remote_bytes import RemoteBytes  # noqa: PLC0415 - for URLs only
+    from ..files.remote_reads import RemoteBytes  # noqa: PLC0415 - for URLs only
 
     source = RemoteBytes(path)
     head = source.read(0, length)
@@ -245,3 +285,41 @@ class FileStore:
 
 
 STORE = FileStore()
+
+
+# The text files of a whole recording: read for its index, and once more for its description.
+
+
+class CommonFiles:
+    """Files of a whole recording, each kept from the first reading until it is taken."""
+
+    def __init__(self) -> None:
+        self._known: dict[Path, bytes] = {}
+
+    def read(self, path: Path) -> bytes:
+        """Read a whole file and keep it.
+
+        Raises:
+            BadFileError, OSError: As STORE.read.
+        """
+        data = self._known.get(path)
+        if data is None:
+            data = self._known[path] = STORE.read(path)
+        return data
+
+    def read_text(self, path: Path) -> str:
+        """Read a whole text file and keep it.
+
+        Raises:
+            BadFileError, OSError: As STORE.read_text.
+        """
+        return decode_text(self.read(path), path)
+
+    def take_text(self, path: Path) -> str:
+        """Read a whole text file; it is not kept any more.
+
+        Raises:
+            BadFileError, OSError: As STORE.read_text.
+        """
+        data = self._known.pop(path, None)
+        return STORE.read_text(path) if data is None else decode_text(data, path)

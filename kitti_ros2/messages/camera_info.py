@@ -30,21 +30,25 @@ that the baseline is in TF, too, or the left one's. Who reads what:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..model.cameras import LEFT_OF, rectified_offset
-from ..model.geometry import Transform
-from .header import make_header
-from .ros_types import CameraInfo, RegionOfInterest
+from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_CAM0_X_M, Transform
+from ..model.samples import LEFT_OF, CameraCalibration, rectified_offset
+from .cdr import make_header, make_quaternion, make_vector3, vector_of
+from .ros_types import CameraInfo, RegionOfInterest, TFMessage, TransformMsg, TransformStamped
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
+    from .naming import FrameNames
+
 
 _PAIRED = frozenset(LEFT_OF) | frozenset(LEFT_OF.values())
 _SINGULAR = 1e-9
@@ -280,3 +284,142 @@ def _published(message: Any) -> tuple[tuple[int, int], Float64Array]:  # noqa: A
     if not all(size):
         raise ValueError(f'a CameraInfo whose binning of {columns} x {rows} leaves no pixel')
     return size, scale @ shift
+
+
+# Nominal camera mounts, so that every frame_id of a message is in the static tree.
+#
+# They are used for the tree only. Boxes and CameraInfo require the real calibration.
+
+
+def with_nominal_mounts(
+    calibration: Calibration, cameras: Collection[int], *, own: bool = False
+) -> Calibration:
+    """Add nominal values to a calibration where the mount of a camera is missing.
+
+    Args:
+        calibration: Of a frame.
+        cameras: Those whose images or labels are in messages.
+        own: Whether each names its own frame.
+
+    Returns:
+        A calibration with the frame of each of them; nominal lists the added parts.
+    """
+    named = sorted({image_frame_camera(calibration, index, own=own) for index in cameras})
+    if not named:
+        return calibration
+    if calibration.independent_cameras:
+        return _with_cameras(calibration, [i for i in named if not _has_own_mount(calibration, i)])
+    nominal = []
+    if calibration.cam0_T_velo is None:
+        nominal.append('cam0_T_velo')
+    if calibration.rectified and calibration.r0_rect is None:
+        nominal.append('r0_rect')
+    filled = replace(
+        calibration,
+        cam0_T_velo=calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO,
+        r0_rect=np.eye(3) if calibration.r0_rect is None else calibration.r0_rect,
+        nominal=(*calibration.nominal, *nominal),
+    )
+    # Camera 0's frame is placed by cam0_T_velo alone.
+    return _with_cameras(filled, [i for i in named if i and not _is_placed(calibration, i)])
+
+
+def _has_own_mount(calibration: Calibration, index: int) -> bool:
+    camera = calibration.cameras.get(index)
+    return camera is not None and camera.cam_T_velo is not None
+
+
+def _is_placed(calibration: Calibration, index: int) -> bool:
+    camera = calibration.cameras.get(index)
+    return camera is not None and (calibration.rectified or camera.cam_T_cam0 is not None)
+
+
+def _with_cameras(calibration: Calibration, missing: list[int]) -> Calibration:
+    own = NOMINAL_CAM0_T_VELO if calibration.independent_cameras else None
+    cameras = dict(calibration.cameras)
+    for index in missing:
+        offset = np.array([-NOMINAL_CAM0_X_M.get(index, 0.0), 0.0, 0.0])
+        cameras[index] = CameraCalibration(
+            np.column_stack([np.eye(3), offset]),
+            cam_T_cam0=Transform.from_translation(offset),
+            cam_T_velo=own,
+        )
+    names = tuple(f'the mount of camera {index}' for index in missing)
+    return replace(calibration, cameras=cameras, nominal=(*calibration.nominal, *names))
+
+
+# Calibration -> tf2_msgs/TFMessage: the static tree in one message.
+
+
+def static_links(
+    calibration: Calibration, base_t_imu: Transform, frames: FrameNames
+) -> list[tuple[str, str, Transform]]:
+    """Return (parent, child, parent_T_child) of the static tree; unknown links are skipped.
+
+    base_link -> imu_link -> velo_link -> camera 0 -> the other cameras, where camera 0 is the
+    rectified one, or the unrectified where the images are. On a rig whose cameras have extrinsics
+    of their own, each is a child of velo_link.
+    """
+    links = [
+        (frames.base, frames.imu, base_t_imu),
+        (frames.imu, frames.velo, calibration.velo_T_imu.inverse()),
+    ]
+    if calibration.independent_cameras:
+        return links + [
+            (frames.velo, frames.camera(index), camera.cam_T_velo.inverse())
+            for index, camera in sorted(calibration.cameras.items())
+            if camera.cam_T_velo is not None
+        ]
+    first = frames.camera(0)
+    cam0_t_velo = _camera0_t_velo(calibration)
+    if cam0_t_velo is not None:
+        links.append((frames.velo, first, cam0_t_velo.inverse()))
+    for index, camera in sorted(calibration.cameras.items()):
+        if index == 0:
+            continue
+        if calibration.rectified:
+            offset = Transform.from_translation(-rectified_offset(camera))
+            links.append((first, frames.camera(index), offset))
+        elif camera.cam_T_cam0 is not None:
+            links.append((first, frames.camera(index), camera.cam_T_cam0.inverse()))
+    return links
+
+
+def _camera0_t_velo(calibration: Calibration) -> Transform | None:
+    """Return cam0_T_velo of the frame of camera 0's images."""
+    if calibration.cam0_T_velo is None:
+        return None
+    if not calibration.rectified:
+        return calibration.cam0_T_velo
+    if calibration.r0_rect is None:
+        return None
+    return Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
+
+
+def encode_static(links: Sequence[tuple[str, str, Transform]], stamp_ns: int) -> TFMessage:
+    """Make a message of all static transforms."""
+    return TFMessage(
+        [make_transform(transform, stamp_ns, parent, child) for parent, child, transform in links]
+    )
+
+
+def decode_static(message: TFMessage) -> list[tuple[str, str, Transform]]:
+    """Decode static transforms: the inverse of encode_static."""
+    links = []
+    for stamped in message.transforms:
+        q = stamped.transform.rotation
+        translation = vector_of(stamped.transform.translation)
+        transform = Transform.from_quaternion((q.x, q.y, q.z, q.w), translation)
+        links.append((stamped.header.frame_id, stamped.child_frame_id, transform))
+    return links
+
+
+def make_transform(
+    transform: Transform, stamp_ns: int, parent: str, child: str
+) -> TransformStamped:
+    """Make a TransformStamped of parent_T_child."""
+    return TransformStamped(
+        make_header(stamp_ns, parent),
+        child,
+        TransformMsg(make_vector3(transform.translation), make_quaternion(transform.quaternion())),
+    )

@@ -1,28 +1,38 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Labels -> vision_msgs/Detection3DArray and Detection2DArray; any of these -> boxes.
-
-A detection's id is the track id, or the box's place in its file; the same box has the same id in
-both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
-"""
+"""Boxes in messages: vision_msgs, Autoware's objects, cubes of markers; to and from labels."""
 
 from __future__ import annotations
 
+import re
+import struct
+from bisect import bisect_left
+from collections import Counter
+from itertools import islice, takewhile
 from math import cos, isfinite, nan, sin
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
+from uuid import UUID
 
 import numpy as np
 
 from ..model.boxes import Cuboid
+from ..model.classes import class_of, label_of
 from ..model.geometry import Transform
-from .cdr_writer import CdrWriter
-from .header import pose_numbers
+from .cdr import CdrWriter, pose_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from ..model.boxes import Box
     from .cdr import Parts
+
+
+# Labels -> vision_msgs/Detection3DArray and Detection2DArray; any of these -> boxes.
+#
+# A detection's id is the track id, or the box's place in its file; the same box has the same id in
+# both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
+
 
 ABSURD = 'without a possible size, place or score'
 UNPLACED = 'in a frame that nothing joins to the scans'
@@ -250,3 +260,375 @@ def _score(result: Any) -> float:  # noqa: ANN401 - of the bag's types
 def _class(result: Any) -> str:  # noqa: ANN401 - of the bag's types
     hypothesis = getattr(result, 'hypothesis', result)
     return str(getattr(hypothesis, 'class_id', getattr(hypothesis, 'id', '')))
+
+
+# Labels -> autoware_perception_msgs/DetectedObjects and TrackedObjects; any of these -> boxes.
+#
+# As Autoware's own detectors fill them (autoware_universe, perception/autoware_lidar_centerpoint,
+# lib/ros_utils.cpp, lines 26 to 80 of commit 02ee90f): the pose is the middle of the box,
+# dimensions are length, width and height along its x, y and z, the score is existence_probability,
+# and the one classification has probability 1. KITTI's headings are known with their sign. Its
+# labels have no covariance, velocity or acceleration: these are zero, and marked as unknown where
+# there is a field for it. An object_id is a UUID of version 8 (RFC 9562) that ends with the track
+# id.
+
+
+_BOUNDING_BOX, _CYLINDER, _POLYGON = range(3)
+_ORIENTATION_AVAILABLE = 2
+_TRUE = 1.0
+_COVARIANCE = (0.0,) * 36
+_MOTION = (0.0,) * 42
+"""A TwistWithCovariance or AccelWithCovariance."""
+
+_TRACK = struct.Struct('>12sI')
+_TRACK_PREFIX = bytes.fromhex('6b6974746900 8000 80000000')
+"""The UUIDs 6b697474-6900-8000-8000-0000TTTTTTTT: "kitti", version, variant, track id."""
+
+
+class ObjectFrame(NamedTuple):
+    """The frame that objects are given in.
+
+    Attributes:
+        name: Its frame_id.
+        frame_T_velo: velo_link in it.
+        labels: Names of Autoware's labels by class; see autoware_labels.label_of.
+    """
+
+    name: str
+    frame_T_velo: Transform
+    labels: Mapping[str, str]
+
+
+def encode_detected_objects(cuboids: Sequence[Cuboid], stamp_ns: int, frame: ObjectFrame) -> Parts:
+    """Make a DetectedObjects of cuboids, serialised."""
+    cdr = _begin(len(cuboids), stamp_ns, frame)
+    for cuboid in cuboids:
+        _add_class_and_pose(cdr, cuboid, frame)
+        cdr.boolean(value=False)  # has_position_covariance
+        cdr.byte(_ORIENTATION_AVAILABLE)
+        cdr.float64(_MOTION)
+        cdr.boolean(value=False)  # has_twist
+        cdr.boolean(value=False)  # has_twist_covariance
+        _add_shape(cdr, cuboid)
+    return (cdr.finish(),)
+
+
+def encode_tracked_objects(cuboids: Sequence[Cuboid], stamp_ns: int, frame: ObjectFrame) -> Parts:
+    """Make a TrackedObjects of the cuboids with a track, serialised.
+
+    Raises:
+        struct.error: A track id has more than 32 bits.
+    """
+    tracked = [(each, each.track_id) for each in cuboids if _has_track(each)]
+    cdr = _begin(len(tracked), stamp_ns, frame)
+    for cuboid, track_id in tracked:
+        cdr.octets(_TRACK.pack(_TRACK_PREFIX, track_id))
+        _add_class_and_pose(cdr, cuboid, frame)
+        cdr.float64(_MOTION)
+        cdr.float64(_MOTION)
+        cdr.byte(_ORIENTATION_AVAILABLE)
+        cdr.boolean(value=False)  # is_stationary
+        _add_shape(cdr, cuboid)
+    return (cdr.finish(),)
+
+
+def _has_track(cuboid: Cuboid) -> bool:
+    return cuboid.track_id is not None and cuboid.track_id >= 0
+
+
+def _begin(count: int, stamp_ns: int, frame: ObjectFrame) -> CdrWriter:
+    cdr = CdrWriter()
+    cdr.header(stamp_ns, frame.name)
+    cdr.uint32(count)
+    return cdr
+
+
+def _add_class_and_pose(cdr: CdrWriter, cuboid: Cuboid, frame: ObjectFrame) -> None:
+    """Write existence_probability, classification and the pose of the kinematics."""
+    cdr.float32(_TRUE if cuboid.score is None else cuboid.score)
+    cdr.uint32(1)
+    cdr.byte(label_of(cuboid.class_name, frame.labels))
+    cdr.float32(_TRUE)
+    cdr.float64((*pose_numbers(frame.frame_T_velo @ cuboid.velo_T_box), *_COVARIANCE))
+
+
+def _add_shape(cdr: CdrWriter, cuboid: Cuboid) -> None:
+    cdr.byte(_BOUNDING_BOX)
+    cdr.uint32(0)  # footprint
+    cdr.float64(cuboid.size_lwh)
+
+
+def cuboids_of_objects(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    to_velo: Mapping[str, Transform],
+    *,
+    scores: bool = False,
+) -> tuple[list[Cuboid], list[str]]:
+    """Decode DetectedObjects or TrackedObjects to boxes in velo_link; also why others were skipped.
+
+    The most probable class is used. A cylinder or a polygon becomes the box around it.
+
+    Args:
+        message: Of the bag's own types.
+        to_velo: velo_T_frame by frame name.
+        scores: Whether existence probabilities are scores.
+
+    Raises:
+        ValueError: The message is in a frame that is not joined.
+    """
+    cuboids = []
+    for each in message.objects:
+        pose = each.kinematics.pose_with_covariance.pose
+        offset, size = _bounds(each.shape)
+        best = max(each.classification, key=lambda one: one.probability, default=None)
+        cuboids.append(
+            Cuboid(
+                '' if best is None else class_of(int(best.label)),
+                _identity(each),
+                place_in_velo(pose, message.header.frame_id, to_velo) @ offset,
+                size,
+                float(each.existence_probability) if scores else None,
+            )
+        )
+    return possible(cuboids)
+
+
+def _bounds(shape: Any) -> tuple[Transform, tuple[float, float, float]]:  # noqa: ANN401 - as above
+    """Return the place of the box around a shape in the object's frame, and its size.
+
+    The x of a cylinder is its diameter, and the footprint of a polygon is in the object's frame
+    (autoware_universe, common/autoware_universe_utils/src/geometry/boost_polygon_utils.cpp,
+    toPolygon2d, commit abee5b5).
+    """
+    size = shape.dimensions
+    points = [(point.x, point.y) for point in shape.footprint.points]
+    if shape.type == _CYLINDER:
+        return Transform.identity(), (size.x, size.x, size.z)
+    if shape.type != _POLYGON or not points:
+        return Transform.identity(), (size.x, size.y, size.z)
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    middle_x, middle_y = ((low + high) / 2).tolist()
+    length, width = (high - low).tolist()
+    return Transform.from_translation((middle_x, middle_y, 0.0)), (length, width, size.z)
+
+
+def _identity(each: Any) -> str:  # noqa: ANN401 - as above
+    """Return the track id of our own UUIDs, others as text; empty without one, or for zeros."""
+    if not hasattr(each, 'object_id'):
+        return ''
+    data = bytes(each.object_id.uuid)
+    prefix, track_id = _TRACK.unpack(data)
+    if prefix == _TRACK_PREFIX:
+        return str(track_id)
+    return str(UUID(bytes=data)) if any(data) else ''
+
+
+# The cubes of any visualization_msgs/MarkerArray -> boxes in velo_link.
+#
+# Markers are drawn for people: the class of a box is in a caption, in a namespace, or missing.
+
+
+AS_LINES = 'drawn as lines or lists of cubes'
+
+_CUBE = 1
+_LINE_LIST = 5
+_CUBE_LIST = 6
+_TEXT = 9
+_ADD = 0
+_DELETE = 2
+_DELETE_ALL = 3
+_EGO = 'ego'
+
+_CLASS = re.compile(r'\(?[^\W\d_][\w.-]+\)?')
+_SCORE = re.compile(r'(?<![\w.-])(0?\.\d+|1\.0*|\d{1,3}(?=%))(%?)(?![\w.]| ?m)', re.ASCII)
+_EDGES = ':;,.#"\'[]{}'
+_GENERIC = re.compile(
+    r'all|(annot|detect|track|visual)\w*|(b|bounding)_?box(es)?|bounding|box(es)?|basic|class'
+    r'|(cube|cuboid|label|marker|object|obstacle|shape)s?|default|id|name|namespace|ns|obj|rviz'
+    r'|text|type|unknown|viz'
+)
+
+
+def cuboids_of_markers(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    to_velo: Mapping[str, Transform],
+    *,
+    scores: bool = False,
+) -> tuple[list[Cuboid], list[str]]:
+    """Decode the cubes of a visualization_msgs/MarkerArray; also why others were skipped.
+
+    A cube in namespace ego is the recording car. Boxes drawn as lines, and lists of cubes, are not
+    supported and skipped, except for those that frame a cube of the same id.
+
+    Args:
+        message: Of the bag's own types.
+        to_velo: velo_T_frame by frame name.
+        scores: Whether to read scores from the captions: car 0.87, or car 87%.
+
+    Raises:
+        ValueError: All boxes are in frames that are not joined.
+    """
+    shown = _shown(message)
+    captions = _Captions(shown)
+    cubes = [each for each in shown if each.type == _CUBE]
+    framed = {cube.id for cube in cubes}
+    lists = [
+        each for each in shown if each.type in {_LINE_LIST, _CUBE_LIST} and each.id not in framed
+    ]
+
+    def make(cube: Any) -> Cuboid:  # noqa: ANN401 - as above
+        return Cuboid(
+            _class_of(cube, captions),
+            f'{cube.ns}/{cube.id}',
+            place_in_velo(cube.pose, cube.header.frame_id, to_velo),
+            (cube.scale.x, cube.scale.y, cube.scale.z),
+            _score_of(cube, captions) if scores else None,
+        )
+
+    cuboids, left_out = placed(cubes, make)
+    return cuboids, left_out + [AS_LINES] * len(lists)
+
+
+def frames_of_markers(message: Any) -> set[str]:  # noqa: ANN401 - of the bag's types
+    """Return the frames of the cubes that cuboids_of_markers decodes, without leading slashes."""
+    return {each.header.frame_id.lstrip('/') for each in _shown(message) if each.type == _CUBE}
+
+
+def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
+    """Return the visible markers after an array, if none were visible before.
+
+    Those of namespace ego are the recording car, not an object, and excluded.
+    """
+    shown: dict[tuple[str, int], Any] = {}
+    for marker in message.markers:
+        if marker.action == _DELETE_ALL:
+            shown.clear()
+        elif marker.action == _DELETE:
+            shown.pop((marker.ns, marker.id), None)
+        elif marker.action == _ADD:
+            shown[marker.ns, marker.id] = marker
+    return [marker for (namespace, _), marker in shown.items() if namespace != _EGO]
+
+
+class _Captions:
+    """The texts about the cubes of an array, looked up by id and namespace.
+
+    Args:
+        shown: The visible markers.
+    """
+
+    def __init__(self, shown: list[Any]) -> None:
+        self._cubes = Counter(each.id for each in shown if each.type == _CUBE)
+        self._texts: dict[int, list[tuple[str, int, str]]] = {}
+        for place, each in enumerate(shown):
+            if each.type == _TEXT:
+                self._texts.setdefault(each.id, []).append((each.ns, place, each.text))
+        for texts in self._texts.values():
+            texts.sort()
+
+    def of(self, cube: Any) -> list[str]:  # noqa: ANN401 - of the bag's types
+        """Return the texts about a cube.
+
+        They are its own text, and those of text markers with its id whose namespace begins with
+        the cube's, or of all if the cube is the only one with this id; as they were shown.
+        """
+        texts = self._texts.get(cube.id, [])
+        near = self._in_namespace(texts, cube.ns) if cube.ns else []
+        if not near and self._cubes[cube.id] == 1:
+            near = texts
+        return [cube.text, *(text for _, _, text in sorted(near, key=itemgetter(1)))]
+
+    @staticmethod
+    def _in_namespace(
+        texts: list[tuple[str, int, str]], namespace: str
+    ) -> list[tuple[str, int, str]]:
+        """Return those whose namespace begins so; sorted by it, they follow each other."""
+        following = islice(texts, bisect_left(texts, (namespace,)), None)
+        return list(takewhile(lambda each: each[0].startswith(namespace), following))
+
+
+def _class_of(cube: Any, captions: _Captions) -> str:  # noqa: ANN401 - of the bag's types
+    """Return the class of a cube, empty if unknown.
+
+    It is in a caption, or it is the cube's namespace.
+    """
+    candidates = [*captions.of(cube), cube.ns.rpartition('/')[2]]
+    return next((found for text in candidates if (found := _class_in(text))), '')
+
+
+def _score_of(cube: Any, captions: _Captions) -> float | None:  # noqa: ANN401 - of the bag's types
+    """Return the last fraction or percentage in the captions of a cube, None without one."""
+    found = [match for text in captions.of(cube) for match in _SCORE.finditer(text)]
+    if not found:
+        return None
+    number = float(found[-1][1])
+    return number / 100 if found[-1][2] else number
+
+
+def _class_in(text: str) -> str:
+    """Return the words of a caption up to its first number: Person (sitting) 5, car: 0.87."""
+    words: list[str] = []
+    for token in text.partition('\n')[0].split():
+        word = token.strip(_EDGES)
+        if any(character.isdigit() for character in word):
+            break
+        if _CLASS.fullmatch(word) and not _is_generic(word):
+            words.append(word)
+    return ' '.join(words)
+
+
+def _is_generic(word: str) -> bool:
+    return all(_GENERIC.fullmatch(part) for part in word.lower().split('_') if part)
+
+
+# 3D boxes of any message type that has them -> boxes in velo_link.
+
+
+def cuboids_in(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    to_velo: Mapping[str, Transform],
+    *,
+    scores: bool,
+) -> tuple[list[Cuboid], list[str]]:
+    """Decode a Detection3DArray, DetectedObjects, TrackedObjects or MarkerArray.
+
+    Args:
+        message: Of the bag's own types.
+        to_velo: velo_T_frame by frame name.
+        scores: Whether the boxes have scores.
+
+    Returns:
+        The boxes in velo_link, and the reasons why others were skipped.
+
+    Raises:
+        ValueError: All boxes are in frames that are not joined.
+    """
+    if hasattr(message, 'detections'):
+        return cuboids_of_detections(message, to_velo, scores=scores)
+    if hasattr(message, 'objects'):
+        return cuboids_of_objects(message, to_velo, scores=scores)
+    return cuboids_of_markers(message, to_velo, scores=scores)
+
+
+def boxes_in(message: Any) -> list[Cuboid]:  # noqa: ANN401 - as above
+    """Return the boxes that cuboids_in decodes, each in its own frame.
+
+    Raises:
+        ValueError: They cannot be read.
+    """
+    here = dict.fromkeys(frames_in(message), Transform.identity())
+    return cuboids_in(message, here, scores=False)[0]
+
+
+def box_count(message: Any) -> int:  # noqa: ANN401 - as above
+    """Return the number of detections or objects of a message."""
+    return len(message.detections if hasattr(message, 'detections') else message.objects)
+
+
+def frames_in(message: Any) -> set[str]:  # noqa: ANN401 - as above
+    """Return the frames of the boxes that cuboids_in decodes, without leading slashes."""
+    if hasattr(message, 'detections'):
+        return frames_of_detections(message)
+    if hasattr(message, 'objects'):
+        return {message.header.frame_id.lstrip('/')} if message.objects else set()
+    return frames_of_markers(message)

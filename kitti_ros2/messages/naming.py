@@ -4,20 +4,31 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from ..model.errors import UsageError
+import numpy as np
+
+from ..files.image_files import decode_image
+from ..model.errors import UsageError, runs_of
 from ..model.geometry import Transform
-from ..model.streams import CAMERA_COUNT, CAMERA_NAMES
-from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, Preset
+from ..model.samples import Description, Scan, TextFile
+from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, Stream
+from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, MapFrame, Preset
 from ..stacks.stack_names import FRAMES, TOPICS, StackName
+from .ros_types import String
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path, PurePath
 
-    from ..model.layouts import Layout
+    from ..model.geometry import Float64Array
+    from ..model.recording import ReadableRecording, Start
+    from ..model.samples import Calibration, FrameLabels, Image, Pose, Trajectory
+    from ..model.streams import Layout
     from ..options.messages import MessageOptions
+    from .images import Pixels
 
 
 @dataclass(frozen=True)
@@ -156,3 +167,223 @@ def base_t_imu(options: MessageOptions) -> Transform:
     """Return base_T_imu: from the options, else from the preset."""
     of_preset = KITTI2BAG_BASE_T_IMU if options.preset is Preset.KITTI2BAG else BASE_T_IMU
     return Transform.from_translation(options.base_to_imu or of_preset)
+
+
+# The frame map: the fixed frame of the poses in messages.
+#
+# - enu (REP-103, REP-105): x east, y north, z up, the origin at the first base_link position. A
+#   layout without gravity (odometry) has no such axes: there map is base_link at the first pose.
+# - devkit: KITTI's own poses, relative to the first one: imu_link at the first packet is map, so
+#   the axes are tilted by its roll and pitch (convertOxtsToPose.m).
+#
+# The first pose is that of the whole recording, so every part of it has the same map.
+
+
+def map_from_world(start: Start | None, base_t_imu: Transform, kind: MapFrame) -> Transform:
+    """Return map_T_world: a reader's fixed frame in map.
+
+    Args:
+        start: The first pose, None for a recording without poses.
+        base_t_imu: imu_link in base_link.
+        kind: The kind of map.
+    """
+    if start is None:
+        return Transform.identity()
+    if kind is MapFrame.DEVKIT:
+        return start.world_T_imu.inverse() if start.level else Transform.identity()
+    imu_t_base = base_t_imu.inverse()
+    level = np.eye(3) if start.level else (start.world_T_imu @ imu_t_base).rotation.T
+    # Composed in the same way as the other poses, so that the first position is exactly 0.
+    first = Transform(level, np.zeros(3)) @ start.world_T_imu @ imu_t_base
+    return Transform(level, -first.translation)
+
+
+def has_no_gravity(start: Start | None, kind: MapFrame) -> bool:
+    """Whether map is requested to be east-north-up and cannot be."""
+    return start is not None and not start.level and kind is MapFrame.ENU
+
+
+def place_pose(pose: Pose, map_t_world: Transform) -> Pose:
+    """Transform a reader's pose to map."""
+    return replace(pose, world_T_imu=map_t_world @ pose.world_T_imu)
+
+
+def place_trajectory(trajectory: Trajectory, map_t_world: Transform) -> Trajectory:
+    """Transform a reader's trajectory to map."""
+    return replace(trajectory, world_T_imu=[map_t_world @ pose for pose in trajectory.world_T_imu])
+
+
+# The context of a conversion between a sample and its messages.
+
+
+LABELLED_CAMERA = 2
+"""The camera of KITTI's labels: the left colour camera."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The parameters common to all messages of a recording.
+
+    Attributes:
+        frames: Frame names.
+        cameras: Those whose images or labels are in messages.
+        base_t_imu: imu_link in base_link.
+        map_T_world: The fixed frame of the reader's poses in map.
+        options: Of the messages.
+        tracked: Whether labels have tracks.
+    """
+
+    frames: FrameNames
+    cameras: frozenset[int]
+    base_t_imu: Transform
+    map_T_world: Transform
+    options: MessageOptions
+    tracked: bool = False
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The context of an encoder besides its sample.
+
+    Attributes:
+        rig: The parameters common to all messages.
+        stamp_ns: The sample's own.
+        path: Its file, for errors.
+        calibration: Returns the calibration of the sample's frame.
+        trails: Returns the earlier positions of the tracks in the sample's frame, in the reader's
+            fixed frame.
+        camera: KITTI camera index of an image.
+        pixels: Decodes an image.
+        labels: Returns the labels of the sample's frame; None if it is not labelled.
+        predictions: Returns the predictions of the sample's frame; None without any.
+        remark: Called with a remark on values of the messages that are estimated.
+    """
+
+    rig: Rig
+    stamp_ns: int
+    path: Path
+    calibration: Callable[[], Calibration]
+    trails: Callable[[], Mapping[int, Float64Array]]
+    camera: int = 0
+    pixels: Callable[[Image], Pixels] = decode_image
+    labels: Callable[[], FrameLabels | None] = lambda: None
+    predictions: Callable[[], FrameLabels | None] = lambda: None
+    remark: Callable[[str], None] = lambda _: None
+
+    @property
+    def at_imu(self) -> tuple[int, str]:
+        """Stamp and frame of the messages of a packet."""
+        return self.stamp_ns, self.rig.frames.imu
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The context of a decoder besides its message.
+
+    Attributes:
+        path: The bag, or the file that is made of the message, for errors.
+        base_t_imu: imu_link in base_link, for poses.
+    """
+
+    path: PurePath
+    base_t_imu: Transform = field(default_factory=Transform.identity)
+
+
+def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
+    """Make the parameters common to all messages of a recording."""
+    mount = base_t_imu(options)
+    boxed = {Stream.LABELS, Stream.PREDICTIONS} & recording.streams.keys()
+    labelled = {LABELLED_CAMERA} if boxed else set()
+    return Rig(
+        frames=with_ground_truth_tree(naming_of(options).frames_of(recording.cameras), options),
+        cameras=frozenset(recording.cameras) | labelled,
+        base_t_imu=mount,
+        map_T_world=map_from_world(recording.start, mount, options.map),
+        options=options,
+        tracked=recording.layout.traits.common_labels,
+    )
+
+
+# Text files <-> std_msgs/String, verbatim, for byte-exact restoration.
+#
+# The first line of the string is the file's name relative to the recording's root; the rest is the
+# file's text, or the part of it that belongs to the frame.
+
+
+RECORDING = '/kitti/source/recording'
+FILES = '/kitti/source/files'
+CALIBRATION = '/kitti/source/calibration'
+SWEEP = '/kitti/source/sweep'
+POINTS = '/kitti/source/points'
+LABEL_LINES = '/kitti/source/labels'
+OXTS_LINES = '/kitti/source/oxts'
+
+GREY = 'grey'
+"""Key of the description: the streams of colour images whose pixels are in messages as grey."""
+
+
+def encode_text(file: TextFile) -> String:
+    """Make a String of a file's name and text."""
+    return String(f'{file.name}\n{file.text}')
+
+
+def decode_text(message: String) -> TextFile:
+    """Decode a file's name and text: the inverse of encode_text."""
+    name, _, text = message.data.partition('\n')
+    return TextFile(name, text)
+
+
+def encode_sweep(scan: Scan) -> String | None:
+    """Make a String of start and end of a sweep, nanoseconds; None if both are unknown."""
+    if scan.start_ns is None and scan.end_ns is None:
+        return None
+    return String(json.dumps({'start_ns': scan.start_ns, 'end_ns': scan.end_ns}))
+
+
+def decode_sweep(message: String) -> tuple[int | None, int | None]:
+    """Decode start and end of a sweep: the inverse of encode_sweep."""
+    values = json.loads(message.data)
+    return values['start_ns'], values['end_ns']
+
+
+def promise(
+    description: Description,
+    carried: Mapping[Stream, Sequence[int]],
+    calibrations: Sequence[str],
+) -> Description:
+    """Add a list of the recording's files that are in the messages of a selection.
+
+    A reader of the bag compares the messages with it, so that a lost one is always detected.
+
+    Args:
+        description: Of the recording; its files list all numbered files of a stream.
+        carried: By stream with files in messages: the selected numbers; those without a file are
+            ignored. The text files are included if Stream.RECORDING is.
+        calibrations: Names of the calibration files in messages, if these are not numbered.
+    """
+    values: dict[str, Any] = dict(description.values)
+    values['files'] = {
+        name: {**entry, 'carried': _common_runs(entry['numbers'], carried.get(Stream(name), ()))}
+        for name, entry in values['files'].items()
+    }
+    texts = description.files if Stream.RECORDING in carried else ()
+    values['texts'] = [file.name for file in texts]
+    values['calibrations'] = list(calibrations)
+    return replace(description, values=values)
+
+
+def _common_runs(runs: Iterable[Sequence[int]], numbers: Iterable[int]) -> list[list[int]]:
+    """Return the runs of those numbers that are within other runs."""
+    within = {number for first, last in runs for number in range(first, last + 1)}
+    return runs_of(sorted(within.intersection(numbers)))
+
+
+def encode_description(description: dict[str, object]) -> String:
+    """Make a String of a recording's description, as JSON."""
+    return String(json.dumps(description, sort_keys=True))
+
+
+def decode_description(message: String) -> dict[str, object]:
+    """Decode a recording's description: the inverse of encode_description."""
+    values: dict[str, object] = json.loads(message.data)
+    return values

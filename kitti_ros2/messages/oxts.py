@@ -35,12 +35,12 @@ to the right, to 0.03 and 0.08 m/s.
 
 from __future__ import annotations
 
+import struct
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..model.geographic import GeoOrigin
 from ..model.geometry import (
     Transform,
     quaternion_to_rotation,
@@ -48,21 +48,90 @@ from ..model.geometry import (
     rotation_to_quaternion,
     rotation_to_rpy,
 )
-from ..model.samples import OxtsPacket
-from .header import make_header, make_quaternion, make_vector3, vector_of
-from .oxts_covariance import (
-    ACCELERATION_SIGMA,
-    ANGULAR_VELOCITY_SIGMA,
-    ORIENTATION_SIGMA,
-    diagonal,
+from ..model.samples import OxtsPacket, Pose, Trajectory
+from ..model.streams import GeoOrigin, from_sec_nanosec
+from .camera_info import decode_static, make_transform
+from .cdr import (
+    make_header,
+    make_pose,
+    make_quaternion,
+    make_vector3,
+    stamp_ns_of,
+    transform_of,
+    vector_of,
 )
-from .ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
+from .ros_types import (
+    Imu,
+    NavSatFix,
+    NavSatStatus,
+    Odometry,
+    Path,
+    PoseStamped,
+    PoseWithCovariance,
+    TFMessage,
+    Twist,
+    TwistStamped,
+    TwistWithCovariance,
+    TwistWithCovarianceStamped,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ..model.geometry import Float64Array
     from .ros_types import Vector3
+
+
+# Covariances of the GPS/IMU unit's messages: one standard deviation each, axes independent.
+#
+# =====================  =============  ============================================================
+# part                   sigma          from
+# =====================  =============  ============================================================
+# position               pos_accuracy   the packet; 0 is declared unknown, as NavSatFix can
+# velocity               vel_accuracy   the packet; 0.1 m/s for 0, unknown, which a twist cannot
+#                                       declare: above the greatest of drives 0001 (0.013) and
+#                                       0005 (0.078)
+# orientation            0.1 degrees    A. Geiger et al., "Vision meets Robotics: The KITTI
+#                                       Dataset", IJRR 2013, section 2: OXTS RT3003, 0.02 m / 0.1
+#                                       degrees; as OXTS's RT user manual 190731, page 16, for the
+#                                       heading of two antennas 2 m apart (0.2 degrees per metre)
+# angular velocity       0.01 deg/s     gtsam c24a2c9, line 2 of examples/Data/
+#                                       KittiEquivBiasedImu_metadata.txt, on KITTI's unit: 0.000175
+#                                       rad/s
+# acceleration           0.01 m/s^2     the same file and line
+# =====================  =============  ============================================================
+#
+# KITTI's packets have no accuracy of orientation, rates and accelerations. robot_localization takes
+# a variance below 1e-9 for 1e-9 (src/ekf.cpp, Ekf::correct): with zeros its filter follows that
+# sensor alone.
+
+
+ORIENTATION_SIGMA = float(np.radians(0.1))
+ANGULAR_VELOCITY_SIGMA = float(np.radians(0.01))
+ACCELERATION_SIGMA = 0.01
+UNKNOWN_VELOCITY_SIGMA = 0.1
+
+
+def diagonal(*sigmas: float) -> Float64Array:
+    """Return the covariance of axes in threes, row by row: (9,) of one sigma, (36,) of two."""
+    variances = np.repeat(np.square(sigmas), 3)
+    return np.diag(variances).ravel()
+
+
+def encode_velocity_with_covariance(
+    packet: OxtsPacket, stamp_ns: int, frame_id: str
+) -> TwistWithCovarianceStamped:
+    """Make a TwistWithCovarianceStamped: the TwistStamped of the packet with its covariance."""
+    linear = packet.vel_accuracy if packet.vel_accuracy > 0 else UNKNOWN_VELOCITY_SIGMA
+    twist = Twist(
+        linear=make_vector3(packet.body_velocity()),
+        angular=make_vector3((packet.wx, packet.wy, packet.wz)),
+    )
+    return TwistWithCovarianceStamped(
+        header=make_header(stamp_ns, frame_id),
+        twist=TwistWithCovariance(twist, diagonal(linear, ANGULAR_VELOCITY_SIGMA)),
+    )
+
 
 _UNKNOWN = np.zeros(9)
 """All zeros: covariance unknown (Imu.msg)."""
@@ -86,7 +155,7 @@ _NO_STATES: list[int] = [0, 0, -1, -1, -1]
 _NO_PACKET = OxtsPacket(*[0.0] * 25, *_NO_STATES)  # type: ignore[arg-type]
 _IDENTITY = Transform.identity()
 _NOT_KNOWN = -1.0
-# Beyond, kitti/oxts_file.py refuses a packet.
+# Beyond, kitti/text_file.py refuses a packet.
 _IMPOSSIBLE = 1e9  # m/s, m/s^2 or rad/s
 _LEAST_MOTION = 1e-6  # m/s: sums of float32 in programs that have no velocity
 _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
@@ -350,3 +419,179 @@ def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Ar
 
 def _named(names: tuple[str, str, str], values: Float64Array) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
+
+
+# Pose <-> nav_msgs/Odometry; Pose -> tf2_msgs/TFMessage; Trajectory -> nav_msgs/Path.
+#
+# The poses of any Odometry, PoseStamped, Path or TFMessage are read with their stamps.
+
+
+_FARTHEST_M = 1e9
+
+
+def encode_odometry(
+    pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
+) -> Odometry:
+    """Make an Odometry: the pose of base_link in map, and its motion in base_link.
+
+    Args:
+        pose: Of imu_link in map.
+        base_t_imu: imu_link in base_link; the lever arm is compensated.
+        stamp_ns: Nanoseconds.
+        frames: Names of map and base_link.
+    """
+    map_t_base = pose.world_T_imu @ base_t_imu.inverse()
+    linear, angular = np.zeros(3), np.zeros(3)
+    if pose.velocity is not None and pose.angular_velocity is not None:
+        angular = base_t_imu.rotation @ pose.angular_velocity
+        linear = base_t_imu.rotation @ pose.velocity - np.cross(angular, base_t_imu.translation)
+    return Odometry(
+        header=make_header(stamp_ns, frames[0]),
+        child_frame_id=frames[1],
+        pose=PoseWithCovariance(make_pose(map_t_base), _covariance(pose.position_sigma)),
+        twist=TwistWithCovariance(
+            Twist(make_vector3(linear), make_vector3(angular)), _covariance(pose.velocity_sigma)
+        ),
+    )
+
+
+def decode_odometry(message: Odometry, base_t_imu: Transform) -> Pose:
+    """Decode a pose: the inverse of encode_odometry; a motion of zeros is unknown."""
+    linear = vector_of(message.twist.twist.linear)
+    angular = vector_of(message.twist.twist.angular)
+    moving = bool(linear.any() or angular.any())
+    back = base_t_imu.rotation.T
+    velocity = back @ (linear + np.cross(angular, base_t_imu.translation))
+    return Pose(
+        transform_of(message.pose.pose) @ base_t_imu,
+        velocity=velocity if moving else None,
+        angular_velocity=back @ angular if moving else None,
+        position_sigma=_sigma(message.pose.covariance),
+        velocity_sigma=_sigma(message.twist.covariance),
+    )
+
+
+def encode_tf(
+    pose: Pose, base_t_imu: Transform, stamp_ns: int, frames: tuple[str, str]
+) -> TFMessage:
+    """Make the dynamic transform map -> base_link."""
+    map_t_base = pose.world_T_imu @ base_t_imu.inverse()
+    return TFMessage([make_transform(map_t_base, stamp_ns, frames[0], frames[1])])
+
+
+def encode_path(
+    trajectory: Trajectory, base_t_imu: Transform, stamp_ns: int, frame_id: str
+) -> Path:
+    """Make a Path of all poses of base_link in map, each with its own stamp."""
+    imu_t_base = base_t_imu.inverse()
+    poses = [
+        PoseStamped(make_header(stamp, frame_id), make_pose(map_t_imu @ imu_t_base))
+        for stamp, map_t_imu in zip(
+            trajectory.stamps_ns.tolist(), trajectory.world_T_imu, strict=True
+        )
+    ]
+    return Path(make_header(stamp_ns, frame_id), poses)
+
+
+def poses_of(message: Odometry | PoseStamped | Path) -> list[tuple[int, Transform]]:
+    """Decode the poses of any Odometry, PoseStamped or Path: stamp (nanoseconds) and pose of each.
+
+    Raises:
+        ValueError: One of them is invalid: NaN, or an orientation of all zeros.
+    """
+    return [
+        (stamp_ns_of(each.header), _checked(transform_of(getattr(each.pose, 'pose', each.pose))))
+        for each in getattr(message, 'poses', [message])
+    ]
+
+
+def poses_of_link(message: TFMessage, link: tuple[str, str]) -> list[tuple[int, Transform]]:
+    """Decode the transforms of a link (parent, child) in a TFMessage: stamp and parent_T_child.
+
+    Raises:
+        ValueError: One of them is invalid.
+    """
+    # ROS 1 begins names with a slash, which tf2 does not allow.
+    wanted = [
+        each
+        for each in message.transforms
+        if (each.header.frame_id.lstrip('/'), each.child_frame_id.lstrip('/')) == link
+    ]
+    decoded = decode_static(TFMessage(wanted))
+    return [
+        (stamp_ns_of(each.header), _checked(transform))
+        for each, (*_, transform) in zip(wanted, decoded, strict=True)
+    ]
+
+
+def _checked(transform: Transform) -> Transform:
+    if not (np.abs(transform.matrix()) <= _FARTHEST_M).all():
+        raise ValueError('a pose of NaN, of an impossible place or of an orientation of all zeros')
+    return transform
+
+
+def _covariance(sigma: float | None) -> Float64Array:
+    """Return (36,) with the variance of x, y and z; zeros are unknown."""
+    variance = 0.0 if sigma is None else sigma * sigma
+    return np.diag([variance] * 3 + [0.0] * 3).ravel()
+
+
+def _sigma(covariance: Float64Array) -> float | None:
+    return float(np.sqrt(covariance[0])) if covariance[0] > 0 else None
+
+
+# The numbers of a serialised tf2_msgs/TFMessage, without objects: /tf may have 1000 a second.
+
+
+_BASE = 4  # the encapsulation header, after which alignment counts
+
+
+class StampedNumbers(NamedTuple):
+    """A transform of a message.
+
+    Attributes:
+        stamp_ns: Its stamp, nanoseconds.
+        parent, child: Its frames, as they are written.
+        numbers: x y z, metres, and x y z w of the quaternion.
+    """
+
+    stamp_ns: int
+    parent: str
+    child: str
+    numbers: tuple[float, ...]
+
+
+def read_transforms(data: bytes | memoryview) -> list[StampedNumbers]:
+    """Read the transforms of a TFMessage: a sequence of header, child_frame_id and transform.
+
+    Raises:
+        ValueError: The message is truncated.
+    """
+    order = '<' if data[1:2] == b'\1' else '>'
+    head, length, body = (struct.Struct(order + each) for each in ('iII', 'I', '7d'))
+    found = []
+    try:
+        (count,) = length.unpack_from(data, _BASE)
+        place = _BASE + length.size
+        for _ in range(count):
+            place = _aligned(place, 4)
+            sec, nanosec, size = head.unpack_from(data, place)
+            place += head.size
+            parent, place = _text(data, place, size), _aligned(place + size, 4)
+            (size,) = length.unpack_from(data, place)
+            place += length.size
+            child, place = _text(data, place, size), _aligned(place + size, 8)
+            numbers = body.unpack_from(data, place)
+            place += body.size
+            found.append(StampedNumbers(from_sec_nanosec(sec, nanosec), parent, child, numbers))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise ValueError(f'a TFMessage of {len(data)} bytes is truncated') from error
+    return found
+
+
+def _aligned(place: int, size: int) -> int:
+    return place + (_BASE - place) % size
+
+
+def _text(data: bytes | memoryview, place: int, size: int) -> str:
+    return bytes(data[place : place + size]).rstrip(b'\0').decode()

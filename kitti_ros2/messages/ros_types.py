@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.typesys.store import Typestore
 
-from .lazy_types import lazy_typestore
-from .type_definitions import parse_definitions, read_definitions
+from .type_definitions import lazy_typestore, parse_definitions, read_definitions
 
 __all__ = [
     'TYPESTORE',

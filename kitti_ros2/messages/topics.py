@@ -10,7 +10,7 @@ decode. What comes back:
 - /kitti/source/recording: the values of the description
 - odometry: pose in map, motion and sigmas, up to rounding; a motion of zeros is unknown
 - points: points and labels, bit for bit; not the turn, nor start and end of the sweep
-- points in a format with a loss (model/cloud_formats.py): the nearest scan; /kitti/source/points is
+- points in a format with a loss (model/bag_formats.py): the nearest scan; /kitti/source/points is
   beside them, with the points of the file bit for bit
 - images: the bytes of the PNG file; of pixels, another PNG file of the same pixels
 
@@ -27,13 +27,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ..model.channels import Channel
-from ..model.cloud_formats import FORMATS, Points
-from ..model.errors import BadFileError
-from ..model.msgtypes import (
+import numpy as np
+
+from ..drawing.drawn_objects import colour_pixels, compared, is_missed, objects_of
+from ..model.bag_formats import (
     ANNOTATIONS,
     CAMERA_INFO,
     CLOUD,
@@ -42,6 +43,7 @@ from ..model.msgtypes import (
     DETECTIONS_2D,
     DETECTIONS_3D,
     FIX,
+    FORMATS,
     IMAGE,
     IMU,
     MARKERS,
@@ -52,22 +54,36 @@ from ..model.msgtypes import (
     TRACKED_OBJECTS,
     TWIST,
     TWIST_COVARIANCE,
+    Channel,
+    Points,
 )
-from ..model.samples import Description
+from ..model.errors import BadFileError, MissingDataError, UsageError, did_you_mean
+from ..model.samples import Description, cuboids_of, identified
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Objects
-from .row_encoders import make_annotated, make_annotations, make_boxes_2d, make_camera_info, make_compressed, make_detected_objects, make_detections, make_files, make_image, make_imu, make_markers, make_odometry, make_path, make_prediction_annotations, make_prediction_markers, make_scan, make_source, make_source_scan, make_static, make_tf, make_tracked_objects
-from .cdr import Parts, serialize
-from .image import decode_compressed, decode_image
-from .naming import IMAGE_TOPICS, every_naming, naming_of
-from .oxts import encode_fix, encode_velocity
-from .oxts_covariance import encode_velocity_with_covariance
-from .pose import decode_odometry
-from .scan import decode_scan
-from .source import (
+from .camera_info import (
+    encode_camera_info,
+    encode_static,
+    image_frame_camera,
+    static_links,
+    with_nominal_mounts,
+)
+from .cdr import Parts, restamp, serialize
+from .detections import (
+    ObjectFrame,
+    encode_boxes_2d,
+    encode_detected_objects,
+    encode_detections,
+    encode_tracked_objects,
+)
+from .images import decode_compressed, decode_image, encode_compressed, encode_pixels
+from .markers import encode_annotations, encode_markers, encode_prediction_markers
+from .naming import (
     CALIBRATION,
     FILES,
+    IMAGE_TOPICS,
     LABEL_LINES,
+    LABELLED_CAMERA,
     OXTS_LINES,
     POINTS,
     RECORDING,
@@ -76,14 +92,326 @@ from .source import (
     decode_text,
     encode_description,
     encode_sweep,
+    encode_text,
+    every_naming,
+    naming_of,
+    place_pose,
+    place_trajectory,
 )
+from .oxts import (
+    decode_odometry,
+    encode_fix,
+    encode_imu,
+    encode_odometry,
+    encode_path,
+    encode_tf,
+    encode_velocity,
+    encode_velocity_with_covariance,
+)
+from .scan import decode_scan, encode_scan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 
-    from ..model.samples import Calibration, Sample
-    from .moment import Moment, Origin
+    from ..drawing.drawn_objects import LabelledObject
+    from ..model.boxes import Cuboid
+    from ..model.samples import (
+        Calibration,
+        FrameLabels,
+        Image,
+        OxtsPacket,
+        Pose,
+        Sample,
+        Scan,
+        Trajectory,
+    )
+    from ..options.read import SelectionOptions
+    from .naming import Moment, Origin
 
+
+# Topics that --topics and --exclude-topics select.
+
+
+def select_topics(table: list[Topic], selection: SelectionOptions) -> list[Topic]:
+    """Select the rows whose names match a pattern of topics and none of exclude_topics.
+
+    Patterns are shell wildcards; without topics all are selected.
+
+    Raises:
+        UsageError: No row is selected.
+    """
+    names = set(match_names([row.topic for row in table], selection))
+    return [row for row in table if row.topic in names]
+
+
+def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
+    """Select topic names; see select_topics."""
+    patterns, excluded = selection.topics, selection.exclude_topics
+    selected = [name for name in names if not patterns or _matches(name, patterns)]
+    if not selected and patterns:
+        hints = [_close_topics(each, names) for each in patterns]
+        hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
+        raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
+    kept = [name for name in selected if not _matches(name, excluded)]
+    if selected and not kept:
+        raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
+    return kept
+
+
+def _matches(name: str, patterns: tuple[str, ...]) -> bool:
+    return any(fnmatchcase(name, each) for each in patterns)
+
+
+def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
+    """Return a note on each pattern of topics and exclude_topics that matches no topic."""
+    return [
+        f'no topic is called {each}{_close_topics(each, sorted(names))}'
+        for each in (*selection.topics, *selection.exclude_topics)
+        if not any(fnmatchcase(name, each) for name in names)
+    ]
+
+
+def _close_topics(pattern: str, names: Sequence[str]) -> str:
+    """Return the question for a misspelt topic, or for a misspelt pattern of several."""
+    known = list(names)
+    if '*' in pattern:
+        words = [name.split('/') for name in names]
+        known = [f'{"/".join(each[:at])}/*' for each in words for at in range(1, len(each))]
+        known += [f'*/{"/".join(each[at:])}' for each in words for at in range(1, len(each))]
+    return did_you_mean(pattern, known)
+
+
+# The encoders of the table's rows: a sample and its moment to messages.
+#
+# They return a message of a rosbags class or a serialised one, a list of several, or None if the
+# sample has no data for it.
+
+
+def make_static(calibration: Calibration, moment: Moment) -> object:
+    """Make the static tree, with nominal mounts of cameras where the calibration has none."""
+    rig = moment.rig
+    mounted = with_nominal_mounts(calibration, rig.cameras, own=rig.options.own_frames)
+    links = static_links(mounted, rig.base_t_imu, rig.frames)
+    return encode_static(links, moment.stamp_ns)
+
+
+def make_files(sample: Calibration | Description, moment: Moment) -> list[object]:  # noqa: ARG001 - one form for all
+    """Make a String of each text file of a calibration or a recording."""
+    return [encode_text(file) for file in sample.files]
+
+
+def make_source(sample: FrameLabels | OxtsPacket, moment: Moment) -> object | None:  # noqa: ARG001
+    """Make a String of the text that a sample was read from."""
+    return None if sample.source is None else encode_text(sample.source)
+
+
+def make_path(trajectory: Trajectory, moment: Moment) -> object | None:
+    """Make the Path of all poses in map."""
+    if not trajectory.world_T_imu:
+        return None
+    placed = place_trajectory(trajectory, moment.rig.map_T_world)
+    return encode_path(placed, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
+
+
+def make_odometry(pose: Pose, moment: Moment) -> object:
+    """Make the Odometry of base_link in map."""
+    frames = (moment.rig.frames.map, moment.rig.frames.truth)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def make_tf(pose: Pose, moment: Moment) -> object:
+    """Make the transform map -> base_link."""
+    frames = (moment.rig.frames.map, moment.rig.frames.truth)
+    placed = place_pose(pose, moment.rig.map_T_world)
+    return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+
+
+def make_imu(packet: OxtsPacket, moment: Moment) -> object:
+    """Make the Imu of a packet, with covariances if the options request them."""
+    return encode_imu(packet, *moment.at_imu, covariances=bool(moment.rig.options.covariances))
+
+
+def make_scan(scan: Scan, moment: Moment) -> object:
+    """Make the PointCloud2 of a scan, in the format that the options request."""
+    options = moment.rig.options
+    labels = scan.labels if options.semantic else None
+    frame = moment.rig.frames.velo
+    return encode_scan(scan, moment.stamp_ns, frame, options.cloud, labels, moment.remark)
+
+
+def make_source_scan(scan: Scan, moment: Moment) -> object:
+    """Make the PointCloud2 of a scan with the points of its file, unchanged."""
+    return encode_scan(scan, moment.stamp_ns, moment.rig.frames.velo)
+
+
+def make_compressed(image: Image, moment: Moment) -> object:
+    """Make the CompressedImage of an image: the bytes of its file."""
+    return encode_compressed(image, moment.stamp_ns, _image_frame(moment))
+
+
+def make_image(image: Image, moment: Moment) -> object:
+    """Make the Image of an image's pixels, of colour in the encoding that the options request."""
+    encoding = moment.rig.options.color_encoding
+    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment), encoding)
+
+
+def make_annotated(image: Image, moment: Moment) -> object:
+    """Make the Image of an image with its frame's labels drawn on it."""
+    from ..drawing.annotate import annotate  # noqa: PLC0415 - 0.2 s of OpenCV that others do without
+
+    calibration = moment.calibration()
+    picture = np.array(colour_pixels(moment.pixels(image)))
+    labels = moment.labels()
+    objects = [] if labels is None else objects_of(labels, calibration)
+    annotate(picture, objects, calibration, moment.camera)
+    return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
+
+
+def make_annotations(image: Image, moment: Moment) -> object:
+    """Make the ImageAnnotations of an image: the 2D boxes of its frame's labels."""
+    labels = moment.labels()
+    objects = [] if labels is None else objects_of(labels, moment.calibration())
+    return _annotations(image, moment, objects, [])
+
+
+def make_prediction_annotations(image: Image, moment: Moment) -> object:
+    """Make the ImageAnnotations of predictions, compared with the labels if there are any."""
+    predictions = moment.predictions()
+    boxes = ([], []) if predictions is None else _compared_with_labels(predictions, moment)
+    return _annotations(image, moment, *boxes)
+
+
+def _annotations(
+    image: Image,
+    moment: Moment,
+    objects: list[LabelledObject],
+    predictions: list[LabelledObject],
+) -> object:
+    from ..drawing.annotate import image_boxes  # noqa: PLC0415 - as above
+
+    size = image.width, image.height
+    boxes = image_boxes(objects, predictions, moment.calibration(), moment.camera, size)
+    return encode_annotations(boxes, moment.stamp_ns)
+
+
+def make_camera_info(image: Image, moment: Moment) -> object:
+    """Make the CameraInfo of an image."""
+    calibration = moment.calibration()
+    if moment.camera not in calibration.cameras:
+        reason = _reason_without_camera(calibration, moment.camera)
+        raise MissingDataError(f'{reason}; it is needed for camera_info')
+    size = (image.width, image.height)
+    stereo = moment.rig.options.stereo
+    frame = _image_frame(moment)
+    template = _camera_info_template(calibration, moment.camera, size, frame, stereo=stereo)
+    return restamp(template, moment.stamp_ns)
+
+
+def _reason_without_camera(calibration: Calibration, camera: int) -> str:
+    missing = calibration.missing
+    name = calibration.files[0].name if calibration.files else 'calibration'
+    return missing.get(f'P{camera}') or missing.get('file') or f'{name}: no P{camera}'
+
+
+def _image_frame(moment: Moment) -> str:
+    own = moment.rig.options.own_frames
+    return moment.rig.frames.camera(
+        image_frame_camera(moment.calibration(), moment.camera, own=own)
+    )
+
+
+@lru_cache(maxsize=64)
+def _camera_info_template(
+    calibration: Calibration, camera: int, size: tuple[int, int], frame_id: str, *, stereo: bool
+) -> Parts:
+    """Return a camera's message, of which only the stamp differs between images."""
+    return serialize(encode_camera_info(calibration, camera, size, 0, frame_id, stereo=stereo))
+
+
+def make_detections(labels: FrameLabels, moment: Moment) -> object:
+    """Make the Detection3DArray of a frame's labels or predictions."""
+    return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
+
+
+def make_detected_objects(labels: FrameLabels, moment: Moment) -> object:
+    """Make the DetectedObjects of a frame's labels or predictions."""
+    cuboids = _cuboids(labels, moment)
+    return encode_detected_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+
+
+def make_tracked_objects(labels: FrameLabels, moment: Moment) -> object | None:
+    """Make the TrackedObjects of a frame's labels or predictions; None without tracks."""
+    cuboids = _cuboids(labels, moment)
+    tracked = any(each.track_id is not None for each in cuboids)
+    if not (tracked or (moment.rig.tracked and not cuboids)):
+        return None
+    return encode_tracked_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+
+
+def _object_frame(moment: Moment) -> ObjectFrame:
+    """Return base_link: Autoware's detectors and trackers work in the frame of the vehicle."""
+    rig = moment.rig
+    base_t_velo = rig.base_t_imu @ moment.calibration().velo_T_imu.inverse()
+    return ObjectFrame(rig.frames.base, base_t_velo, dict(rig.options.autoware_labels))
+
+
+def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:
+    """Make the Detection2DArray of a frame's labels or predictions; None of tracklets.
+
+    These have no 2D boxes.
+    """
+    if labels.source is None:
+        return None
+    frame = moment.rig.frames.camera(LABELLED_CAMERA)
+    return encode_boxes_2d(identified(labels), moment.stamp_ns, frame)
+
+
+def make_markers(labels: FrameLabels, moment: Moment) -> object:
+    """Make the MarkerArray of a frame's labels."""
+    options = moment.rig.options.markers
+    found = moment.trails() if options.trails else {}
+    trails = {track: moment.rig.map_T_world.apply(places) for track, places in found.items()}
+    cuboids = _cuboids(labels, moment)
+    return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
+
+
+def make_prediction_markers(predictions: FrameLabels, moment: Moment) -> object:
+    """Make the MarkerArray of a frame's predictions, compared with its labels if it has any."""
+    _cuboids(predictions, moment)  # raises for a calibration without the scanner
+    missed, found = _compared_with_labels(predictions, moment)
+    frame, options = moment.rig.frames.velo, moment.rig.options.markers
+    return encode_prediction_markers(missed, found, moment.stamp_ns, frame, options)
+
+
+def _compared_with_labels(
+    predictions: FrameLabels, moment: Moment
+) -> tuple[list[LabelledObject], list[LabelledObject]]:
+    """Return the labels that no prediction finds, and the predictions, both with their matches."""
+    calibration, labels = moment.calibration(), moment.labels()
+    found = objects_of(predictions, calibration)
+    if labels is None:
+        return [], found
+    truth, found = compared(objects_of(labels, calibration), found, moment.rig.options.overlaps)
+    return [each for each in truth if is_missed(each)], found
+
+
+def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
+    calibration = moment.calibration()
+    try:
+        return _cuboids_once(labels, calibration)
+    except ValueError as error:
+        reason = next(iter(calibration.missing.values()), str(error))
+        raise MissingDataError(f'{reason}; it is needed for the 3D boxes of labels') from None
+
+
+@lru_cache(maxsize=16)
+def _cuboids_once(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
+    """Return the cuboids of a frame, cached for several topics."""
+    return cuboids_of(labels, calibration)
+
+
+if TYPE_CHECKING:
     Encode: TypeAlias = Callable[[Any, Moment], object | None]
     Decode: TypeAlias = Callable[[Any, Origin], Any]
 

@@ -1,29 +1,37 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""3D boxes: values and vectorised geometry.
-
-A box has the form of KITTI's labels (source: readme.txt of the object devkit): the bottom
-face's centre in the rectified camera 0 frame (x right, y down, z forward), height, width, length,
-and rotation_y, the heading about y, 0 along +x. Its own frame has its origin in the box's middle,
-x along the heading, y to its left, z up.
-
-Corner order, (8, 3): the bottom face first, then the top face; each from front left, front right,
-rear right to rear left, seen in the box's own frame. Corner i + 4 is above corner i.
-"""
+"""3D boxes: values and vectorised geometry, overlaps, and which predictions find which labels."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from enum import Enum
 from math import atan2, cos, sin
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from .classes import KITTI_OVERLAPS
 from .geometry import Float64Array, Transform
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+
+    from .classes import LeastOverlaps
+
+
+# 3D boxes: values and vectorised geometry.
+#
+# A box has the form of KITTI's labels (source: readme.txt of the object devkit): the bottom
+# face's centre in the rectified camera 0 frame (x right, y down, z forward), height, width, length,
+# and rotation_y, the heading about y, 0 along +x. Its own frame has its origin in the box's middle,
+# x along the heading, y to its left, z up.
+#
+# Corner order, (8, 3): the bottom face first, then the top face; each from front left, front right,
+# rear right to rear left, seen in the box's own frame. Corner i + 4 is above corner i.
+
 
 OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
 """Indexed by the number in a label file (readme.txt of the object devkit)."""
@@ -288,3 +296,402 @@ def box_to_rect(
     heading = rect_T_velo.rotation @ np.array([cos(yaw), sin(yaw), 0.0])
     (location,) = rect_T_velo.apply(np.reshape(centre, (1, 3)))
     return location, atan2(-heading[2], heading[0])
+
+
+# Overlaps of many pairs of boxes at once.
+#
+# Empty boxes, and numbers that are not finite, overlap nothing.
+
+
+if TYPE_CHECKING:
+    Places: TypeAlias = npt.NDArray[np.intp]
+    Mask: TypeAlias = npt.NDArray[np.bool_]
+
+_ROUNDING = 1e-12
+"""Boxes that only touch, or are side by side, seem to overlap by so much."""
+_NO_CUBOID = Cuboid('', '', Transform(np.full((3, 3), np.nan), np.full(3, np.nan)), (np.nan,) * 3)
+
+
+class Boxed(Protocol):
+    """An object with boxes."""
+
+    @property
+    def cuboid(self) -> Cuboid | None:
+        """3D box in velo_link, None without one."""
+
+    @property
+    def box_2d(self) -> tuple[float, float, float, float] | None:
+        """left, top, right, bottom, pixels, None without one."""
+
+
+class OverlappingPairs(NamedTuple):
+    """Pairs of objects that overlap, by the first, then by the second.
+
+    Attributes:
+        first: (P,) places in the rows that are compared.
+        second: (P,) indices.
+        overlaps: (P,) intersection over union (IoU), above 0 by more than rounding.
+    """
+
+    first: Places
+    second: Places
+    overlaps: Float64Array
+
+
+class BoxTable:
+    """The boxes of objects, in arrays; NaN where an object has none.
+
+    Attributes:
+        flat: (N, 4) left, top, right, bottom of 2D boxes, pixels.
+
+    Args:
+        objects: With 3D boxes, 2D boxes, both or none.
+    """
+
+    def __init__(self, objects: Sequence[Boxed]) -> None:
+        nothing = (np.nan,) * 4
+        self.flat = np.array([each.box_2d or nothing for each in objects], float).reshape(-1, 4)
+        self._is_solid = np.array([each.cuboid is not None for each in objects], bool)
+        cuboids = [each.cuboid or _NO_CUBOID for each in objects]
+        self._bottoms = cuboid_corners(cuboids)[:, :4]
+        self._sizes = np.array([each.size_lwh for each in cuboids], float).reshape(-1, 3)
+        poses = [each.velo_T_box for each in cuboids]
+        self._middles = np.array([each.translation for each in poses]).reshape(-1, 3)
+        self._rotations = np.array([each.rotation for each in poses]).reshape(-1, 3, 3)
+        self._reaches = np.linalg.norm(self._sizes, axis=1) / 2
+
+    def overlaps(self, others: BoxTable, rows: Places, compared: Mask) -> OverlappingPairs:
+        """Return the pairs that overlap.
+
+        The 3D boxes are compared if both have one, as if they stood on one plane: boxes that are
+        tilted against each other upright, as seen along the first one's vertical axis. Else the 2D
+        boxes are.
+
+        Args:
+            others: M objects.
+            rows: (N,) indices of the objects of this table that are compared with them.
+            compared: (N, M) pairs that are.
+        """
+        both = self._is_solid[rows, None] & others._is_solid
+        # Axis by axis: np.linalg.norm takes three times as long.
+        apart = sum(
+            (mine[:, None] - its) ** 2
+            for mine, its in zip(self._middles[rows].T, others._middles.T, strict=True)
+        )
+        near = compared & both & (apart <= (self._reaches[rows, None] + others._reaches) ** 2)
+        rest = compared & ~both
+        if rest.any():
+            rest &= shared_areas_2d(self.flat[rows, None], others.flat) > 0
+        first, second = np.nonzero(near | rest)
+        found = ious_2d(self.flat[rows[first]], others.flat[second])
+        solid = near[first, second]
+        found[solid] = self._ious_3d(others, rows[first[solid]], second[solid])
+        kept = found > _ROUNDING
+        return OverlappingPairs(first[kept], second[kept], found[kept])
+
+    def _ious_3d(self, others: BoxTable, first: Places, second: Places) -> Float64Array:
+        """Return (P,) IoU of pairs of 3D boxes."""
+        sizes, other_sizes = self._sizes[first], others._sizes[second]
+        axes, middles = self._rotations[first], self._middles[first]
+        corners = (others._bottoms[second] - middles[:, None]) @ axes
+        above = ((others._middles[second] - middles) * axes[:, :, 2]).sum(axis=1)
+        areas = np.abs(signed_areas(sizes[:, :2].T / 2, corners[:, :, :2].transpose(2, 1, 0)))
+        shared = np.minimum(sizes[:, 2], 2 * above + other_sizes[:, 2]) - np.maximum(
+            -sizes[:, 2], 2 * above - other_sizes[:, 2]
+        )
+        volumes = areas * np.maximum(shared, 0.0) / 2
+        solid = (sizes > 0).all(axis=1) & (other_sizes > 0).all(axis=1)
+        union = sizes.prod(axis=1) + other_sizes.prod(axis=1) - volumes
+        return np.where(solid, _ratios(volumes, union), 0.0)
+
+
+def parts_within(boxes: Float64Array, regions: Float64Array) -> Float64Array:
+    """Return (...) parts of (..., 4) rectangles that are within others, 0..1."""
+    return _ratios(shared_areas_2d(boxes, regions), shared_areas_2d(boxes, boxes))
+
+
+def ious_2d(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return (...) intersections over union of (..., 4) rectangles left, top, right, bottom."""
+    shared = shared_areas_2d(first, second)
+    areas = (shared_areas_2d(each, each) for each in (first, second))
+    return _ratios(shared, sum(areas) - shared)
+
+
+def shared_areas_2d(first: Float64Array, second: Float64Array) -> Float64Array:
+    """Return (...) areas that (..., 4) rectangles left, top, right, bottom have in common."""
+    sides = np.minimum(first[..., 2:], second[..., 2:]) - np.maximum(
+        first[..., :2], second[..., :2]
+    )
+    return np.where((sides > 0).all(axis=-1), sides.prod(axis=-1), 0.0)
+
+
+def signed_areas(half: Float64Array, corners: Float64Array) -> Float64Array:
+    """Return (P,) areas of convex polygons within rectangles, of which 0, 0 is the middle.
+
+    Where the rectangle is |u| <= a and |v| <= b, the area is the integral of v, limited to -b..b,
+    along the outline of the polygon within -a..a. That is a sum over its edges, without cases:
+    nearly equal and touching rectangles lose no precision.
+
+    Args:
+        half: (2, P) a and b.
+        corners: (2, V, P) u and v of the corners, in order.
+
+    Returns:
+        Positive for corners that go round clockwise, with u to the right and v up, else negative.
+    """
+    (u, v), (next_u, next_v) = corners, np.roll(corners, -1, axis=1)
+    step_u, step_v = next_u - u, next_v - v
+    start_u, end_u = np.clip(u, -half[0], half[0]), np.clip(next_u, -half[0], half[0])
+    start_v = v + _part(start_u - u, step_u) * step_v
+    end_v = next_v - _part(next_u - end_u, step_u) * step_v
+    parts = (end_u - start_u) * _mean_within(start_v, end_v, half[1])
+    area: Float64Array = parts.sum(axis=0)
+    return area
+
+
+def _ratios(parts: Float64Array, wholes: Float64Array) -> Float64Array:
+    """Return parts / wholes; 0 for empty boxes and for numbers that are not finite."""
+    valid = (wholes > 0) & np.isfinite(wholes) & np.isfinite(parts)
+    return np.divide(parts, wholes, out=np.zeros(np.broadcast(parts, wholes).shape), where=valid)
+
+
+def _part(part: Float64Array, whole: Float64Array) -> Float64Array:
+    """Return part / whole within 0..1, 0 for 0 / 0."""
+    ratio = np.divide(part, whole, out=np.zeros_like(part), where=whole != 0)
+    return np.clip(ratio, 0.0, 1.0)
+
+
+def _mean_within(start: Float64Array, end: Float64Array, limit: Float64Array) -> Float64Array:
+    """Return the mean over a line from start to end of its values, limited to -limit..limit."""
+    step = end - start
+    low, high = np.clip(start, -limit, limit), np.clip(end, -limit, limit)
+    above = _part(np.maximum(end, limit) - np.maximum(start, limit), step)
+    below = _part(np.minimum(end, -limit) - np.minimum(start, -limit), step)
+    inside = _part(high - low, step)
+    mean = limit * (above - below) + inside * (low + high) / 2
+    return np.where(step == 0, low, mean)
+
+
+# Which predictions find which labels, by the rules of KITTI's devkit.
+#
+# Source: evaluate_object.cpp of the object devkit. A prediction is a true positive (TP) if its
+# intersection over union (IoU) with a label of its class is above 0.7 for cars and 0.5 for
+# pedestrians and cyclists, or above a chosen one; another is a false positive (FP), and a label
+# that none finds a false negative (FN). Not counted are predictions on a label of a neighbouring
+# class (a car on a van, a pedestrian on a person sitting) or within a DontCare region, and labels
+# of classes that KITTI does not evaluate. Classes are compared without regard to case.
+#
+# Other than there, predictions choose by descending score, classes that KITTI does not evaluate
+# count when they are predicted, and neither size nor occlusion makes a label too hard to count.
+
+
+NEIGHBOURS = {
+    'car': frozenset({'van'}),
+    'pedestrian': frozenset({'person_sitting', 'person (sitting)'}),
+}
+"""A class that KITTI evaluates, and those that look like it, in lower case."""
+
+_DONT_CARE = DONT_CARE.lower()
+_MOST_PAIRS = 2**18
+"""Pairs of a prediction and a label that are compared at a time."""
+_UNEVALUATED = frozenset(
+    {'van', 'truck', 'tram', 'person_sitting', 'person (sitting)', 'misc', _DONT_CARE}
+)
+
+
+class Matchable(Boxed, Protocol):
+    """A label or a prediction."""
+
+    @property
+    def class_name(self) -> str:
+        """Class name."""
+
+    @property
+    def score(self) -> float | None:
+        """Detection score, None for ground truth."""
+
+
+class Verdict(str, Enum):
+    """The result of a comparison of predictions with labels, for one of them."""
+
+    TRUE_POSITIVE = 'TP'
+    FALSE_POSITIVE = 'FP'
+    FALSE_NEGATIVE = 'FN'
+
+
+class Match(NamedTuple):
+    """The comparison of one prediction with the labels of a frame, or of one label.
+
+    Attributes:
+        verdict: None for one that does not count.
+        partner: The index of the label that a prediction finds, or of the prediction that finds a
+            label; None without one.
+        overlap: IoU with the partner; without one, the greatest with any label of the class.
+    """
+
+    verdict: Verdict | None
+    partner: int | None = None
+    overlap: float = 0.0
+
+
+class Matches(NamedTuple):
+    """A match for each label and for each prediction, in their order."""
+
+    labels: Sequence[Match]
+    predictions: Sequence[Match]
+
+
+@np.errstate(all='ignore')  # labels may hold any numbers
+def match(
+    labels: Sequence[Matchable],
+    predictions: Sequence[Matchable],
+    overlaps: LeastOverlaps = KITTI_OVERLAPS,
+) -> Matches:
+    """Compare the predictions of a frame with its labels.
+
+    Args:
+        labels: Ground truth, with its DontCare regions.
+        predictions: Of any classes; one without a score is the surest.
+        overlaps: The IoU above which a prediction finds a label.
+    """
+    predicted = {each.class_name.lower() for each in predictions}
+    names = [each.class_name.lower() for each in labels]
+    of_labels = [
+        Match(None if _is_uncounted(name, predicted) else Verdict.FALSE_NEGATIVE) for name in names
+    ]
+    of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
+    for place, overlapped in _overlapped(labels, predictions, overlaps):
+        found = _choose(overlapped, of_labels)
+        of_predictions[place] = found
+        if found.partner is not None:
+            of_labels[found.partner] = found._replace(partner=place)
+    return Matches(of_labels, of_predictions)
+
+
+class _OverlappedLabels(NamedTuple):
+    """The labels that a prediction overlaps.
+
+    Attributes:
+        own: Pairs of IoU and negative index, of the class of the prediction.
+        near: The same, of the neighbours of its class.
+        least: The IoU above which the prediction finds a label.
+        is_ignored: Whether it is within a DontCare region.
+    """
+
+    own: list[tuple[float, int]]
+    near: list[tuple[float, int]]
+    least: float
+    is_ignored: bool
+
+
+def _choose(overlapped: _OverlappedLabels, taken: Sequence[Match]) -> Match:
+    """Return the match of a prediction with the labels that are not taken yet."""
+    for verdict, pairs in ((Verdict.TRUE_POSITIVE, overlapped.own), (None, overlapped.near)):
+        free = [
+            (overlap, place)
+            for overlap, place in pairs
+            if overlap > overlapped.least and taken[-place].partner is None
+        ]
+        if free:
+            overlap, place = max(free)
+            return Match(verdict, -place, overlap)
+    best, _ = max(overlapped.own, default=(0.0, 0))
+    return Match(None if overlapped.is_ignored else Verdict.FALSE_POSITIVE, overlap=best)
+
+
+def _overlapped(
+    labels: Sequence[Matchable], predictions: Sequence[Matchable], overlaps: LeastOverlaps
+) -> Iterator[tuple[int, _OverlappedLabels]]:
+    """Yield the index of each prediction and the labels it overlaps, by descending score."""
+    names = [each.class_name.lower() for each in labels]
+    table, boxes = BoxTable(labels), BoxTable(predictions)
+    regions = table.flat[[name == _DONT_CARE for name in names]]
+    order = sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place]))
+    step = max(_MOST_PAIRS // max(len(labels), 1), 1)
+    for start in range(0, len(order), step):
+        rows = np.array(order[start : start + step])
+        own = [predictions[place].class_name.lower() for place in rows]
+        least = [overlaps.of(name) for name in own]
+        parts = parts_within(boxes.flat[rows, None], regions)
+        ignored = np.any(parts > np.array(least)[:, None], axis=1).tolist()
+        pairs = boxes.overlaps(table, rows, _compared(own, names))
+        ends = np.searchsorted(pairs.first, np.arange(len(rows) + 1))
+        for index, place in enumerate(rows.tolist()):
+            mine = slice(*ends[index : index + 2])
+            found = zip(pairs.overlaps[mine].tolist(), pairs.second[mine].tolist(), strict=True)
+            both: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
+            for overlap, label in found:
+                both[names[label] != own[index]].append((overlap, -label))
+            yield place, _OverlappedLabels(*both, least[index], ignored[index])
+
+
+def _compared(own: Sequence[str], names: Sequence[str]) -> Mask:
+    """Return (N, M) whether each label is of the class of each prediction, or of a neighbour."""
+    codes = {name: code for code, name in enumerate(dict.fromkeys(names))}
+    of_labels = np.array([codes[name] for name in names], np.intp)
+    rows = {
+        name: np.isin(
+            of_labels, [codes.get(each, -1) for each in (name, *NEIGHBOURS.get(name, ()))]
+        )
+        for name in set(own)
+    }
+    return np.array([rows[name] for name in own])
+
+
+def _sureness(prediction: Matchable) -> float:
+    score = prediction.score
+    return math.inf if score is None else score if math.isfinite(score) else -math.inf
+
+
+def _is_uncounted(class_name: str, predicted: set[str]) -> bool:
+    return class_name == _DONT_CARE or (class_name in _UNEVALUATED and class_name not in predicted)
+
+
+# Easy, moderate and hard: the levels of KITTI's object benchmark.
+#
+# Source: MIN_HEIGHT, MAX_OCCLUSION and MAX_TRUNCATION in evaluate_object.cpp of the object devkit.
+# A label counts at a level if its 2D box is at least so high and it is at most so occluded and
+# truncated; each level includes the easier ones. Unknown occlusion and truncation, -1, are within
+# every limit; occlusion 3, unknown to the annotator, is within none.
+
+
+class Difficulty(str, Enum):
+    """The levels, the easiest first."""
+
+    EASY = 'easy'
+    MODERATE = 'moderate'
+    HARD = 'hard'
+
+
+class DifficultyLimits(NamedTuple):
+    """The limits of a level.
+
+    Attributes:
+        height_px: Least height of the 2D box, pixels.
+        occluded: Greatest occlusion, as in Box.
+        truncated: Greatest truncation, as in Box.
+    """
+
+    height_px: float
+    occluded: int
+    truncated: float
+
+
+LIMITS = {
+    Difficulty.EASY: DifficultyLimits(40, 0, 0.15),
+    Difficulty.MODERATE: DifficultyLimits(25, 1, 0.30),
+    Difficulty.HARD: DifficultyLimits(25, 2, 0.50),
+}
+
+
+def difficulty_of(box: Box) -> Difficulty | None:
+    """Return the easiest level at which a label counts; None if it counts at none."""
+    _, top, _, bottom = box.box_2d
+    for level, limits in LIMITS.items():
+        if (
+            bottom - top >= limits.height_px
+            and box.occluded <= limits.occluded
+            and box.truncated <= limits.truncated
+        ):
+            return level
+    return None

@@ -1,21 +1,96 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions: each message contains what, where, what was expected, and what to do."""
+"""What is told to people: exceptions, losses, suggestions for misspelt names, and safe text."""
 
 from __future__ import annotations
 
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass
+from reprlib import Repr
 from typing import TYPE_CHECKING
 
-from .containers import ANY_BAG
-from .text import either, some_of
+from .bag_formats import ANY_BAG
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Container, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
     from typing_extensions import Self
+
+
+# Text for people: safe single lines, and quantities with their units.
+
+
+_LONGEST, _END = 2000, 400  # of a line, and of its end where the middle is left out
+_SHORT = Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 200
+
+# Of longer words only the beginning and the end are shown.
+_LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
+
+
+def one_line(text: str) -> str:
+    r"""Remove line breaks and control characters from a text.
+
+    Names of topics, frames and types in a bag are arbitrary. What is not printable (control
+    characters, marks that change the direction of writing, bytes of file names that are not UTF-8)
+    is written as in a Python string, such as \x1b; of very long words and lines the middle is left
+    out.
+    """
+    line = ' '.join(text.split())
+    if not line.isprintable():
+        line = ''.join(each if each.isprintable() else _escaped(each) for each in line)
+    line = _LONG_WORD.sub(r'\1...\2', line)
+    return line if len(line) <= _LONGEST else f'{line[: _LONGEST - _END - 3]}...{line[-_END:]}'
+
+
+def shown(value: object) -> str:
+    """Return a value as Python writes it, shortened: those of a YAML file are of any size."""
+    return _SHORT.repr(value)
+
+
+def _escaped(character: str) -> str:
+    return character.encode('unicode_escape').decode('ascii')
+
+
+def format_bytes(count: float) -> str:
+    """Format a size such as 434.9 MB."""
+    for unit in ('B', 'kB', 'MB', 'GB'):
+        if count < 1000:
+            return f'{count:.0f} {unit}' if unit == 'B' else f'{count:.1f} {unit}'
+        count /= 1000
+    return f'{count:.1f} TB'
+
+
+def format_duration(nanoseconds: int) -> str:
+    """Format a duration such as 12.4 s or 7 min 30 s."""
+    seconds = nanoseconds / 1e9
+    if seconds < 120:
+        return f'{seconds:.1f} s'
+    minutes, rest = divmod(round(seconds), 60)
+    return f'{minutes} min {rest} s'
+
+
+def format_count(count: int, noun: str) -> str:
+    """Format a count with its noun, such as 1 message or 2,104 messages."""
+    return f'{count:,} {noun}{"" if count == 1 else "s"}'
+
+
+def either(names: Sequence[str]) -> str:
+    """Format a choice, such as a, b or c."""
+    return ' or '.join(', '.join(names).rsplit(', ', 1))
+
+
+def some_of(names: Sequence[str], most: int = 3) -> str:
+    """Format the first few of many names, such as a, b, c and 5 more."""
+    return ', '.join(names[:most]) + (f' and {len(names) - most} more' if len(names) > most else '')
+
+
+# The exceptions: each message contains what, where, what was expected, and what to do.
 
 
 _UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
@@ -306,3 +381,114 @@ def describe_error(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror is not None:
         return error.strerror if error.filename is None else f'{error.filename}: {error.strerror}'
     return str(error)
+
+
+# Suggestions for misspelt names, and the error for a value that is none of several.
+
+
+_LEAST_RATIO = 0.75
+_LEAST_RATIO_SHORT_WORD = 0.66  # one letter of three
+_SHORT_WORD = 5
+_MARGIN = 0.03
+_MOST = 3
+
+
+def close_names(word: str, known: Iterable[str]) -> list[str]:
+    """Return the names that a word is likely to stand for, best first; three at most.
+
+    Close is a name of other case, one that contains the word, and the most similar ones; none if
+    more than three are equally similar.
+    """
+    from difflib import SequenceMatcher  # noqa: PLC0415 - for errors only
+
+    lower = word.lower()
+    names = list(dict.fromkeys(known))
+    same = [name for name in names if name.lower() == lower]
+    if same or not lower:
+        return same[:_MOST]
+    matcher = SequenceMatcher(b=lower, autojunk=False)
+    ratios = {}
+    for name in names:
+        matcher.set_seq1(name.lower())
+        ratios[name] = matcher.ratio()
+    least = _LEAST_RATIO_SHORT_WORD if len(lower) <= _SHORT_WORD else _LEAST_RATIO
+    best = max(ratios.values(), default=0.0)
+    if best < least:
+        containing = [name for name in names if len(lower) > 2 and lower in name.lower()]
+        return containing if len(containing) <= _MOST else []
+    close = [name for name in names if ratios[name] >= max(least, best - _MARGIN)]
+    return sorted(close, key=lambda name: -ratios[name]) if len(close) <= _MOST else []
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return the question for the end of an error, such as ``; did you mean raw?``, or ''."""
+    close = close_names(word, known)
+    return f'; did you mean {either(close)}?' if close else ''
+
+
+def not_one_of(name: str, value: object, known: Sequence[str]) -> UsageError:
+    """Return the error for a value of an option that is none of its choices."""
+    return UsageError(
+        f'{name} takes {either(known)}, not {value!r}{did_you_mean(str(value), known)}'
+    )
+
+
+# Losses: unusable data of the user, and the text form of file numbers.
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Unusable data of the user: stream, count and reason.
+
+    Attributes:
+        stream: Name of the stream or topic.
+        count: Samples or messages.
+        message: One line; {} stands for the numbers.
+        numbers: File numbers, where they are known.
+    """
+
+    stream: str
+    count: int
+    message: str
+    numbers: tuple[int, ...] = ()
+
+    def within(self, lowest: int, highest: int) -> Loss | None:
+        """Return the part between two file numbers, both included; all if none are known."""
+        return self.among(range(lowest, highest + 1))
+
+    def among(self, numbers: Container[int]) -> Loss | None:
+        """Return the part that concerns some file numbers; all if none are known."""
+        kept = tuple(number for number in self.numbers if number in numbers)
+        if kept == self.numbers:
+            return self
+        return Loss(self.stream, len(kept), self.message, kept) if kept else None
+
+    def text(self) -> str:
+        """Return the message with its numbers."""
+        return self.message.replace('{}', format_numbers(self.numbers))
+
+
+def runs_of(numbers: Iterable[int]) -> list[list[int]]:
+    """Return [first, last] of each run without a gap of ascending numbers."""
+    spans: list[list[int]] = []
+    for number in numbers:
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return spans
+
+
+def describe_frames(numbers: Sequence[int] | npt.NDArray[np.int64]) -> str:
+    """Describe ascending frame numbers: how many, the first, the last, and whether some miss."""
+    count, first, last = len(numbers), int(numbers[0]), int(numbers[-1])
+    gaps = ' with gaps' if last - first + 1 != count else ''
+    return f'{format_count(count, "frame")}, {first} to {last}{gaps}'
+
+
+def format_numbers(numbers: Sequence[int], most: int = 6) -> str:
+    """Format ascending numbers as ranges, such as ``3, 177-180 and 2 more``."""
+    spans = runs_of(numbers)
+    texts = [f'{first}' if first == last else f'{first}-{last}' for first, last in spans[:most]]
+    rest = sum(last - first + 1 for first, last in spans[most:])
+    return ', '.join(texts) + (f' and {rest} more' if rest else '')

@@ -19,6 +19,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+
 Float64Array: TypeAlias = npt.NDArray[np.float64]
 
 
@@ -182,3 +183,20 @@ def cut_polygon_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
 
 def _any_numbers() -> np.errstate:
     return np.errstate(over='ignore', invalid='ignore')
+
+
+# Nominal mounts of the sensors on KITTI's car, to a centimetre, for a missing calibration.
+#
+# Source: the calibration files of 2011-09-26 and the sensor setup on KITTI's web page.
+
+
+NOMINAL_VELO_T_IMU = Transform.from_translation((-0.81, 0.32, -0.80))
+"""imu_link in velo_link."""
+
+NOMINAL_CAM0_T_VELO = Transform(
+    np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.array([0.0, -0.08, -0.27])
+)
+"""velo_link in camera 0."""
+
+NOMINAL_CAM0_X_M = {0: 0.0, 1: 0.54, 2: -0.06, 3: 0.47}
+"""Metres from camera 0 to the right, by camera index."""

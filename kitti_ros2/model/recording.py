@@ -1,22 +1,42 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of the readers of all layouts, and its parts."""
+"""What readers of all layouts offer, and what follows from it: times, motion of scans, route."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from enum import Enum
+from functools import cached_property
+from itertools import pairwise
+from math import atan2, ceil, cos, hypot, sin
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from .streams import NS_PER_S, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    import numpy.typing as npt
+
+    from .errors import Loss
     from .geometry import Float64Array, Transform
-    from .layouts import Layout
-    from .losses import Loss
-    from .motion import Deskew
-    from .samples import Calibration, Description, Int64Array, Pose, Sample, Trajectory, Turn
-    from .streams import Clock, Stream
+    from .samples import (
+        Calibration,
+        Description,
+        Float32Array,
+        Int64Array,
+        Pose,
+        Sample,
+        Trajectory,
+        Turn,
+    )
+    from .streams import Clock, Layout
+
+
+# The protocol of the readers of all layouts, and its parts.
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,3 +195,527 @@ class ReadableRecording(MovingRecording, Protocol):
     def trajectory(self, numbers: Sequence[int]) -> Trajectory:
         """Return the poses of these numbers without the unreadable ones."""
         ...
+
+
+# The time of samples, with the whole turns of their scans.
+
+
+MARGIN_NS = 100_000_000
+"""Time before and after samples in which packets of an unsynchronised drive are taken, too.
+
+LIO-SAM (src/imageProjection.cpp, deskewInfo) and FAST-LIO2 (src/laserMapping.cpp, sync_packages)
+wait until the packets reach beyond both ends of a turn, which begins half a turn before its stamp.
+"""
+
+_HIGHEST = 10**10 - 1  # KITTI's names have ten digits
+
+
+def time_span(
+    streams: Mapping[Stream, StreamIndex],
+    turns: Mapping[int, Turn],
+    taken: Mapping[Stream, npt.NDArray[np.bool_]],
+) -> tuple[int, int] | None:
+    """Return the first and last moment of samples and of the turns of scans; None without any.
+
+    Args:
+        streams: The samples of a recording.
+        turns: The turn of each scan, by file number.
+        taken: (N,) bool by stream: which samples count.
+    """
+    moments: list[int] = []
+    for stream, mask in taken.items():
+        stamps_ns = streams[stream].stamps_ns[mask]
+        if len(stamps_ns):
+            moments += [int(stamps_ns.min()), int(stamps_ns.max())]
+        if stream is Stream.SCAN:
+            moments += turn_ends(streams[stream].numbers[mask].tolist(), turns)
+    return (min(moments), max(moments)) if moments else None
+
+
+def turn_ends(numbers: Iterable[int], turns: Mapping[int, Turn]) -> list[int]:
+    """Return start and end of the turns of scans, of those that have one."""
+    known = [turns[number] for number in numbers if number in turns]
+    return [moment for turn in known for moment in (turn.start_ns, turn.end_ns)]
+
+
+def around(stamps_ns: Int64Array, span: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Return (N,) bool: which stamps are within a span, or within the margin of its ends."""
+    within: npt.NDArray[np.bool_] = (stamps_ns >= span[0] - MARGIN_NS) & (
+        stamps_ns <= span[1] + MARGIN_NS
+    )
+    return within
+
+
+def numbers_around(numbers: Int64Array, taken: Int64Array) -> tuple[int, int]:
+    """Return the lowest and highest file number that may be of the time of some samples.
+
+    Samples without a file or a stamp have no known time: those next to taken ones count.
+
+    Args:
+        numbers: (N,) of a stream.
+        taken: (M,) of its samples in that time, M > 0.
+    """
+    first, last = int(taken.min()), int(taken.max())
+    before, after = numbers[numbers < first], numbers[numbers > last]
+    lowest = int(before.max()) + 1 if len(before) else 0
+    return lowest, int(after.min()) - 1 if len(after) else _HIGHEST
+
+
+# Motion compensation: the points of a turn of the scanner, moved to one moment, and back.
+
+
+_ORDER = 3  # of the terms in time; see _LARGEST_ANGLE of scanner_motion.py
+_PRECISE = 1e-7  # of a turn: 10 ns, in which a car drives less than a micrometre
+_MOST_STEPS = 30
+
+
+class Deskew(str, Enum):
+    """What was done to the scans of a recording: compensated for motion, or that undone."""
+
+    ON = 'on'
+    UNDO = 'undo'
+
+    @property
+    def state(self) -> str:
+        """What the scans are then, and the option that made them so."""
+        if self is Deskew.ON:
+            return 'compensated for motion (--deskew)'
+        return 'as measured (--undo-deskew)'
+
+
+def turned(points: Float32Array) -> Float64Array:
+    """Return the part of its turn at which the scanner faces each point, (N,) float64, 0..1.
+
+    The scanner turns clockwise seen from above, from straight behind (azimuth pi) over the left,
+    front and right to straight behind (-pi): time decreases with azimuth. Points without an azimuth
+    (NaN) have the time of straight ahead. Sources: see kitti/recording_index.py; KISS-ICP's
+    kitti_raw loader and CT-ICP's reader do the same.
+
+    Args:
+        points: (N, 4), measured in velo_link at different moments (not compensated for motion).
+    """
+    return turned_to(np.arctan2(points[:, 1], points[:, 0]))
+
+
+def turned_to(azimuth: Float32Array) -> Float64Array:
+    """Return the part of its turn at which the scanner faces each azimuth, as turned."""
+    parts = azimuth.astype(np.float64)
+    parts[np.isnan(parts)] = 0.0
+    parts /= 2 * np.pi
+    clipped: Float64Array = np.clip(0.5 - parts, 0.0, 1.0)
+    return clipped
+
+
+def compensate(points: Float32Array, turn: Turn, motion: ScannerMotion, to_ns: int) -> Float32Array:
+    """Return (N, 4) points as they would have been measured at one moment.
+
+    Args:
+        points: (N, 4) in velo_link, each measured when the scanner faced it.
+        turn: The turn of the scanner.
+        motion: The motion of the scanner; the surroundings are taken as static.
+        to_ns: The moment, nanoseconds since 1970.
+    """
+    return _move(points, turned(points), turn, _terms(turn, motion, to_ns))
+
+
+def undo_compensation(
+    points: Float32Array, turn: Turn, motion: ScannerMotion, from_ns: int
+) -> Float32Array:
+    """Return (N, 4) points as they were measured: the inverse of compensate.
+
+    The time of a point follows from where it was measured, and that from its time: both are found
+    by a fixed point iteration. A step reduces the error by the factor (speed / distance + rate of
+    turn) length / 2 pi: it converges for points that are further away than the scanner drives in a
+    sixth of a turn, 0.25 m at 15 m/s. In a right-hand bend, directions straight behind are seen
+    twice, at the start and at the end: such a point may belong to either, and is taken as measured
+    on the side that it is on.
+
+    Args:
+        points: (N, 4) in velo_link at from_ns.
+        turn: The turn of the scanner.
+        motion: The motion of the scanner.
+        from_ns: The moment that the points were moved to.
+    """
+    terms = _terms(turn, motion, from_ns, back=True)
+    parts = turned(points)
+    left = _settle(points, parts, turn, terms)
+    # A step across straight behind leads to the other end of the turn: these begin at either end.
+    for end in (0.0, 1.0):
+        own = np.full(len(left), end)
+        still = _settle(points[left], own, turn, terms, end)
+        found = np.setdiff1d(np.arange(len(left)), still)
+        parts[left[found]] = own[found]
+        left = left[still]
+    return _move(points, parts, turn, terms)
+
+
+def _settle(
+    points: Float32Array,
+    parts: Float64Array,
+    turn: Turn,
+    terms: Sequence[_Terms],
+    end: float | None = None,
+) -> npt.NDArray[np.intp]:
+    """Iterate to the parts of the turn at which points were measured, in place.
+
+    Args:
+        points: (N, 4) of one moment.
+        parts: (N,) to begin with.
+        turn: The turn of the scanner.
+        terms: The displacements back to the time of measurement.
+        end: The end of the turn, 0 or 1, that steps by more than half a turn lead back to.
+
+    Returns:
+        The indices of the points that did not settle.
+    """
+    moving = np.arange(len(points))
+    for _ in range(_MOST_STEPS):
+        before = parts[moving]
+        after = turned(_move(points[moving], before, turn, terms, axes=2))
+        settled = np.abs(after - before) <= _PRECISE
+        parts[moving] = after if end is None else np.where(np.abs(after - end) > 0.5, end, after)
+        moving = moving[~settled]
+        if not len(moving):
+            break
+    return moving
+
+
+def move_rigidly(points: Float32Array, a_t_b: Float64Array) -> Float32Array:
+    """Return (N, 4) points of one moment, moved by a (4, 4) transform."""
+    moved: Float32Array = points.copy()
+    place = _columns(points)
+    with np.errstate(invalid='ignore'):
+        for axis, factors in enumerate((a_t_b - np.eye(4))[:3].tolist()):
+            moved[:, axis] += _affine(factors, place)
+    return moved
+
+
+class _Terms(NamedTuple):
+    """The displacement of points in a part of the turn, a polynomial of time.
+
+    Attributes:
+        first, last: The part of the turn, 0..1.
+        factors: By axis and power of the seconds since the middle of the part: those of x, y, z, 1.
+    """
+
+    first: float
+    last: float
+    factors: list[list[list[float]]]
+
+
+def _terms(
+    turn: Turn, motion: ScannerMotion, moment_ns: int, *, back: bool = False
+) -> list[_Terms]:
+    """Return the displacements from the time of measurement to a moment, or back."""
+    found = []
+    for low, high, twist in motion.pieces(turn.start_ns, turn.end_ns):
+        powers = [np.eye(4)]
+        for order in range(1, _ORDER + 1):
+            powers.append(powers[-1] @ (-twist if back else twist) / order)
+        middle_ns = turn.start_ns + round((low + high) / 2)
+        if back:
+            middle_t_moment = motion.relative(middle_ns, moment_ns)
+            moved = [power @ middle_t_moment for power in powers]
+        else:
+            moment_t_middle = motion.relative(moment_ns, middle_ns)
+            moved = [moment_t_middle @ power for power in powers]
+        moved[0] = moved[0] - np.eye(4)
+        factors = np.stack(moved, axis=1)[:3].tolist()
+        found.append(_Terms(low / turn.length_ns, high / turn.length_ns, factors))
+    return found
+
+
+def _move(
+    points: Float32Array,
+    parts: Float64Array,
+    turn: Turn,
+    pieces: Sequence[_Terms],
+    *,
+    axes: int = 3,
+) -> Float32Array:
+    """Return the points displaced along the first axes, each by its part of the turn."""
+    moved: Float32Array = points.copy()
+    columns = _columns(points)
+    with np.errstate(invalid='ignore'):
+        for first, last, factors in pieces:
+            chosen = np.flatnonzero((parts >= first) & (parts <= last))
+            since_middle = (parts[chosen] - (first + last) / 2) * (turn.length_ns / NS_PER_S)
+            seconds = since_middle.astype(np.float32)
+            place = [column[chosen] for column in columns]
+            for axis in range(axes):
+                moved[chosen, axis] = place[axis] + _polynomial(factors[axis], place, seconds)
+    return moved
+
+
+def _polynomial(
+    factors: list[list[float]], place: Sequence[Float32Array], seconds: Float32Array
+) -> Float32Array:
+    total = _affine(factors[-1], place)
+    for each in factors[-2::-1]:
+        total *= seconds
+        total += _affine(each, place)
+    return total
+
+
+def _affine(factors: list[float], place: Sequence[Float32Array]) -> Float32Array:
+    x, y, z, one = factors
+    total = place[0] * x
+    total += place[1] * y
+    total += place[2] * z
+    total += one
+    return total
+
+
+def _columns(points: Float32Array) -> list[Float32Array]:
+    return [np.ascontiguousarray(points[:, axis]) for axis in range(3)]
+
+
+# The motion of the scanner, piecewise of constant twist.
+#
+# In each piece the scanner drives along a screw, in a plane an arc, not along its chord (1 cm apart
+# at 15 m/s, 30 deg/s and 0.1 s).
+# A twist is a (4, 4) matrix [W v; 0 0] per second in the scanner's own axes, W the cross product of
+# the angular velocity, so that a_T_b = exp(twist * seconds).
+
+
+_LARGEST_ANGLE = 0.06
+"""Most radians that a piece of the motion turns: 4 um error at 120 m with terms up to the third."""
+_LONGEST_STEP_NS = 30_000_000
+"""A changing rate of turn is taken as constant so long: 0.5 rad/s^2 are 7 mm off at 120 m."""
+_CANCELLING = 0.01  # radians, below which a Taylor series is more precise than the closed form
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerMotion:
+    """The motion of the scanner around a turn.
+
+    Attributes:
+        stamps_ns: (K,) ascending moments at which the twist changes, at least one.
+        twists: (K + 1, 4, 4) before, between and after them.
+    """
+
+    stamps_ns: Int64Array
+    twists: Float64Array
+
+    @classmethod
+    def from_twists(cls, stamps_ns: Sequence[int], measured: Float64Array) -> ScannerMotion:
+        """Return the motion of measured twists: linear between them, in steps, and constant beyond.
+
+        Args:
+            stamps_ns: K, ascending.
+            measured: (K, 4, 4).
+        """
+        stamps, twists = [stamps_ns[0]], [measured[0]]
+        for (first, last), (before, after) in zip(
+            pairwise(stamps_ns), pairwise(measured), strict=True
+        ):
+            count = ceil((last - first) / _LONGEST_STEP_NS)
+            for step in range(count):
+                twists.append(before + (after - before) * ((step + 0.5) / count))
+                stamps.append(first + (last - first) * (step + 1) // count)
+        return cls(np.array(stamps, dtype=np.int64), np.stack([*twists, measured[-1]]))
+
+    @classmethod
+    def from_poses(
+        cls, stamps_ns: Sequence[int], world_t_velo: Sequence[Transform]
+    ) -> ScannerMotion:
+        """Return the motion of poses: between two of them their step is the twist halfway.
+
+        Args:
+            stamps_ns: K, ascending, at least two.
+            world_t_velo: K poses.
+        """
+        halfway = [first + (last - first) // 2 for first, last in pairwise(stamps_ns)]
+        seconds = [(last - first) / NS_PER_S for first, last in pairwise(stamps_ns)]
+        steps = [twist_of(a.inverse() @ b) for a, b in pairwise(world_t_velo)]
+        twists = [step / duration for step, duration in zip(steps, seconds, strict=True)]
+        return cls.from_twists(halfway, np.stack(twists))
+
+    def relative(self, from_ns: int, to_ns: int) -> Float64Array:
+        """Return from_T_to, (4, 4): maps coordinates at to_ns to those at from_ns."""
+        return np.asarray(np.linalg.solve(self._pose(from_ns), self._pose(to_ns)), np.float64)
+
+    def fastest(self) -> tuple[float, float]:
+        """Return the highest speed, m/s, and angular speed, rad/s."""
+        speed = np.linalg.norm(self.twists[:, :3, 3], axis=1).max()
+        return float(speed), max(map(_angular_speed, self.twists))
+
+    def pieces(self, start_ns: int, end_ns: int) -> Iterator[tuple[float, float, Float64Array]]:
+        """Yield pieces of constant twist and a small angle: first and last, ns since start_ns."""
+        inner = self.stamps_ns[(self.stamps_ns > start_ns) & (self.stamps_ns < end_ns)] - start_ns
+        for first, last in pairwise([0, *inner.tolist(), end_ns - start_ns]):
+            twist = self.twists[np.searchsorted(self.stamps_ns, start_ns + first, side='right')]
+            angle = _angular_speed(twist) * (last - first) / NS_PER_S
+            count = max(1, ceil(angle / _LARGEST_ANGLE))
+            for low, high in pairwise(np.linspace(first, last, count + 1).tolist()):
+                yield low, high, twist
+
+    def _pose(self, stamp_ns: int) -> Float64Array:
+        """Return the pose in that of the first moment."""
+        place = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
+        known = max(place - 1, 0)
+        seconds = (stamp_ns - int(self.stamps_ns[known])) / NS_PER_S
+        pose: Float64Array = self._known[known] @ exponential(self.twists[place] * seconds)
+        return pose
+
+    @cached_property
+    def _known(self) -> list[Float64Array]:
+        """The poses at stamps_ns."""
+        poses = [np.eye(4)]
+        seconds = np.diff(self.stamps_ns) / NS_PER_S
+        for step in self.twists[1:-1] * seconds[:, None, None]:
+            poses.append(poses[-1] @ exponential(step))
+        return poses
+
+
+def make_twist(velocity: Float64Array, angular_velocity: Float64Array) -> Float64Array:
+    """Return the (4, 4) twist of a velocity in m/s and an angular velocity in rad/s."""
+    x, y, z = angular_velocity
+    twist = np.zeros((4, 4))
+    twist[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    twist[:3, 3] = velocity
+    return twist
+
+
+def exponential(twist: Float64Array) -> Float64Array:
+    """Return the (4, 4) transform of a twist that lasts one second."""
+    square = twist @ twist
+    second, third = _series(_angular_speed(twist))
+    transform: Float64Array = np.eye(4) + twist + second * square + third * square @ twist
+    return transform
+
+
+def twist_of(a_t_b: Transform) -> Float64Array:
+    """Return the (4, 4) twist that leads from a to b in one second; the inverse of exponential.
+
+    Unique for rotations by less than half a turn.
+    """
+    x, y, z, w = a_t_b.quaternion()
+    length = hypot(x, y, z)
+    angle = 2 * atan2(length, w)
+    axis = np.array([x, y, z]) * (angle / length if length > 0 else 2.0)
+    twist = make_twist(np.zeros(3), axis)
+    second, third = _series(angle)
+    turning = twist[:3, :3]
+    mean = np.eye(3) + second * turning + third * turning @ turning
+    twist[:3, 3] = np.linalg.solve(mean, a_t_b.translation)
+    return twist
+
+
+def _series(angle: float) -> tuple[float, float]:
+    """Return (1 - cos a) / a^2 and (a - sin a) / a^3."""
+    square = angle**2
+    if angle < _CANCELLING:
+        return (1 - square / 12 + square**2 / 360) / 2, (1 - square / 20 + square**2 / 840) / 6
+    return (1 - cos(angle)) / square, (angle - sin(angle)) / (angle * square)
+
+
+def _angular_speed(twist: Float64Array) -> float:
+    return hypot(twist[2, 1], twist[0, 2], twist[1, 0])
+
+
+# The route of the vehicle: positions, length, speed, yaw and turn rate.
+
+
+_STEP_LIMIT_M_S = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """The route of the vehicle.
+
+    Attributes:
+        stamps_ns: (N,) int64, ascending.
+        positions: (N, 3) x y z in metres, in map.
+        speeds_m_s: (N,) measured, else from positions; NaN where unknown.
+        measured: Whether speeds are measured; those from positions need the true stamps.
+        yaws_rad: (N,) from the x axis of map, counter-clockwise, continuous; NaN where unknown.
+        turn_rates_rad_s: (N,) about the z axis of map, counter-clockwise, measured, else from yaws;
+            NaN where unknown.
+        jumps: Number of steps faster than 100 m/s; not part of the length.
+        length_m: Length without jumps.
+        ground_m: The same without heights.
+        altitude_m: Altitude of z = 0 above sea level; None if unknown.
+    """
+
+    stamps_ns: Int64Array
+    positions: Float64Array
+    speeds_m_s: Float64Array
+    measured: bool
+    yaws_rad: Float64Array
+    turn_rates_rad_s: Float64Array
+    jumps: int
+    length_m: float
+    ground_m: float
+    altitude_m: float | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first position to the last."""
+        return float(self.stamps_ns[-1] - self.stamps_ns[0]) / 1e9
+
+    @property
+    def net_m(self) -> float:
+        """Straight distance in metres from the first position to the last."""
+        with np.errstate(over='ignore'):
+            return float(np.linalg.norm(self.positions[-1] - self.positions[0]))
+
+
+@np.errstate(over='ignore', invalid='ignore')  # poses may hold any numbers
+def route_of(
+    stamps_ns: Sequence[int], poses: Sequence[Pose], altitude_m: float | None = None
+) -> Route | None:
+    """Make the route through poses in map; None for less than two finite positions."""
+    stamps = np.array(stamps_ns, dtype=np.int64)
+    transforms = [pose.world_T_imu for pose in poses]
+    places = np.array([each.translation for each in transforms], np.float64).reshape(-1, 3)
+    good = np.isfinite(places).all(axis=1)
+    order = np.flatnonzero(good)[np.argsort(stamps[good], kind='stable')]
+    if len(order) < 2:
+        return None
+    stamps, places = stamps[order], places[order]
+    turned = np.array([transforms[place].rotation for place in order])
+    offsets = np.diff(places, axis=0)
+    steps = np.linalg.norm(offsets, axis=1)
+    jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
+    chosen = [poses[place] for place in order]
+    speeds = np.linalg.norm([_known(pose.velocity) for pose in chosen], axis=1)
+    measured = not np.isnan(speeds).all()
+    if not measured:
+        speeds = _derived(stamps, np.where(jumps, np.nan, steps))
+    yaws = _continuous(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+    rates = [_known(pose.angular_velocity) for pose in chosen]
+    turn_rates = np.einsum('ij,ij->i', turned[:, 2], np.array(rates))  # z of world_R_imu @ rate
+    if np.isnan(turn_rates).all():
+        turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))
+    return Route(
+        stamps,
+        places,
+        speeds,
+        measured,
+        yaws,
+        turn_rates,
+        int(np.count_nonzero(jumps)),
+        float(steps[~jumps].sum()),
+        float(np.linalg.norm(offsets[~jumps, :2], axis=1).sum()),
+        altitude_m,
+    )
+
+
+def _known(rate: Float64Array | None) -> Float64Array:
+    """Return the (3,) velocity or angular velocity of a pose, NaN without one."""
+    return np.full(3, np.nan) if rate is None else rate
+
+
+def _derived(stamps_ns: Int64Array, steps: Float64Array) -> Float64Array:
+    """Return the (N,) rates a second of steps between N stamps; the first is that of the second."""
+    seconds = np.diff(stamps_ns) / 1e9
+    rates = np.divide(steps, seconds, out=np.full(len(steps), np.nan), where=seconds > 0)
+    return np.concatenate([rates[:1], rates])
+
+
+def _continuous(angles_rad: Float64Array) -> Float64Array:
+    """Add whole turns so that neighbours differ by half a turn at most."""
+    known = np.isfinite(angles_rad)
+    angles_rad[known] = np.unwrap(angles_rad[known])
+    return angles_rad

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from .text import shown
+from .errors import shown
 
 if TYPE_CHECKING:
     from collections.abc import Collection

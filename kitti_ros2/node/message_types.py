@@ -4,17 +4,620 @@
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
 import importlib
 import importlib.util
-from typing import TYPE_CHECKING, Any
+import json
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from ..model.errors import MissingDataError
-from .rosidl_structs import Getter, MessageTypeSupport, TypeHash, unwrap_pointer
-from .message_fields import check_size, defined_hash, split_name
-from .runtime_types import runtime_type
 
 if TYPE_CHECKING:
     from ..messages.ros_types import Typestore
+
+
+# The C structures that describe a message type to the middleware, with the layout of ROS 2 Jazzy.
+#
+# Each names the header that it mirrors, member by member, without the trailing underscores of some
+# member names. A test reads the types of an installed package through them, to detect a changed
+# layout.
+
+
+C_IDENTIFIER = b'rosidl_typesupport_c'
+FASTRTPS_IDENTIFIER = b'rosidl_typesupport_fastrtps_c'
+INTROSPECTION_IDENTIFIER = b'rosidl_typesupport_introspection_c'
+
+
+class CString(ctypes.Structure):
+    """rosidl_runtime_c__String of rosidl_runtime_c/string.h."""
+
+    _fields_: ClassVar = [
+        ('data', ctypes.c_char_p),
+        ('size', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+    ]
+
+
+class CSequence(ctypes.Structure):
+    """A sequence of any type, with the layout of ROSIDL_RUNTIME_C__PRIMITIVE_SEQUENCE."""
+
+    _fields_: ClassVar = [
+        ('data', ctypes.c_void_p),
+        ('size', ctypes.c_size_t),
+        ('capacity', ctypes.c_size_t),
+    ]
+
+
+class TypeHash(ctypes.Structure):
+    """rosidl_type_hash_t of rosidl_runtime_c/type_hash.h."""
+
+    _fields_: ClassVar = [('version', ctypes.c_uint8), ('value', ctypes.c_uint8 * 32)]
+
+
+class FieldType(ctypes.Structure):
+    """FieldType of rosidl_runtime_c/type_description/field_type__struct.h."""
+
+    _fields_: ClassVar = [
+        ('type_id', ctypes.c_uint8),
+        ('capacity', ctypes.c_uint64),
+        ('string_capacity', ctypes.c_uint64),
+        ('nested_type_name', CString),
+    ]
+
+
+class Field(ctypes.Structure):
+    """Field of rosidl_runtime_c/type_description/field__struct.h."""
+
+    _fields_: ClassVar = [('name', CString), ('type', FieldType), ('default_value', CString)]
+
+
+class IndividualTypeDescription(ctypes.Structure):
+    """Of rosidl_runtime_c/type_description/individual_type_description__struct.h."""
+
+    _fields_: ClassVar = [('type_name', CString), ('fields', CSequence)]
+
+
+class TypeDescription(ctypes.Structure):
+    """TypeDescription of rosidl_runtime_c/type_description/type_description__struct.h."""
+
+    _fields_: ClassVar = [
+        ('type_description', IndividualTypeDescription),
+        ('referenced_type_descriptions', CSequence),
+    ]
+
+
+class TypeSource(ctypes.Structure):
+    """TypeSource of rosidl_runtime_c/type_description/type_source__struct.h."""
+
+    _fields_: ClassVar = [
+        ('type_name', CString),
+        ('encoding', CString),
+        ('raw_file_contents', CString),
+    ]
+
+
+class MessageTypeSupport(ctypes.Structure):
+    """rosidl_message_type_support_t of rosidl_runtime_c/message_type_support_struct.h."""
+
+    _fields_: ClassVar = [
+        ('typesupport_identifier', ctypes.c_char_p),
+        ('data', ctypes.c_void_p),
+        ('func', ctypes.c_void_p),
+        ('get_type_hash_func', ctypes.c_void_p),
+        ('get_type_description_func', ctypes.c_void_p),
+        ('get_type_description_sources_func', ctypes.c_void_p),
+    ]
+
+
+class MessageMember(ctypes.Structure):
+    """Of rosidl_typesupport_introspection_c/message_introspection.h."""
+
+    _fields_: ClassVar = [
+        ('name', ctypes.c_char_p),
+        ('type_id', ctypes.c_uint8),
+        ('string_upper_bound', ctypes.c_size_t),
+        ('members', ctypes.c_void_p),
+        ('is_key', ctypes.c_bool),
+        ('is_array', ctypes.c_bool),
+        ('array_size', ctypes.c_size_t),
+        ('is_upper_bound', ctypes.c_bool),
+        ('offset', ctypes.c_uint32),
+        ('default_value', ctypes.c_void_p),
+        ('size_function', ctypes.c_void_p),
+        ('get_const_function', ctypes.c_void_p),
+        ('get_function', ctypes.c_void_p),
+        ('fetch_function', ctypes.c_void_p),
+        ('assign_function', ctypes.c_void_p),
+        ('resize_function', ctypes.c_void_p),
+    ]
+
+
+class MessageMembers(ctypes.Structure):
+    """Of rosidl_typesupport_introspection_c/message_introspection.h."""
+
+    _fields_: ClassVar = [
+        ('message_namespace', ctypes.c_char_p),
+        ('message_name', ctypes.c_char_p),
+        ('member_count', ctypes.c_uint32),
+        ('size_of', ctypes.c_size_t),
+        ('has_any_key_member', ctypes.c_bool),
+        ('members', ctypes.c_void_p),
+        ('init_function', ctypes.c_void_p),
+        ('fini_function', ctypes.c_void_p),
+    ]
+
+
+class FastrtpsCallbacks(ctypes.Structure):
+    """message_type_support_callbacks_t of rosidl_typesupport_fastrtps_cpp."""
+
+    _fields_: ClassVar = [
+        ('message_namespace', ctypes.c_char_p),
+        ('message_name', ctypes.c_char_p),
+        ('cdr_serialize', ctypes.c_void_p),
+        ('cdr_deserialize', ctypes.c_void_p),
+        ('get_serialized_size', ctypes.c_void_p),
+        ('max_serialized_size', ctypes.c_void_p),
+        ('key_callbacks', ctypes.c_void_p),
+    ]
+
+
+HandleFunction = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
+"""rosidl_message_typesupport_handle_function: (handle, identifier) -> handle, or NULL."""
+
+Getter = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
+"""rosidl_message_get_type_{hash,description,description_sources}_function: (handle) -> pointer."""
+
+_new_capsule = ctypes.PYFUNCTYPE(
+    ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p
+)(('PyCapsule_New', ctypes.pythonapi))
+_capsule_pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+    ('PyCapsule_GetPointer', ctypes.pythonapi)
+)
+
+
+def wrap_pointer(address: int) -> object:
+    """Wrap a pointer in a capsule without name, like the generated Python classes do."""
+    return _new_capsule(address, None, None)
+
+
+def unwrap_pointer(capsule: object) -> int:
+    """Return the pointer in such a capsule."""
+    return int(_capsule_pointer(capsule, None))
+
+
+# The fields of a message type, from the typestore's definition, with the type numbers of ROS 2.
+#
+# And their hash as defined by REP-2011.
+
+
+HASH_PREFIX = 'RIHS01_'
+
+_MESSAGE = 'message'
+_MOST_FIELDS = 10_000  # with those of nested types; the largest in use have a thousand
+_MOST_BYTES = 2**30
+_MOST_LEVELS = 50
+_BOUNDED = 4  # from an unbounded string's number to a bounded one's in FieldType
+
+# By rosbags' name of a kind of field: its number in rosidl_typesupport_introspection_c/
+# field_types.h, its number in type_description_interfaces/msg/FieldType, and its type in C.
+_KINDS: dict[str, tuple[int, int, Any]] = {
+    'float32': (1, 10, ctypes.c_float),
+    'float64': (2, 11, ctypes.c_double),
+    'bool': (6, 15, ctypes.c_bool),
+    'byte': (7, 16, ctypes.c_uint8),
+    'octet': (7, 16, ctypes.c_uint8),
+    'uint8': (8, 3, ctypes.c_uint8),
+    'int8': (9, 2, ctypes.c_int8),
+    'uint16': (10, 5, ctypes.c_uint16),
+    'int16': (11, 4, ctypes.c_int16),
+    'uint32': (12, 7, ctypes.c_uint32),
+    'int32': (13, 6, ctypes.c_int32),
+    'uint64': (14, 9, ctypes.c_uint64),
+    'int64': (15, 8, ctypes.c_int64),
+    'char': (8, 3, ctypes.c_uint8),  # in a .msg file it is a uint8
+    'string': (16, 17, CString),
+    'wstring': (17, 18, CSequence),
+    _MESSAGE: (18, 1, None),
+}
+
+
+class Shape(IntEnum):
+    """The kind of array of a field; the value is the offset in the numbers of FieldType."""
+
+    ONE = 0
+    ARRAY = 48
+    BOUNDED = 96
+    UNBOUNDED = 144
+
+
+@dataclass(frozen=True)
+class MessageField:
+    """One field of a message.
+
+    Attributes:
+        name: The field's name.
+        kind: The kind of its element: a primitive's name, or 'message'.
+        nested: The element's full type name if it is a message, else empty.
+        string_bound: Maximum length of a string; 0 is no bound.
+        shape: Whether it is one element, an array or a sequence.
+        length: An array's length or a bounded sequence's bound, else 0.
+    """
+
+    name: str
+    kind: str
+    nested: str = ''
+    string_bound: int = 0
+    shape: Shape = Shape.ONE
+    length: int = 0
+
+    @property
+    def introspection_id(self) -> int:
+        """The element's number for introspection."""
+        return _KINDS[self.kind][0]
+
+    @property
+    def description_id(self) -> int:
+        """The field's number in a type description."""
+        return _KINDS[self.kind][1] + (_BOUNDED if self.string_bound else 0) + self.shape
+
+    @property
+    def ctype(self) -> Any:  # noqa: ANN401 - ctypes' own metaclasses
+        """The element's type in C; None for a message."""
+        return _KINDS[self.kind][2]
+
+
+def split_name(msgtype: str) -> tuple[str, str, str]:
+    """Split a message type into package, folder (msg) and name."""
+    package, folder, name = msgtype.split('/')
+    return package, folder, name
+
+
+def fields_of(msgtype: str, typestore: Typestore) -> list[MessageField]:
+    """Return the fields of a message type; as in C, an empty message has a filler."""
+    if msgtype not in typestore.fielddefs:
+        raise MissingDataError(f'{msgtype}: the definition of this message type is missing')
+    described = typestore.fielddefs[msgtype][1]
+    if not described:
+        return [MessageField('structure_needs_at_least_one_member', 'uint8')]
+    return [_parse(msgtype, name, *description) for name, description in described]
+
+
+def references_of(msgtype: str, typestore: Typestore) -> list[str]:
+    """Return all types that a message type refers to, directly or not, sorted by name."""
+    found: set[str] = set()
+    waiting = [msgtype]
+    while waiting:
+        nested = {field.nested for field in fields_of(waiting.pop(), typestore) if field.nested}
+        waiting += nested - found
+        found |= nested
+    return sorted(found)
+
+
+def check_size(msgtype: str, typestore: Typestore) -> None:
+    """Check that a type can be laid out in memory: ROS has no types that contain themselves.
+
+    Raises:
+        MissingDataError: It contains itself, is nested too deeply, or too large; or a definition is
+            missing.
+    """
+    known: dict[str, _Footprint] = {}
+    _measure(msgtype, typestore, known, ())
+
+
+class _Footprint(NamedTuple):
+    fields: int
+    size_bytes: int
+
+
+def _measure(
+    msgtype: str, typestore: Typestore, known: dict[str, _Footprint], above: tuple[str, ...]
+) -> _Footprint:
+    if msgtype in above:
+        raise MissingDataError(f'{msgtype}: the type contains itself')
+    if len(above) > _MOST_LEVELS:
+        raise MissingDataError(f'{above[0]}: its types are nested more than {_MOST_LEVELS} deep')
+    if msgtype in known:
+        return known[msgtype]
+    fields, size_bytes = 0, 0
+    for field in fields_of(msgtype, typestore):
+        inner = _Footprint(1, 0 if field.ctype is None else ctypes.sizeof(field.ctype))
+        if field.nested:
+            inner = _measure(field.nested, typestore, known, (*above, msgtype))
+        fields += inner.fields
+        size_bytes += inner.size_bytes * (field.length if field.shape == Shape.ARRAY else 1)
+        if fields > _MOST_FIELDS or size_bytes > _MOST_BYTES:
+            raise MissingDataError(
+                f'{msgtype}: the type is too large, of more than {_MOST_FIELDS} fields or'
+                f' {_MOST_BYTES} bytes'
+            )
+    known[msgtype] = _Footprint(fields, size_bytes)
+    return known[msgtype]
+
+
+def defined_hash(msgtype: str, typestore: Typestore) -> str:
+    """Compute the type hash, RIHS01_ and 64 hexadecimal digits, of the typestore's definition.
+
+    rosbags' own hash differs for types with a char (in ROS a uint8) or a wstring.
+    """
+    description = {
+        'type_description': _hashed(msgtype, typestore),
+        'referenced_type_descriptions': [
+            _hashed(name, typestore) for name in references_of(msgtype, typestore)
+        ],
+    }
+    return HASH_PREFIX + hashlib.sha256(json.dumps(description).encode()).hexdigest()
+
+
+def _hashed(msgtype: str, typestore: Typestore) -> dict[str, object]:
+    """Return the hashed description of one type, in the order of REP-2011."""
+    return {
+        'type_name': msgtype,
+        'fields': [
+            {
+                'name': field.name,
+                'type': {
+                    'type_id': field.description_id,
+                    'capacity': field.length,
+                    'string_capacity': field.string_bound,
+                    'nested_type_name': field.nested,
+                },
+            }
+            for field in fields_of(msgtype, typestore)
+        ],
+    }
+
+
+def _parse(msgtype: str, name: str, node: Any, rest: Any) -> MessageField:  # noqa: ANN401
+    """Parse a field's type: its kind (BASE, NAME, ARRAY or SEQUENCE) and what that kind needs."""
+    shape, length = Shape.ONE, 0
+    if node.name in {'ARRAY', 'SEQUENCE'}:
+        (node_of_element, rest_of_element), length = rest
+        shape = Shape.BOUNDED if length else Shape.UNBOUNDED
+        shape = Shape.ARRAY if node.name == 'ARRAY' else shape
+        node, rest = node_of_element, rest_of_element
+    if node.name == 'NAME':
+        return MessageField(name, _MESSAGE, nested=rest, shape=shape, length=length)
+    kind, string_bound = rest
+    if kind not in _KINDS:
+        raise MissingDataError(
+            f'{msgtype}: its field {name} is a {kind}, unsupported in types built at run time;'
+            f' install the package {split_name(msgtype)[0]}'
+        )
+    return MessageField(name, kind, string_bound=string_bound, shape=shape, length=length)
+
+
+# ROS message types built at run time, in place of the generated and compiled C libraries.
+#
+# Such a type is for serialised messages only. It gives the middleware its name, hash, fields and
+# description, and the memory layout of a message; but no message is ever in memory, and the
+# functions that would convert one report failure.
+
+
+_DEPENDENCY_RULE = '=' * 80  # in a generated definition, precedes each dependency
+_ENCAPSULATION_SIZE = 4
+
+# The functions of generated code for messages in memory. No message ever is, so each of these only
+# has to be safe to call: nothing is read, nothing but `bounds` is written.
+_CONVERT_NOTHING = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(
+    lambda _message, _cdr: False
+)
+_NO_SIZE = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_void_p)(lambda _message: 0)
+_NO_ELEMENTS = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.c_void_p)(lambda _member: 0)
+_NO_ELEMENT = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)(
+    lambda _member, _index: None
+)
+_COPY_NOTHING = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)(
+    lambda _member, _index, _value: None
+)
+_RESIZE_NOTHING = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_size_t)(
+    lambda _member, _size: False
+)
+_FREE_NOTHING = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(lambda _message: None)
+_INITIALIZE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int)
+
+
+def _promise_no_bound(bounds: Any) -> int:  # noqa: ANN401 - a ctypes pointer
+    """Report an unbounded message size, so that buffers grow with each message."""
+    bounds[0] = b'\0'  # ROSIDL_TYPESUPPORT_FASTRTPS_UNBOUNDED_TYPE
+    return _ENCAPSULATION_SIZE
+
+
+_MAX_SIZE = ctypes.CFUNCTYPE(ctypes.c_size_t, ctypes.POINTER(ctypes.c_char))(_promise_no_bound)
+
+_SHARED = (
+    *(_CONVERT_NOTHING, _NO_SIZE, _MAX_SIZE, _NO_ELEMENTS, _NO_ELEMENT, _COPY_NOTHING),
+    *(_RESIZE_NOTHING, _FREE_NOTHING),
+)
+
+
+def _pointer(function: Any) -> int | None:  # noqa: ANN401 - one of many ctypes function types
+    return ctypes.cast(function, ctypes.c_void_p).value
+
+
+def _text(value: str) -> CString:
+    """Make a C string; an empty one has no data, as in the generated code."""
+    data = value.encode()
+    return CString(data or None, len(data), len(data))
+
+
+class RuntimeType:
+    """The type support of one message type; owns all memory that C code reads through it.
+
+    The middleware may keep the pointers forever, so an object of this class must never be freed:
+    get it from `runtime_type`, which ensures that.
+
+    Attributes:
+        msgtype: The type's full name, such as tf2_msgs/msg/TFMessage.
+        layout: The memory layout of a message.
+        fields: Its fields, in order.
+        nested: The types of its fields that are messages, by full name.
+        capsule: The pointer to its type support, for rclpy.
+    """
+
+    def __init__(self, msgtype: str, typestore: Typestore) -> None:
+        self.msgtype = msgtype
+        self.fields = fields_of(msgtype, typestore)
+        self.nested = {
+            name: runtime_type(name, typestore)
+            for name in dict.fromkeys(field.nested for field in self.fields if field.nested)
+        }
+        text = typestore.generate_msgdef(msgtype, ros_version=2)[0]
+        self._definition = text.partition(_DEPENDENCY_RULE)[0]
+        self.layout = self._make_layout()
+        self._kept: list[object] = [*_SHARED]
+        getters = self._make_getters(typestore)
+        self._handles: dict[bytes, int] = {}
+        dispatch = self._keep(HandleFunction(self._find_handle))
+        for identifier, data in (
+            (C_IDENTIFIER, None),
+            (FASTRTPS_IDENTIFIER, self._make_fastrtps()),
+            (INTROSPECTION_IDENTIFIER, self._make_introspection()),
+        ):
+            handle = MessageTypeSupport(identifier, data, _pointer(dispatch), *getters)
+            self._handles[identifier] = self._address(handle)
+        self.capsule = wrap_pointer(self._handles[C_IDENTIFIER])
+
+    def handle(self, identifier: bytes) -> int:
+        """Return the address of the type support of one kind."""
+        return self._handles[identifier]
+
+    def individual_description(self) -> IndividualTypeDescription:
+        """Return the type's name and fields, without those of its dependencies."""
+        described = [
+            Field(
+                name=_text(field.name),
+                type=FieldType(
+                    field.description_id,
+                    field.length,
+                    field.string_bound,
+                    _text(field.nested),
+                ),
+            )
+            for field in self.fields
+        ]
+        return IndividualTypeDescription(_text(self.msgtype), self._sequence(described))
+
+    def source(self) -> TypeSource:
+        """Return the text of the type's definition."""
+        return TypeSource(_text(self.msgtype), _text('msg'), _text(self._definition))
+
+    def _find_handle(self, _handle: int | None, identifier: bytes) -> int | None:
+        """Answer a lookup; NULL makes a middleware of another kind report the error."""
+        return self._handles.get(identifier)
+
+    def _make_getters(self, typestore: Typestore) -> list[int | None]:
+        """Make the functions that return the type's hash, description and sources."""
+        type_hash = defined_hash(self.msgtype, typestore)
+        names = references_of(self.msgtype, typestore)
+        references = [runtime_type(name, typestore) for name in names]
+        value = TypeHash(1)
+        value.value[:] = bytes.fromhex(type_hash.removeprefix(HASH_PREFIX))
+        description = TypeDescription(
+            self.individual_description(),
+            self._sequence([nested.individual_description() for nested in references]),
+        )
+        sources = self._sequence([self.source(), *(nested.source() for nested in references)])
+        return [
+            _pointer(self._keep(Getter(lambda _handle, address=address: address)))
+            for address in map(self._address, (value, description, sources))
+        ]
+
+    def _make_layout(self) -> type[ctypes.Structure]:
+        """Make the structure that the C generator would write."""
+        members = []
+        for field in self.fields:
+            nested = self.nested.get(field.nested)
+            element = nested.layout if nested else field.ctype
+            if field.shape == Shape.ARRAY:
+                element = element * field.length
+            elif field.shape != Shape.ONE:
+                element = CSequence
+            members.append((field.name, element))
+        return type(self.msgtype, (ctypes.Structure,), {'_fields_': members})
+
+    def _make_fastrtps(self) -> int:
+        package, folder, name = split_name(self.msgtype)
+        return self._address(
+            FastrtpsCallbacks(
+                f'{package}::{folder}'.encode(),
+                name.encode(),
+                cdr_serialize=_pointer(_CONVERT_NOTHING),
+                cdr_deserialize=_pointer(_CONVERT_NOTHING),
+                get_serialized_size=_pointer(_NO_SIZE),
+                max_serialized_size=_pointer(_MAX_SIZE),
+            )
+        )
+
+    def _make_introspection(self) -> int:
+        package, folder, name = split_name(self.msgtype)
+        size = ctypes.sizeof(self.layout)
+        members = (MessageMember * len(self.fields))(*map(self._make_member, self.fields))
+
+        def clear(message: int, _initialization: int) -> None:
+            ctypes.memset(message, 0, size)
+
+        return self._address(
+            MessageMembers(
+                f'{package}__{folder}'.encode(),
+                name.encode(),
+                len(self.fields),
+                size,
+                members=self._address(members),
+                init_function=_pointer(self._keep(_INITIALIZE(clear))),
+                fini_function=_pointer(_FREE_NOTHING),
+            )
+        )
+
+    def _make_member(self, field: MessageField) -> MessageMember:
+        nested = self.nested.get(field.nested)
+        member = MessageMember(
+            field.name.encode(),
+            field.introspection_id,
+            field.string_bound,
+            nested.handle(INTROSPECTION_IDENTIFIER) if nested else None,
+            is_array=field.shape != Shape.ONE,
+            array_size=field.length,
+            is_upper_bound=field.shape == Shape.BOUNDED,
+            offset=getattr(self.layout, field.name).offset,
+        )
+        if field.shape != Shape.ONE:
+            member.size_function = _pointer(_NO_ELEMENTS)
+            member.get_const_function = member.get_function = _pointer(_NO_ELEMENT)
+            member.fetch_function = member.assign_function = _pointer(_COPY_NOTHING)
+            member.resize_function = _pointer(_RESIZE_NOTHING)
+        return member
+
+    def _sequence(self, items: list[Any]) -> CSequence:
+        """Make a C sequence; an empty one has no data, as in the generated code."""
+        if not items:
+            return CSequence()
+        array = (type(items[0]) * len(items))(*items)
+        return CSequence(self._address(array), len(items), len(items))
+
+    def _keep(self, thing: Any) -> Any:  # noqa: ANN401 - buffers and functions of every type
+        self._kept.append(thing)
+        return thing
+
+    def _address(self, buffer: Any) -> int:  # noqa: ANN401 - as above
+        return ctypes.addressof(self._keep(buffer))
+
+
+_TYPES: dict[tuple[str, str], RuntimeType] = {}
+
+
+def runtime_type(msgtype: str, typestore: Typestore) -> RuntimeType:
+    """Return the only object for a message type with this definition; made at the first call."""
+    key = (msgtype, defined_hash(msgtype, typestore))
+    if key not in _TYPES:
+        made = RuntimeType(msgtype, typestore)
+        if _TYPES.setdefault(key, made) is made:
+            # Kept beyond the end of this module: the middleware outlives it.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(made))
+    return _TYPES[key]
+
 
 __all__ = ['message_class', 'type_hash']
 

@@ -1,25 +1,173 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the messages of a recording: names, frames, fields, markers."""
+"""Options of the messages of a recording: names, frames, fields, markers, ground truth, --for."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..model.autoware_labels import check_labels
-from ..model.cloud_formats import FORMATS, Points
+from ..model.bag_formats import FORMATS, Points
+from ..model.classes import KITTI_OVERLAPS, LeastOverlaps, check_labels
 from ..model.errors import UsageError
-from ..model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
 from ..stacks.stack_names import StackName
-from .class_parsers import parse_labels
-from .declare import choice, option
-from .ground_truth import GroundTruthOptions
-from .markers import MarkerOptions
-from .parsers import parse_choice, parse_flag
-from .quantity_parsers import parse_place
+from .declare import (
+    check_bounds,
+    choice,
+    option,
+    parse_choice,
+    parse_flag,
+    parse_labels,
+    parse_number,
+    parse_place,
+    parse_seconds_ns,
+    parse_text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from .declare import Option
+
+
+# Options of the markers of labels.
+
+
+class MarkerColors(str, Enum):
+    """Property that determines the colour of an object's markers."""
+
+    CLASS = 'class'
+    TRACK = 'track'
+
+
+@dataclass(frozen=True)
+class MarkerOptions:
+    """Options of the markers of labels.
+
+    Attributes:
+        colors: One colour per class, or one per track.
+        alpha: Opacity of the boxes, 0..1.
+        line_width: Width of edges and trails, metres.
+        arrow_length: How far a heading arrow extends beyond its box, metres.
+        text_height: Height of the text, metres.
+        lifetime_ns: Nanoseconds after which viewers remove a marker; 0 never.
+        trails: Whether tracks show their past positions.
+        ego: Whether the recording car is drawn.
+
+    Raises:
+        UsageError: A size is not positive, or alpha is out of range.
+    """
+
+    group: ClassVar = 'Label markers'
+
+    colors: MarkerColors = choice(
+        MarkerColors.CLASS, 'One colour per class or per track', MarkerColors, name='marker_colors'
+    )
+    alpha: float = option(
+        0.35, 'Opacity of label boxes', parse_number, name='marker_alpha', bounds=(0.0, 1.0)
+    )
+    line_width: float = option(
+        0.05,
+        'Width of label edges and trails, metres',
+        parse_number,
+        name='marker_line_width',
+        bounds=(0.001, 10.0),
+    )
+    arrow_length: float = option(
+        1.0,
+        'How far a heading arrow extends beyond its box, metres',
+        parse_number,
+        name='marker_arrow_length',
+        bounds=(0.01, 100.0),
+    )
+    text_height: float = option(
+        0.6,
+        'Height of label text, metres',
+        parse_number,
+        name='marker_text_height',
+        bounds=(0.01, 100.0),
+    )
+    lifetime_ns: int = option(
+        300_000_000,
+        'Seconds after which a label marker disappears; 0 is never',
+        parse_seconds_ns,
+        name='marker_lifetime',
+        bounds=(0.0, 3600.0),
+    )
+    trails: bool = option(False, 'Label markers also show the past positions of tracks', parse_flag)
+    ego: bool = option(True, 'Marker of the recording car', parse_flag, name='ego_marker')
+
+    def __post_init__(self) -> None:
+        check_bounds(self, 'marker_alpha')
+        for name in ('line_width', 'arrow_length', 'text_height'):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise UsageError(
+                    f'marker {name} {getattr(self, name):g} is not positive, in metres'
+                )
+        if self.lifetime_ns < 0:
+            raise UsageError('the lifetime of markers is negative')
+
+
+# Options of a TF tree of the ground truth alone.
+
+
+_MAP, _BASE = 'map_gt', 'base_link_gt'
+
+
+@dataclass(frozen=True)
+class GroundTruthOptions:
+    """Options of a TF tree of the ground truth alone.
+
+    Attributes:
+        tree: Whether the poses are on a TF tree of their own, so that a stack may own map, odom
+            and base_link.
+        map, base: The frames of that tree.
+
+    Raises:
+        UsageError: A frame is invalid, or given without the tree.
+    """
+
+    group: ClassVar = 'Ground truth'
+
+    tree: bool = option(
+        False,
+        'Ground truth on a TF tree of its own; map, odom and base_link are left to a stack',
+        parse_flag,
+        name='ground_truth_tree',
+    )
+    map: str = option(
+        _MAP,
+        'With --ground-truth-tree: its fixed frame',
+        parse_text,
+        name='ground_truth_map',
+        metavar='FRAME',
+    )
+    base: str = option(
+        _BASE,
+        'With --ground-truth-tree: its moving frame',
+        parse_text,
+        name='ground_truth_base',
+        metavar='FRAME',
+    )
+
+    def __post_init__(self) -> None:
+        frames = self.map, self.base
+        if not self.tree:
+            if frames != (_MAP, _BASE):
+                raise UsageError(
+                    'ground_truth_map and ground_truth_base are for ground_truth_tree; give it too'
+                )
+            return
+        for name in frames:
+            if not name or name.startswith('/') or any(map(str.isspace, name)):
+                raise UsageError(f'{name!r} is not a TF frame: no blanks, and no / at the start')
+        if frames[0] == frames[1]:
+            raise UsageError(f'ground_truth_map and ground_truth_base are both {frames[0]}')
+
+
+# Options of the messages of a recording: names, frames, fields, markers.
 
 
 class Preset(str, Enum):
@@ -83,7 +231,7 @@ class MessageOptions:
     Attributes:
         images: compressed, raw or both.
         preset: Set of topic and frame names.
-        map: Axes and origin of the map frame; see messages/map_frame.py.
+        map: Axes and origin of the map frame; see messages/naming.py.
         publish_tf: Whether map -> base_link is on /tf; off where a SLAM stack publishes it.
         ring_and_time: Short for points xyzirt.
         base_to_imu: x, y, z of imu_link in base_link, metres; None takes the preset's.
@@ -93,7 +241,7 @@ class MessageOptions:
         annotated: Whether images with the labels drawn on them are published, too.
         objects: Message types of 3D boxes: vision_msgs, autoware_perception_msgs, or both.
         autoware_labels: Pairs of a class and the name of its label in Autoware, where it differs
-            from model/autoware_labels.py.
+            from model/classes.py.
         annotations: Whether 2D boxes are published as foxglove_msgs/ImageAnnotations, too.
         covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
             published, too; None is not.
@@ -219,3 +367,40 @@ class MessageOptions:
         check_labels(dict(self.autoware_labels))
         if self.autoware_labels and self.objects is Objects.VISION:
             raise UsageError('autoware_labels is for objects autoware or both; give both')
+
+
+# Options that a stack needs, for --for.
+
+
+def with_stack(parsed: Mapping[str, Any], declared: Sequence[Option]) -> dict[str, Any]:
+    """Add the options that the stack of a command needs to those that are given.
+
+    Args:
+        parsed: Parsed values by name of option, without defaults.
+        declared: The options of the command.
+
+    Raises:
+        UsageError: A given value does not meet the demands of the stack.
+    """
+    name = parsed.get('stack')
+    if name is None:
+        return dict(parsed)
+    from ..stacks.stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
+
+    found = dict(parsed)
+    options = {each.name: each for each in declared}
+    for setting in STACKS[name.value].settings:
+        option, values = options[setting.name], (setting.value, *setting.others)
+        accepted = [option.parse(option.name, value) for value in values]
+        given = found.setdefault(option.name, accepted[0])
+        if given not in accepted:
+            needed = ' or '.join(_word(value) for value in values)
+            raise UsageError(
+                f'{name.value} needs {option.name} {needed}, not {_word(option.plain(given))};'
+                f' leave out one of --for and --{option.name.replace("_", "-")}'
+            )
+    return found
+
+
+def _word(value: object) -> str:
+    return {True: 'on', False: 'off'}[value] if isinstance(value, bool) else str(value)

@@ -9,30 +9,179 @@ identified by the stamps in their headers, and texts by the names in them.
 
 from __future__ import annotations
 
-from pathlib import PurePosixPath
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..bags.reader import open_messages, path_of
-from ..exporter.schedule import UNKNOWN, frame_runs, frames_of, nearest_frames
-from ..kitti.layout_files import LAYOUTS
-from ..messages.header import peek_header
-from ..messages.moment import Origin
+from ..bags.bag_files import path_of
+from ..bags.reader import bag_stamps, open_messages
+from ..exporter.schedule import UNKNOWN, frame_runs, frames_of, nearest_frames, select_window
+from ..kitti import names
+from ..kitti.find import LAYOUTS
+from ..kitti.label_file import cuboids_by_frame, parse_tracklets
+from ..messages.cdr import peek_header
+from ..messages.naming import Origin
 from ..messages.topics import decoders, own_topics
-from ..model.msgtypes import ANNOTATIONS, MARKERS, STRING, TF_TYPES
+from ..model.bag_formats import ANNOTATIONS, MARKERS, STRING, TF_TYPES
+from ..model.errors import BadFileError, Loss, UsageError
+from ..model.recording import StreamIndex
 from ..model.streams import FRAME_STREAMS, Clock, Stream
-from ..options.read import ScanStamp
-from .folders import owner_of
-from .recorded_layout import find_blueprint
-from .stamp_numbers import StampNumbers, row_frames
+from ..options.read import Bound, ScanStamp
+from .recorded_layout import Folder, find_blueprint, owner_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
-    from ..bags.reader import BagSource
+    from ..bags.bag_files import BagSource
+    from ..model.boxes import Cuboid
     from ..model.samples import Int64Array, TextFile
-    from .blueprint import Blueprint
+    from ..options.read import SelectionOptions
+    from .recorded_layout import Blueprint
+
+
+# KITTI's file numbers by stamp, from the folders and text files of a recording in a bag.
+
+
+class StampNumbers:
+    """Maps stamps to file numbers, by stream."""
+
+    def __init__(self, blueprint: Blueprint) -> None:
+        self.blueprint = blueprint
+        self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
+
+    def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
+        """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
+        known, numbers = self.pairs(stream)
+        first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
+        turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
+        found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
+        is_known = after > first
+        found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
+        return found
+
+    def pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
+        """Return the stamps of a stream's messages, ascending, and the number of each."""
+        if stream not in self._sorted:
+            mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
+            pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
+            table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            self._sorted[stream] = (table[:, 0], table[:, 1])
+        return self._sorted[stream]
+
+
+def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
+    """Add a substitute for the folder of a stream stored in a common file, beside its stamps."""
+    if stream in blueprint.folders:
+        return blueprint
+    if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
+        folder = blueprint.folders[Stream.OXTS]
+    elif blueprint.layout.traits.tracklets:
+        folder = _substitute(_tracklet_stamps(blueprint), sorted(tracklets_of(blueprint)))
+    else:
+        stamps = LAYOUTS[blueprint.layout].stamps
+        path = next((path for path in blueprint.texts if path.name == stamps), PurePosixPath())
+        folder = _substitute(path, _lines(blueprint, stream))
+    return replace(blueprint, folders={**blueprint.folders, stream: folder})
+
+
+def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
+    """Return a folder without files of its own, in the folder of a file of stamps."""
+    found = tuple(numbers)
+    return Folder(stamps, names.SIX_DIGITS, found, found)
+
+
+def _tracklet_stamps(blueprint: Blueprint) -> PurePosixPath:
+    """Return the file whose stamps tracklets use: see RawRecording."""
+    scans = blueprint.folders.get(Stream.SCAN)
+    if scans is not None and scans.numbers:
+        return blueprint.stamps_path(Stream.SCAN)
+    drives = (path.parent for path in blueprint.texts if path.name == names.RAW_TRACKLETS)
+    return next(drives, PurePosixPath()) / names.RAW_LABEL_STAMPS
+
+
+def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
+    """Return the boxes of a raw drive by frame, from the tracklets in its bag; {} if invalid."""
+    for path, text in blueprint.texts.items():
+        if path.name == names.RAW_TRACKLETS:
+            try:
+                return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
+            except BadFileError:
+                break  # to-bag has reported it, and made no labels of it
+    return {}
+
+
+def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, Cuboid]]:
+    """Return the boxes of raw drives by the stamp of their frame's message, and by track."""
+    found: dict[int, dict[int, Cuboid]] = {}
+    for blueprint in blueprints:
+        boxes = tracklets_of(blueprint)
+        if boxes:
+            stamps, numbers = StampNumbers(blueprint).pairs(Stream.LABELS)
+            for stamp_ns, number in zip(stamps.tolist(), numbers.tolist(), strict=True):
+                found[stamp_ns] = {
+                    each.track_id: each for each in boxes[number] if each.track_id is not None
+                }
+    return found
+
+
+def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
+    """Return the frames that the recording has no file of, as its folder reports them.
+
+    They are those that the stream's file of stamps lists, or without one those that other streams
+    have. Of a bag of a part of the recording they are those within that part.
+    """
+    folders = blueprint.folders
+    carried = [number for folder in folders.values() for number in folder.carried]
+    if blueprint.times is not None or not carried:
+        return ()
+    partial = any(folder.carried != folder.numbers for folder in folders.values())
+    span = {*range(min(carried), max(carried) + 1)} if partial else None
+    lines = blueprint.layout.traits.line_streams - {Stream.LABELS}
+    common = {n for stream in lines for n in _lines(blueprint, stream)}
+    common.update(*(folder.numbers for folder in folders.values()))
+    losses = []
+    for stream, folder in folders.items():
+        listed = _listed(blueprint, stream)
+        found = sorted((common if listed is None else listed).difference(folder.numbers))
+        absent = tuple(found if span is None else (number for number in found if number in span))
+        # A stream that has files here, and none in the bag, was not selected.
+        has_no_file = listed is not None and not (span or listed).intersection(folder.numbers)
+        if absent and (folder.carried or has_no_file):
+            text = f'{folder.path}: no {stream.value} for frames {{}}, which other streams have'
+            if listed is not None:
+                name = blueprint.stamps_path(stream).name
+                text = f'{folder.path}: no file for frames {{}}, which {name} lists'
+            losses.append(Loss(stream.value, len(absent), text, absent))
+    return tuple(losses)
+
+
+def _listed(blueprint: Blueprint, stream: Stream) -> set[int] | None:
+    """Return the numbers that a stream's file of stamps lists; None without the file."""
+    path = blueprint.stamps_path(stream)
+    if blueprint.layout.traits.clock is Clock.NOMINAL or path not in blueprint.texts:
+        return None
+    return {*(blueprint.file_stamps(stream) or ())}
+
+
+def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
+    """Return the frames with lines in the common file of a stream, ascending."""
+    folder = LAYOUTS[blueprint.layout].line_folders.get(stream)
+    for path, text in blueprint.texts.items():
+        if folder in {path.parent.name, path.stem}:
+            lines = text.splitlines()
+            return sorted({*row_frames(lines)}) if stream is Stream.LABELS else range(len(lines))
+    return ()
+
+
+def row_frames(lines: Iterable[str]) -> Iterator[int]:
+    """Yield the frame at the beginning of each row of a tracking label file."""
+    for line in lines:
+        word = line.split(maxsplit=1)[0] if line.strip() else ''
+        if word.isdecimal() and len(word) <= names.FRAME_DIGITS:
+            yield int(word)
+
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """The remark on a bag that was not written by to-bag."""
@@ -238,3 +387,72 @@ def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
         )
     owner = owner_of(PurePosixPath(text.name), blueprint.folders)
     return UNKNOWN if owner is None else owner[1]
+
+
+# Part of the recording in a bag written by to-bag, from a first to a last frame.
+
+
+def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOptions) -> Blueprint:
+    """Return a layout whose selected files are those that to-bag writes for a selection.
+
+    Raises:
+        UsageError: The selection contains none of its frames.
+    """
+    if selection.is_whole:
+        return blueprint
+    mapped = StampNumbers(blueprint)
+    streams = {}
+    for stream in dict.fromkeys((*FRAME_STREAMS, *blueprint.folders)):
+        stamps_ns, numbers = mapped.pairs(stream)
+        if len(numbers):
+            streams[stream] = StreamIndex(numbers, stamps_ns)
+    if not streams:
+        raise nothing_selected(source, np.empty(0, np.int64))
+    window = select_window(streams, selection, common=has_common_numbers(blueprint))
+    selected = {
+        stream: frozenset(index.numbers[window.takes(index)].tolist())
+        for stream, index in streams.items()
+    }
+    frames = [stream for stream in FRAME_STREAMS if stream in streams]
+    if not any(selected[stream] for stream in frames):
+        numbers = np.concatenate([np.empty(0, np.int64), *(streams[s].numbers for s in frames)])
+        raise nothing_selected(source, numbers)
+    calibrations = blueprint.calibrations
+    folder = blueprint.folders.get(Stream.CALIBRATION)
+    if folder is not None:
+        kept = {folder.file(number) for number in selected.get(Stream.CALIBRATION, ())}
+        calibrations = {path: text for path, text in calibrations.items() if path in kept}
+    return replace(blueprint, selected=selected, calibrations=calibrations)
+
+
+def select_times(
+    source: BagSource, blueprint: Blueprint, topic: str, selection: SelectionOptions
+) -> SelectionOptions:
+    """Return a selection with the stamps of a topic's samples in place of KITTI's file numbers.
+
+    Raises:
+        UsageError: The topic has no sample of these numbers.
+    """
+    numbered = number_bag(source, bag_stamps(source), blueprint=blueprint)
+    found = None if numbered is None else numbered.topics.get(topic)
+    if found is None or not found.is_numbered:
+        return selection
+    bounds: list[Bound | None] = []
+    for bound, compare, outer in (
+        (selection.start, np.greater_equal, np.min),
+        (selection.end, np.less_equal, np.max),
+    ):
+        if bound is not None and bound.frame is not None:
+            stamps_ns = found.stamps_ns[compare(found.numbers, bound.frame)]
+            if not len(stamps_ns):
+                raise nothing_selected(source, found.numbers)
+            bounds.append(Bound(stamp_ns=int(outer(stamps_ns))))
+        else:
+            bounds.append(bound)
+    return replace(selection, start=bounds[0], end=bounds[1])
+
+
+def nothing_selected(source: BagSource, numbers: Int64Array) -> UsageError:
+    """Return the error for a selection without frames."""
+    span = f'frames {numbers.min()} to {numbers.max()}' if len(numbers) else 'no numbered frames'
+    return UsageError(f'{path_of(source)}: the selection takes no frame; it has {span}')

@@ -1,34 +1,394 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of bags to KITTI: the files byte for byte if to-bag wrote them, else by a plan."""
+"""Conversion of bags to KITTI: the files byte for byte if to-bag wrote them, else by a plan.
+
+Also the plan in advance, before anything is written.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
 
-from ..bags.reader import bag_stamps
-from ..messages.source import RECORDING
-from ..model.errors import UsageError
-from ..model.losses import Loss
-from .numbering import number_bag
-from .part import select_part, select_times
-from .recorded_layout import EarlierVersionError, UndescribedError, find_blueprint
-from .restore import restore
-from .stamp_numbers import tracklets_by_stamp
+import numpy as np
+
+from ..bags.bag_files import opened, path_of
+from ..bags.reader import Decoder, bag_stamps, open_messages
+from ..exporter.schedule import frames_of
+from ..files.staging import staged
+from ..files.threads import ordered_map, worker_count
+from ..importer.apply_plan import adapt, guess, streams_of_topics
+from ..importer.bag_scans import labelled_fields
+from ..importer.kitti_frames import ImportReport, LossTally, damage, merged
+from ..importer.plan import parse_plan
+from ..importer.survey import look
+from ..kitti import names
+from ..kitti.names import JPEGS, PNG
+from ..kitti.opening import keep_all_but_data_sets
+from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
+from ..kitti.store import STORE
+from ..messages.cdr import stamp_ns_of
+from ..messages.naming import POINTS, RECORDING, Origin
+from ..messages.topics import decoders, own_topics
+from ..model.errors import KittiRos2Error, Loss, MissingDataError, UsageError, format_numbers
+from ..model.samples import Image
+from ..model.streams import Layout, LayoutTraits, Stream
+from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp
+from .recorded_layout import (
+    EarlierVersionError,
+    UndescribedError,
+    find_blueprint,
+    owner_of,
+    shown,
+    write_new,
+    write_texts,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..bags.reader import OpenBag
+    from ..bags.bag_files import BagSource, OpenBag
+    from ..bags.reader import BagMessage, BagMessages
     from ..exporter.to_bag import ShowProgress
     from ..importer.plan import Plan
-    from ..importer.report import ImportReport
     from ..importer.survey import Survey
-    from ..options.importing import ImportOptions
-    from ..options.selection import SelectionOptions
-    from .blueprint import Blueprint
+    from ..model.samples import Scan
+    from ..model.streams import ScanColumns
+    from ..options.outputs import ImportOptions
+    from ..options.read import SelectionOptions
+    from .recorded_layout import Blueprint
+
+
+# The contents of files with one sample, as KITTI has them.
+
+
+def format_sample(
+    decode: Callable[[], Scan | Image],
+    path: Path,
+    columns: ScanColumns | None = None,
+) -> tuple[bytes | memoryview, str]:
+    """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
+
+    The labels of a scan's points are written to a file of their own.
+
+    Args:
+        decode: Returns the sample.
+        path: Of the file.
+        columns: Of scans; None are KITTI's.
+
+    Raises:
+        ValueError: The message cannot be decoded, or the file of labels cannot be written.
+        BadFileError: The PNG in the message is damaged.
+    """
+    sample = decode()
+    if isinstance(sample, Image):
+        return sample.data, ''
+    if sample.labels is not None:
+        labels = path.parents[1] / names.POINT_LABELS / f'{path.stem}{names.LABEL}'
+        error = write_new(labels, format_point_labels(sample.labels))
+        if error:
+            raise ValueError(error)
+    is_text = path.suffix.lower() == names.TXT
+    if is_text:
+        return format_scan_text(sample.points), sample.difference
+    if columns is None:
+        return format_scan(sample.points), sample.difference
+    return format_points(sample, columns), sample.difference
+
+
+# Conversion of a bag written by to-bag back to KITTI, byte for byte.
+#
+# Images stored as pixels become PNG files of the same pixels; the text scans of raw extract get the
+# same numbers.
+
+
+_IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
+"""Streams that some layouts store as lines of one file."""
+
+
+@dataclass(frozen=True)
+class _File:
+    """A file to be written; its content is computed by the writing thread."""
+
+    stream: Stream
+    number: int
+    path: PurePosixPath
+    content: Callable[[], tuple[bytes | memoryview, str]]
+    topic: str
+    stamp_ns: int
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A written file, or the reason why it was not written; its difference from KITTI's file."""
+
+    file: _File
+    size_bytes: int
+    error: str = ''
+    difference: str = ''
+
+
+def _topics(present: Collection[str]) -> set[str]:
+    """Return the topics to read; pixels and other clouds only without the file's own."""
+    rows = (row for row in own_topics().values() if row.restores and not row.latched)
+    wanted = {row.topic for row in rows}.intersection(present)
+    if POINTS in present:
+        scans = {topic for topic in wanted if own_topics()[topic].stream is Stream.SCAN}
+        wanted -= scans - {POINTS}
+    return {topic for topic in wanted if f'{topic}/compressed' not in present}
+
+
+def restore(
+    recordings: Sequence[tuple[BagSource, Blueprint]],
+    out: Path,
+    progress: Callable[[int, int], None] = lambda _done, _bytes: None,
+    *,
+    overwrite: bool = False,
+    fsync: bool = True,
+) -> list[ImportReport]:
+    """Restore the recordings in bags written by to-bag, in one data set.
+
+    Args:
+        recordings: Each bag with the layout of its recording.
+        out: The data set's folder, absent or empty unless it is overwritten.
+        progress: Called with the files and the bytes written so far of one bag.
+        overwrite: Whether a data set in the folder may be replaced.
+        fsync: Whether the finished data set outlasts a power cut.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+        UsageError: Two bags contain the same recording, or differ in a file they share.
+        OutputExistsError: The folder is not empty.
+        OutputError: It cannot be written.
+    """
+    known: dict[tuple[Layout, str], Path] = {}
+    for bag, blueprint in recordings:
+        path = path_of(bag)
+        other = known.setdefault((blueprint.layout, blueprint.name), path)
+        if other is not path:
+            raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
+    refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
+    with staged(out, refusal, fsync=fsync) as stage:
+        return [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
+
+
+def _restore(
+    source: BagSource, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
+) -> ImportReport:
+    texts = (*blueprint.texts.items(), *blueprint.calibrations.items())
+    refused = write_texts(stage / blueprint.root, texts, path_of(source))
+    with (
+        opened(source) as bag,
+        open_messages(bag, _topics(blueprint.topics), must_read=False) as messages,
+    ):
+        writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+        files = ordered_map(writer.write, writer.files(), worker_count())
+        with closing(files):
+            for done, written in enumerate(files, 1):
+                writer.take(written)
+                progress(done, writer.size_bytes)
+        report = writer.report()
+        damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
+    return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
+
+
+class _Writer:
+    def __init__(
+        self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: OpenBag
+    ) -> None:
+        self._bag = bag
+        self._messages = messages
+        self._blueprint = blueprint
+        self._root = root
+        self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
+        self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        self._left_out = {
+            stream: frozenset(folder.carried) - blueprint.requested(stream)
+            for stream, folder in blueprint.folders.items()
+        }
+        self._grey: dict[Stream, set[int]] = {}
+        self._as_png: dict[Stream, set[int]] = {}
+        self._unplaced: Counter[Stream] = Counter()
+        self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
+        self._losses = LossTally()
+        self._differences: dict[str, set[int]] = {}
+        self.size_bytes = 0
+
+    def files(self) -> Iterator[_File]:
+        """Yield the files in the messages, in their order."""
+        decode = Decoder(self._messages.typestore, lent=True)
+        for message in self._messages:
+            row = own_topics()[message.topic]
+            try:
+                decoded = decode(message, row.msgtype)
+            except ValueError as error:
+                self._lose(message, str(error))
+                continue
+            file = (
+                self._line(decoded, message)
+                if row.is_frame_text
+                else self._sample(decoded, message)
+            )
+            if file is not None and file.number not in self._left_out[file.stream]:
+                yield file
+
+    def _lose(self, message: BagMessage, reason: str) -> None:
+        """Report a message without a file; to-bag logs a sample at its own stamp."""
+        self._losses.lose(message.topic, message.stamp_ns, reason)
+        stream = own_topics()[message.topic].stream
+        found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
+        if found:
+            self._lost[stream].add(found.pop(0))
+        else:
+            self._unplaced[stream] += 1
+
+    def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
+        """Make the file of a text of one frame, unless the whole file is known."""
+        stream = own_topics()[message.topic].stream
+        text = decoders()[message.topic](decoded, Origin(self._bag.path))
+        path = PurePosixPath(text.name)
+        if path in self._blueprint.texts and stream not in self._blueprint.folders:
+            self._counts[stream.value] += 1
+            return None
+        if path in self._blueprint.missing:
+            self._lose(message, f'a part of {path}, which the bag does not hold')
+            return None
+        owner = owner_of(path, self._blueprint.folders)
+        if owner is None or owner[0] is not stream:
+            what = f'no {stream.value} file of {self._blueprint.name}'
+            self._lose(message, f'names a file {shown(text.name)}, which is {what}')
+            return None
+        # The log times of another recorder are not the samples' stamps, and map to no number.
+        expected = (self._numbers[stream] or {}).get(message.stamp_ns)
+        if expected and owner[1] not in expected:
+            self._lose(message, f'names {path}, which has another stamp')
+            return None
+        data = text.text.encode()
+        return _File(stream, owner[1], path, lambda: (data, ''), message.topic, message.stamp_ns)
+
+    def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
+        stream = own_topics()[message.topic].stream
+        found = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
+        if not found:
+            self._lose(message, self._why_unplaced(stream))
+            return None
+        number = found.pop(0)
+        path = self._blueprint.folders[stream].file(number)
+        sample = partial(decoders()[message.topic], decoded, Origin(path))
+        if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
+            # Pixels cannot become the bytes of a JPEG again.
+            path = path.with_suffix(PNG)
+            self._as_png.setdefault(stream, set()).add(number)
+        columns = self._blueprint.columns
+        content = partial(format_sample, sample, self._root / path, columns)
+        return _File(stream, number, path, content, message.topic, message.stamp_ns)
+
+    def _why_unplaced(self, stream: Stream) -> str:
+        folder = self._blueprint.folders.get(stream)
+        if folder is not None and self._numbers[stream] is None:
+            streams = (self._blueprint.stamped_as(stream), stream)
+            paths = [self._blueprint.stamps_path(each) for each in streams]
+            path = next((path for path in paths if path in self._blueprint.missing), paths[0])
+            return f'its file number is unknown, for the bag does not hold {path}'
+        return f'no file of {self._blueprint.name} has this stamp'
+
+    def write(self, file: _File) -> _Written:
+        """Write a file; thread-safe for different paths."""
+        try:
+            content, difference = file.content()
+        except (ValueError, KittiRos2Error) as error:
+            return _Written(file, 0, str(error))
+        refusal = write_new(self._root / file.path, content)
+        return _Written(file, len(content), refusal, difference)
+
+    def take(self, written: _Written) -> None:
+        """Count a file."""
+        stream = written.file.stream
+        if written.error:
+            self._lost.setdefault(stream, set()).add(written.file.number)
+            self._losses.lose(written.file.topic, written.file.stamp_ns, written.error)
+            return
+        self._counts[stream.value] += 1
+        if written.difference:
+            self._differences.setdefault(written.difference, set()).add(written.file.number)
+        self._written.setdefault(stream, set()).add(written.file.number)
+        if stream in self._blueprint.grey and not written.file.topic.endswith('/compressed'):
+            self._grey.setdefault(stream, set()).add(written.file.number)
+        self.size_bytes += written.size_bytes
+
+    def report(self) -> ImportReport:
+        """Report the written files, and those missing in the bag."""
+        missing, notes = [], []
+        for stream, folder in self._blueprint.folders.items():
+            written = self._written[stream]
+            if stream is Stream.CALIBRATION:
+                found = self._blueprint.calibrations
+                written = {number for number in folder.carried if folder.file(number) in found}
+            requested = self._blueprint.requested(stream)
+            absent = sorted(requested - written - self._lost[stream])
+            if len(absent) > self._unplaced[stream]:
+                text = f'the bag does not hold {stream.value} of frames {{}}'
+                missing.append(Loss(stream.value, len(absent), text, tuple(absent)))
+            others = sorted({*folder.numbers} - {*folder.carried})
+            if others:
+                numbers = format_numbers(others)
+                notes.append(f'the bag was made without {stream.value} of frames {numbers}')
+        scans, deskew = self._written.get(Stream.SCAN), self._blueprint.deskew
+        if scans and deskew is not None:
+            text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
+            missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
+        missing += self._skipped_columns(scans or ())
+        for difference, changed in self._differences.items():
+            text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
+            missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
+        for stream, made in self._as_png.items():
+            text = (
+                f'{stream.value} of frames {{}} is written as PNG, for the bag has pixels, no JPEG'
+            )
+            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
+        for stream, made in self._grey.items():
+            text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
+            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
+        return ImportReport(
+            layout=self._blueprint.layout,
+            name=self._blueprint.name,
+            counts=dict(self._counts),
+            frames=self._count_frames(),
+            size_bytes=self.size_bytes,
+            losses=(*self._losses.losses(), *missing),
+            notes=tuple(notes),
+        )
+
+    def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
+        """Return the loss of the columns that to-bag was told to skip."""
+        columns = self._blueprint.columns
+        if columns is None or not columns.skipped or not scans:
+            return []
+        text = f'scans {{}} are written without {columns.describe_skipped()}, which to-bag left out'
+        return [Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans)))]
+
+    def _count_frames(self) -> int:
+        """Count the written frames, in files of their own or in a common one."""
+        stamps = bag_stamps(self._bag)
+        numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
+        common = numbered.by_stream() if numbered is not None else {}
+        written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
+        numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        selected = self._blueprint.selected
+        if selected is not None:
+            numbers = {
+                s: found[np.isin(found, [*selected.get(s, ())])] for s, found in numbers.items()
+            }
+        return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
+
+
+# Conversion of bags to KITTI: the files byte for byte if to-bag wrote them, else by a plan.
 
 
 @dataclass(frozen=True)
@@ -88,12 +448,10 @@ class Conversion:
             losses: Their damaged descriptions.
         """
         from ..importer.append import mend  # noqa: PLC0415
-        from ..importer.apply_plan import adapt, convert, guess  # noqa: PLC0415
-        from ..importer.camera_sets import plans_of  # noqa: PLC0415
-        from ..importer.frames import frame_topics  # noqa: PLC0415
-        from ..importer.passed_over import passed_over  # noqa: PLC0415
-        from ..importer.plan_text import parse_plan  # noqa: PLC0415
-        from ..importer.planned_topics import topic_of  # noqa: PLC0415
+        from ..importer.apply_plan import adapt, convert, guess, plans_of  # noqa: PLC0415
+        from ..importer.guess import passed_over  # noqa: PLC0415
+        from ..importer.kitti_frames import frame_topics  # noqa: PLC0415
+        from ..importer.plan import parse_plan, topic_of  # noqa: PLC0415
         from ..importer.survey import look  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
@@ -159,7 +517,7 @@ def selected(
     """
     if len(recordings) != 1:
         return options.selection
-    from ..importer.frames import frame_topics  # noqa: PLC0415
+    from ..importer.kitti_frames import frame_topics  # noqa: PLC0415
 
     topics = frame_topics(plan)
     reference = next((t for s, t in topics.items() if s.value == plan.reference), '')
@@ -202,3 +560,140 @@ def own_bags(
         if blueprint is not None:
             found.append((bag, blueprint))
     return found if len(found) == len(bags) else [], tuple(losses)
+
+
+# The plan by which bags would be converted, before anything is written.
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """The plan of a conversion.
+
+    Attributes:
+        survey: The content of the bags.
+        plan: The plan that was given, or the one that was guessed.
+        options: Of the conversion, with the layout and the selection of the plan.
+        notes: Remarks, missing data and damage, a line each.
+        restored: Whether to-bag wrote the bags and no option changes that: without a plan the
+            original files come back.
+        reason: Why the layout was chosen; empty if it was given.
+        layouts: Without a given layout: by possible layout the streams that it would have.
+    """
+
+    survey: Survey
+    plan: Plan
+    options: ImportOptions
+    notes: tuple[str, ...]
+    restored: bool = False
+    reason: str = ''
+    layouts: Mapping[Layout, tuple[str, ...]] | None = None
+
+
+def make_outlook(
+    bags: Sequence[OpenBag],
+    options: ImportOptions,
+    plan_file: Path | None = None,
+    *,
+    any_layout: bool = False,
+) -> Outlook:
+    """Survey bags, and make or read the plan of their conversion.
+
+    Args:
+        bags: Those of one recording.
+        options: Of the conversion.
+        plan_file: A plan to use.
+        any_layout: Whether a missing layout is chosen by the content of the bags.
+
+    Raises:
+        KittiRos2Error: A bag, the plan or an option is invalid.
+    """
+    own, damaged = own_bags(bags, options, planned=plan_file is not None)
+    if plan_file is not None:
+        plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
+        survey = with_tracklets(look(bags), own)
+        options = replace(options, selection=selected(own, plan, options))
+        return Outlook(survey, plan, options, (*survey.notes, *survey.losses))
+    restored = is_restored(own, options)
+    notes: tuple[str, ...] = ()
+    if own:
+        options, notes = _as_recorded(own[0][1], options)
+    survey = with_tracklets(look(bags), own)
+    reason, layouts = '', None
+    if options.layout is None and any_layout:
+        plans = _every_plan(bags, survey, options)
+        layout, reason = _choose_layout(plans, survey)
+        options = replace(options, layout=layout)
+        layouts = {each: _streams(plan, survey) for each, plan in plans.items()}
+    found = guess(bags, survey, options)
+    notes += (*found.notes, *(loss.text() for loss in (*damaged, *found.losses)))
+    notes += (*survey.notes, *survey.losses)
+    options = replace(options, selection=selected(own, found.plan, options))
+    notes = tuple(dict.fromkeys(notes))
+    return Outlook(survey, found.plan, options, notes, restored, reason, layouts)
+
+
+def _as_recorded(
+    blueprint: Blueprint, options: ImportOptions
+) -> tuple[ImportOptions, tuple[str, ...]]:
+    """Return the options with layout and name of a bag written by to-bag, and a note about it."""
+    if options.layout in (None, blueprint.layout):
+        named = options.name or blueprint.name
+        options = replace(options, layout=blueprint.layout, name=named)
+    name = blueprint.name
+    return options, (f'made by to-bag: without a plan every file of {name} comes back as it was',)
+
+
+def _every_plan(
+    bags: Sequence[OpenBag], survey: Survey, options: ImportOptions
+) -> dict[Layout, Plan]:
+    """Return the plans of all layouts that are possible.
+
+    Raises:
+        MissingDataError: None is.
+    """
+    found, errors = {}, []
+    for layout in Layout:
+        try:
+            found[layout] = guess(bags, survey, replace(options, layout=layout)).plan
+        except (MissingDataError, UsageError) as error:
+            errors.append(error)
+    if not found:
+        raise errors[-1]
+    return found
+
+
+_PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan, Survey], bool], str]] = (
+    (lambda traits, plan, _: traits.frame_set and plan.labels is not None, 'the bag has 3D boxes'),
+    (
+        lambda traits, plan, survey: traits.point_labels and _are_labelled(plan, survey),
+        'the points have labels',
+    ),
+    (lambda traits, plan, _: traits.dated and bool(plan.fix), 'the bag has GPS'),
+    (
+        lambda traits, plan, _: Stream.POSE in traits.streams and plan.pose is not None,
+        'the bag has poses',
+    ),
+    (lambda traits, _plan, _: traits.frame_set, 'the bag has neither 3D boxes nor GPS nor poses'),
+    (lambda _traits, _plan, _: True, 'the first that is possible'),
+)
+"""What a bag has, and which layout most programs expect for it: the first that is possible."""
+
+
+def _are_labelled(plan: Plan, survey: Survey) -> bool:
+    return plan.scan is not None and bool(labelled_fields(survey.topics[plan.scan.topic]))
+
+
+def _choose_layout(plans: Mapping[Layout, Plan], survey: Survey) -> tuple[Layout, str]:
+    """Return the layout that most programs expect for the content of a bag, and the reason."""
+    return next(
+        (layout, reason)
+        for fits, reason in _PREFERENCES
+        for layout, plan in plans.items()
+        if fits(layout.traits, plan, survey)
+    )
+
+
+def _streams(plan: Plan, survey: Survey) -> tuple[str, ...]:
+    """Return the streams of a plan, by name."""
+    found = {name for names in streams_of_topics(plan, survey).values() for name in names}
+    return tuple(each.value for each in Stream if each.value in found)

@@ -7,58 +7,94 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..bags.reader import path_of
-from ..drawing.objects import objects_of
-from ..drawing.pixels import colour_pixels
-from ..files.png.header import parse_png
-from ..importer.apply_calibration import Rigging
+from ..bags.bag_files import OpenBag, path_of
+from ..bags.open_source import open_source
+from ..drawing.drawn_objects import colour_pixels, objects_of
+from ..files.image_files import parse_png
+from ..importer.bag_labels import joined
+from ..importer.bag_poses import guess_pose, read_moving, read_track
+from ..importer.bag_scans import without_unreadable_scans
+from ..importer.box_labels import class_name, own_number
 from ..importer.clocks import clocked
-from ..importer.frames import choose_frames, frame_topics
 from ..importer.guess import guess_plan
-from ..importer.label_messages import joined
-from ..importer.labels import class_name, own_number
+from ..importer.kitti_frames import LossTally, choose_frames, damage, frame_topics
 from ..importer.plan import NONE as NO_CALIBRATION
-from ..importer.plan import Incomplete
-from ..importer.planned_topics import topic_of
-from ..importer.poses import read_moving
-from ..importer.report import LossTally, damage
-from ..importer.riggings import Riggings
-from ..importer.sample_writer import times_of_boxes
-from ..importer.scan_needs import without_unreadable_scans
+from ..importer.plan import Incomplete, topic_of
+from ..importer.rigging import Rigging, Riggings
+from ..importer.set_builder import times_of_boxes
+from ..importer.survey import look
 from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD, UNPLACED
-from ..messages.source import LABEL_LINES, decode_text
-from ..model.errors import KittiRos2Error, MissingDataError, UsageError, describe_error
+from ..messages.naming import LABEL_LINES, decode_text
+from ..model.errors import (
+    KittiRos2Error,
+    MissingDataError,
+    UsageError,
+    describe_error,
+    describe_frames,
+)
 from ..model.geometry import Transform
-from ..model.layouts import Layout
-from ..model.losses import describe_frames
 from ..model.samples import FrameLabels, Pose, Trajectory
-from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Stream
-from ..own_bags.numbering import BY_POSITION
-from ..own_bags.places import PlacedMessages, places_of
-from .ego_track import ego_track
-from .frame import FrameData
+from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Layout, Stream
+from ..own_bags.numbering import BY_POSITION, number_bag
+from ..own_bags.recording import BagRecording, PlacedMessages, places_of
+from .recording_frames import FrameData, RecordingFrames
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
-    from ..bags.reader import BagSource
-    from ..drawing.pixels import Pixels
-    from ..importer.frames import Frames
+    from ..bags.bag_files import BagSource
+    from ..drawing.drawn_objects import Pixels
+    from ..importer.kitti_frames import Frames
     from ..importer.plan import Plan, ScanPlan
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
+    from ..model.errors import Loss
     from ..model.geometry import Float64Array
-    from ..model.losses import Loss
     from ..model.recording import FrameOrigin
     from ..model.samples import Calibration, Image, Int64Array, Sample, Scan
-    from ..own_bags.places import Place
-    from ..rig.moving_tree import MovingTree
+    from ..options.read import ReadOptions
+    from ..own_bags.recorded_layout import Blueprint
+    from ..own_bags.recording import Place
+    from ..rig.moving_tree import MovingTree, Track
+    from .recording_frames import FrameSource
+
+
+# The poses of a bag not written by to-bag, as the odometry layout would be made from them.
+
+
+class EgoTrack(NamedTuple):
+    """Poses, and the frame that they are of."""
+
+    track: Track
+    body: str
+
+    def trajectory(self, body_T_imu: Transform) -> Trajectory:
+        """Return all poses, of the unit instead of the body."""
+        stamps_ns = self.track.stamps_ns
+        poses = [pose @ body_T_imu for pose in self.track.at(stamps_ns) if pose is not None]
+        return Trajectory(stamps_ns, poses)
+
+
+def ego_track(bag: BagSource, survey: Survey, notes: list[str]) -> EgoTrack | None:
+    """Read the poses that the odometry layout would be made from, if any."""
+    pose, losses = guess_pose(survey, []), LossTally()
+    if pose is None:
+        return None
+    try:
+        track = read_track([bag], pose, survey, losses)
+    except KittiRos2Error as error:
+        notes.append(str(error))
+        return None
+    notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
+    return EgoTrack(track, pose.body)
+
 
 T = TypeVar('T')
 
@@ -331,3 +367,64 @@ def _places(topic: str, survey: Survey, frames: Frames, stream: Stream) -> list[
     samples = frames.samples[stream].tolist()
     found = iter(places_of(topic, log_ns, (place for place in samples if place != NONE)))
     return [None if place == NONE else next(found) for place in samples]
+
+
+# Opens the source of pictures: a KITTI folder or a bag.
+
+
+def open_frames(path: Path, options: ReadOptions) -> FrameSource:
+    """Open the frames of a KITTI folder or a bag.
+
+    Raises:
+        UsageError: The path does not exist.
+        KittiRos2Error: The source cannot be read, or contains nothing to draw.
+    """
+    source = open_source(path, options)
+    if not isinstance(source, OpenBag):
+        return RecordingFrames(source)
+    with source as bag:  # the frames keep its files open until they are closed
+        survey = look([bag])
+        return open_bag_frames(bag, survey, open_own_recording(bag, survey))
+
+
+def open_bag_frames(
+    bag: OpenBag, survey: Survey, own: BagRecording | None
+) -> RecordingFrames | BagFrames:
+    """Open the frames of a bag: with KITTI's numbers if written by to-bag, else by position.
+
+    Args:
+        bag: The bag.
+        survey: The survey of the bag.
+        own: Its recording, if to-bag wrote it.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+        MissingDataError: The bag contains nothing to draw.
+    """
+    return BagFrames(bag, survey) if own is None else RecordingFrames(own, bag.path.name)
+
+
+def open_own_recording(
+    bag: OpenBag, survey: Survey, blueprint: Blueprint | None = None
+) -> BagRecording | None:
+    """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
+
+    Args:
+        bag: The bag.
+        survey: The survey of the bag.
+        blueprint: The layout of the recording, if already read.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+    log_ns = {
+        name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
+    }
+    numbered = number_bag(bag, log_ns, blueprint=blueprint)
+    if numbered is None:
+        return None
+    recording = BagRecording(bag, numbered, survey)
+    if recording.streams:
+        return recording
+    recording.close()
+    return None

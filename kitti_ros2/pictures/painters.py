@@ -7,35 +7,150 @@ Each raises MissingDataError if required data is missing.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 
-from ..drawing.annotate import is_labelled
-from ..drawing.birds_eye import birds_eye
-from ..drawing.boxes_2d import draw_boxes_2d
-from ..drawing.objects import resized
-from ..drawing.perspective import draw_perspective
-from ..drawing.points import draw_points
-from ..drawing.wireframes import draw_wireframes
-from ..options.pictures import ColorBy
-from .frame_parts import (
-    bird_points,
-    frame_points,
-    frame_projection,
-    needed_projection,
-    of_classes,
-    point_colors,
-)
+from ..drawing.annotate import Projection, draw_boxes_2d, draw_wireframes, is_labelled
+from ..drawing.birds_eye import birds_eye, draw_perspective
+from ..drawing.drawn_objects import LABEL_CAMERA, compared, objects_of, resized
+from ..drawing.points import PointColors, draw_points
+from ..model.boxes import DONT_CARE
+from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
+from ..model.errors import KittiRos2Error, MissingDataError, describe_error
+from ..model.streams import Stream
+from ..options.outputs import ColorBy
+from .recording_frames import POINT_LABELS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
-    from ..drawing.pixels import Pixels
-    from ..drawing.projection import Projection
-    from ..options.pictures import PictureOptions
-    from .frame import FrameData
+    from ..drawing.drawn_objects import Pixels
+    from ..model.samples import Float32Array, FrameLabels
+    from ..options.outputs import PictureOptions
+    from .recording_frames import FrameData
+
+
+# Access to the parts of a frame for drawing, with an error for a missing part.
+
+
+_CALIBRATION = Stream.CALIBRATION.value
+
+
+def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:
+    """Return the requested camera; else camera 2, or the first one; None without any."""
+    if options.camera is not None:
+        return options.camera
+    return LABEL_CAMERA if LABEL_CAMERA in cameras else min(cameras, default=None)
+
+
+def camera_image(frame: FrameData, options: PictureOptions) -> tuple[int, Pixels]:
+    """Return the camera that the options choose, and its image, read-only.
+
+    Raises:
+        MissingDataError: The frame has no image of it.
+    """
+    camera = chosen_camera(frame.images, options)
+    if camera is None:
+        raise _lacking(frame, 'image', 'image_')
+    if camera not in frame.images:
+        raise _lacking(frame, f'image of camera {camera}', f'image_{camera}')
+    return camera, frame.images[camera]
+
+
+def frame_points(frame: FrameData) -> Float32Array:
+    """Return the scan.
+
+    Raises:
+        MissingDataError: The frame has no scan.
+    """
+    if frame.points is None:
+        raise _lacking(frame, 'scan', Stream.SCAN.value)
+    return frame.points
+
+
+def bird_points(frame: FrameData) -> Float32Array | None:
+    """Return the scan for the bird's-eye view; None if the frame only has boxes.
+
+    Raises:
+        MissingDataError: The frame has neither.
+    """
+    boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
+    return frame.points if boxes else frame_points(frame)
+
+
+def point_colors(frame: FrameData, options: PictureOptions, default: ColorBy) -> PointColors:
+    """Return the colours of points that the options choose.
+
+    Raises:
+        MissingDataError: They are those of classes, and the points have no labels.
+    """
+    by = options.color_by or default
+    if by is ColorBy.SEMANTIC and frame.points is not None and frame.point_labels is None:
+        if POINT_LABELS in frame.missing:
+            raise _lacking(frame, 'labels of points', POINT_LABELS)
+        raise _lacking(frame, "labels of points: semantic takes SemanticKITTI's, NNNNNN.label", '-')
+    return PointColors(by, options.color_map, frame.point_labels)
+
+
+def frame_projection(frame: FrameData, camera: int) -> Projection:
+    """Return the projection from velo_link into the images of a camera.
+
+    Raises:
+        MissingDataError: The calibration is missing or incomplete.
+    """
+    if frame.calibration is None:
+        raise _lacking(frame, 'calibration', _CALIBRATION)
+    try:
+        return Projection.of(frame.calibration, camera)
+    except ValueError as error:
+        reason = _reason(frame, _CALIBRATION) or error
+        raise MissingDataError(f'{name_of(frame)}: {reason}') from None
+
+
+def needed_projection(frame: FrameData, camera: int) -> Projection | None:
+    """Return the projection if 2D boxes cannot be drawn without it; else None.
+
+    Raises:
+        MissingDataError: It is needed, and the calibration is missing or incomplete.
+    """
+    labelled = is_labelled(frame.calibration, camera)
+    everything = (*frame.objects, *frame.predictions)
+    needed = any(each.cuboid and not (labelled and each.box_2d) for each in everything)
+    return frame_projection(frame, camera) if needed else None
+
+
+def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
+    """Return the frame with objects of the selected classes only, and DontCare regions.
+
+    Classes are compared without regard to case.
+    """
+    if not options.classes:
+        return frame
+    kept = {kind.lower() for kind in (*options.classes, DONT_CARE)}
+    return replace(
+        frame,
+        objects=[each for each in frame.objects if each.class_name.lower() in kept],
+        predictions=[each for each in frame.predictions if each.class_name.lower() in kept],
+    )
+
+
+def _lacking(frame: FrameData, what: str, stream: str) -> MissingDataError:
+    """Make the error for a missing part of a frame, with the reason if it is known."""
+    reason = _reason(frame, stream)
+    return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
+
+
+def _reason(frame: FrameData, stream: str) -> str:
+    """Return the reason why a stream is missing, '' if unknown."""
+    return next((why for name, why in frame.missing.items() if name.startswith(stream)), '')
+
+
+def name_of(frame: FrameData) -> str:
+    """Return the name of the frame in errors."""
+    return f'{frame.source}: frame {frame.number}'
 
 
 class Shown(NamedTuple):
@@ -117,3 +232,44 @@ def draw_bird(frame: FrameData, options: PictureOptions) -> Pixels:
         point_colors(frame, options, ColorBy.HEIGHT),
         named=options.named,
     )
+
+
+# Predictions of frames, compared with labels.
+
+
+_NAME = Stream.PREDICTIONS.value
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """The predictions of one recording.
+
+    Attributes:
+        read: Returns the predictions of a frame, such as ResultFiles.read; raises KittiRos2Error
+            or OSError if they cannot be read.
+        overlaps: The IoU above which a prediction is a true positive.
+    """
+
+    read: Callable[[int], FrameLabels]
+    overlaps: LeastOverlaps = KITTI_OVERLAPS
+
+    def add_to(self, frame: FrameData) -> FrameData:
+        """Return the frame with its predictions, compared with its labels if it has any.
+
+        Bad lines are in its missing.
+        """
+        try:
+            found = self.read(frame.number)
+        except (KittiRos2Error, OSError) as error:
+            return replace(frame, missing={**frame.missing, _NAME: describe_error(error)})
+        missing = {f'{_NAME} {row}': reason for row, reason in found.missing.items()}
+        predictions = objects_of(found, frame.calibration)
+        objects = frame.objects
+        if frame.labelled:
+            objects, predictions = compared(objects, predictions, self.overlaps)
+        return replace(
+            frame,
+            objects=objects,
+            predictions=predictions,
+            missing={**frame.missing, **missing},
+        )

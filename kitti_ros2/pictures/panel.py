@@ -7,33 +7,262 @@ A part that cannot be drawn shows the reason in its place.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
-from ..drawing.birds_eye import BACKGROUND
-from ..drawing.range_maps import range_maps
-from ..drawing.route import draw_route
-from ..drawing.scales import SCALES, color_table, colored, draw_ramp
-from ..drawing.strokes import new_picture
-from ..drawing.text import extent_of, fitted, put_text
+from ..drawing.birds_eye import BACKGROUND, draw_route
+from ..drawing.points import ROWS, SCALES, color_table, colored, draw_ramp, range_maps
+from ..drawing.strokes import PREDICTION_BGR, class_color, extent_of, fitted, new_picture, put_text
+from ..model.boxes import DONT_CARE, Verdict
 from ..model.errors import MissingDataError
-from ..options.pictures import ColorBy
-from .facts import draw_classes, draw_facts, moment_of
-from .frame_parts import camera_image, frame_points, name_of, of_classes
-from .painters import draw_bird, fit_image, paint_boxes_2d, paint_boxes_3d, paint_scan
-from .panel_parts import CLASSES, EDGE, FACTS, SIZE, parts_of
+from ..model.streams import Stream, format_stamp
+from ..options.outputs import ColorBy
+from .painters import (
+    Shown,
+    camera_image,
+    chosen_camera,
+    draw_bird,
+    draw_from_behind,
+    fit_image,
+    frame_points,
+    name_of,
+    of_classes,
+    paint_boxes_2d,
+    paint_boxes_3d,
+    paint_scan,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from ..drawing.pixels import Pixels
+    from ..drawing.drawn_objects import Pixels
     from ..drawing.strokes import Color
-    from ..options.pictures import BirdOptions, PictureOptions
-    from .frame import FrameData
-    from .panel_parts import Area
+    from ..options.outputs import BirdOptions, PictureOptions
+    from .painters import Painter
+    from .recording_frames import FrameData
+
+
+# The places of the parts of a panel.
+#
+# Left, the camera image three times; right, the view from above, the facts, and the scan by
+# direction. For a recording without images the view from above is on the left, larger, and the path
+# so far is in its place.
+
+
+SIZE = (1920, 1080)
+"""(width, height) of the page, pixels."""
+
+EDGE = 12
+TITLE_ROOM = 22
+"""Height of a title above its part, pixels."""
+
+
+class Area(NamedTuple):
+    """A rectangle of the page, pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def of(self, page: Pixels) -> Pixels:
+        """Return the part of the page for drawing."""
+        return page[self.top : self.top + self.height, self.left : self.left + self.width]
+
+
+_LEFT_WIDTH, _IMAGE_HEIGHT = 1024, 312
+_RIGHT = EDGE + _LEFT_WIDTH + EDGE
+_RIGHT_WIDTH = SIZE[0] - EDGE - _RIGHT
+_FIRST = 48 + TITLE_ROOM
+_STEP = _IMAGE_HEIGHT + TITLE_ROOM + 9
+_MAP_HEIGHT = 2 * ROWS
+_LAST = SIZE[1] - EDGE
+_BIRD_WIDTH = 524
+_BIRD_HEIGHT = _LAST - 2 * (_MAP_HEIGHT + TITLE_ROOM + 9) - _FIRST
+_SIDE = _RIGHT + _BIRD_WIDTH + 2 * EDGE
+
+BOXES_2D = Area(EDGE, _FIRST, _LEFT_WIDTH, _IMAGE_HEIGHT)
+BOXES_3D = BOXES_2D._replace(top=_FIRST + _STEP)
+LIDAR = BOXES_2D._replace(top=_FIRST + 2 * _STEP)
+BIRD = Area(_RIGHT, _FIRST, _BIRD_WIDTH, _BIRD_HEIGHT)
+FACTS = Area(_SIDE, _FIRST, SIZE[0] - EDGE - _SIDE, 300)
+CLASSES = FACTS._replace(top=_FIRST + 300 + TITLE_ROOM, height=_BIRD_HEIGHT - 300 - TITLE_ROOM)
+DISTANCE = Area(_RIGHT, _LAST - _MAP_HEIGHT, _RIGHT_WIDTH, _MAP_HEIGHT)
+INTENSITY = DISTANCE._replace(top=DISTANCE.top - _MAP_HEIGHT - TITLE_ROOM - 9)
+
+
+class PanelParts(NamedTuple):
+    """The place of each part on a page, None for one that it does not have.
+
+    Attributes:
+        images: With 2D boxes, with 3D boxes, and with the scan.
+        bird: The view from above.
+        route: The path so far.
+        maps: The scan by direction: intensity and distance.
+    """
+
+    images: tuple[Area, Area, Area] | None
+    bird: Area
+    route: Area | None
+    maps: tuple[Area, Area] | None
+
+    def titles(self) -> dict[Area, str]:
+        """Return the title of each part."""
+        found = {self.bird: "Bird's-eye view", FACTS: 'Facts', CLASSES: 'Classes'}
+        if self.images:
+            found |= zip(self.images, ('2D boxes', '3D boxes', 'Scan over the image'), strict=True)
+        if self.route:
+            found[self.route] = 'Path so far'
+        if self.maps:
+            titles = 'Intensity by direction, ahead in the middle', 'Distance by direction, m'
+            found |= zip(self.maps, titles, strict=True)
+        return found
+
+
+_WITH_IMAGES = PanelParts((BOXES_2D, BOXES_3D, LIDAR), BIRD, None, (INTENSITY, DISTANCE))
+
+
+def parts_of(frame: FrameData) -> PanelParts:
+    """Return the parts of the page of a frame."""
+    if frame.images or frame.imaged:
+        return _WITH_IMAGES
+    scanned = frame.points is not None or frame.scanned
+    if frame.path is None:
+        height = _BIRD_HEIGHT if scanned else _LAST - _FIRST
+        bird = Area(EDGE, _FIRST, _LEFT_WIDTH + EDGE + _BIRD_WIDTH, height)
+        wide = (
+            each._replace(left=EDGE, width=SIZE[0] - 2 * EDGE) for each in (INTENSITY, DISTANCE)
+        )
+        intensity, distance = wide
+        return PanelParts(None, bird, None, (intensity, distance) if scanned else None)
+    bird = Area(EDGE, _FIRST, _LEFT_WIDTH, _LAST - _FIRST)
+    route = BIRD if scanned else BIRD._replace(height=_LAST - _FIRST)
+    return PanelParts(None, bird, route, (INTENSITY, DISTANCE) if scanned else None)
+
+
+# The texts and numbers of a panel: the facts of a frame, and its objects by class.
+
+
+_SCALE = 0.45
+_LINE = 22
+_VALUES = 100
+"""Left edge of the values, pixels."""
+
+_LABEL: Color = (140, 132, 126)
+_VALUE: Color = (225, 221, 218)
+_WARNING: Color = (96, 176, 245)
+_BAR_HEIGHT = 8
+
+
+def moment_of(frame: FrameData) -> str | None:
+    """Format the frame's time to the millisecond; None if the layout has no times."""
+    return f'{format_stamp(frame.stamp_ns)[:-6]} UTC' if frame.timed else None
+
+
+def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]:
+    """Return names and values of the facts of a frame."""
+    facts = [] if frame.timed else [('time', 'none in this layout')]
+    camera = chosen_camera(frame.images, options)
+    if camera is not None and camera in frame.images:
+        height, width = frame.images[camera].shape[:2]
+        facts.append(('image', f'{width} x {height}, camera {camera}'))
+    if frame.points is not None:
+        facts.append(('points', f'{len(frame.points):,}'.replace(',', ' ')))
+    cared = sum(each.class_name != DONT_CARE for each in frame.objects)
+    ignored = len(frame.objects) - cared
+    facts.append(('objects', f'{cared}' + (f' and {ignored} DontCare' if ignored else '')))
+    if frame.predictions:
+        facts.append(('predictions', f'{len(frame.predictions)}'))
+    return facts + _compared(frame) + _motion(frame)
+
+
+def _compared(frame: FrameData) -> list[tuple[str, str]]:
+    """Return the number of predictions that are right and wrong, and of labels that none finds."""
+    matches = [each.match for each in frame.objects], [each.match for each in frame.predictions]
+    missed, found = (Counter(match.verdict for match in some if match) for some in matches)
+    if not missed and not found:
+        return []
+    right, wrong = found[Verdict.TRUE_POSITIVE], found[Verdict.FALSE_POSITIVE]
+    return [('compared', f'{right} TP, {wrong} FP, {missed[Verdict.FALSE_NEGATIVE]} FN')]
+
+
+def _motion(frame: FrameData) -> list[tuple[str, str]]:
+    """Return the facts from the GPS/IMU unit, or else from the pose."""
+    packet, pose = frame.packet, frame.pose
+    if packet is not None:
+        speed = math.hypot(packet.vn, packet.ve)
+        return [
+            ('speed', f'{speed:.1f} m/s, {3.6 * speed:.0f} km/h'),
+            ('latitude', f'{packet.lat:.6f} deg'),
+            ('longitude', f'{packet.lon:.6f} deg'),
+            ('altitude', f'{packet.alt:.1f} m'),
+            ('yaw', f'{math.degrees(packet.yaw):.1f} deg from east'),
+        ]
+    if pose is not None:
+        x, y, z = (round(value, 1) + 0.0 for value in pose.world_T_imu.translation.tolist())
+        return [('place', f'{x:.1f} {y:.1f} {z:.1f} m')]
+    return []
+
+
+def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
+    """Draw the facts of a frame, one line each, and its missing data."""
+    width = window.shape[1]
+    baseline = _LINE - 4
+    for name, value in facts_of(frame, options):
+        put_text(window, name, (0, baseline), _SCALE, _LABEL)
+        shown = fitted(value, width - _VALUES, _SCALE)
+        put_text(window, shown, (_VALUES, baseline), _SCALE, _VALUE)
+        baseline += _LINE
+    for name in frame.missing:
+        if baseline > window.shape[0]:
+            break
+        text = fitted(f'not readable: {name}', width, _SCALE)
+        put_text(window, text, (0, baseline), _SCALE, _WARNING)
+        baseline += _LINE
+
+
+def draw_classes(window: Pixels, frame: FrameData) -> None:
+    """Draw the number of objects of each class with bars, and below them the predictions."""
+    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
+    found = Counter(each.class_name for each in frame.predictions)
+    most = max([*counts.values(), *found.values()], default=0)
+    classes = sorted(
+        {*counts, *found},
+        key=lambda class_name: (-counts[class_name], -found[class_name], class_name),
+    )
+    height, width = window.shape[:2]
+    if not classes:
+        put_text(window, 'no objects', (0, _LINE - 4), _SCALE, _LABEL)
+        return
+    if frame.predictions:
+        height -= _LINE
+        text = 'second bars: predictions'
+        put_text(window, text, (0, height + _LINE - 6), _SCALE, PREDICTION_BGR)
+    names = width // 3
+    number = extent_of('0000', _SCALE).width
+    row = 2 * _LINE if frame.predictions else _LINE
+    fit = max(height // row, 1)
+    shown = classes if len(classes) <= fit else classes[: fit - 1]
+    for place, class_name in enumerate(shown):
+        baseline = place * row + _LINE - 4
+        put_text(window, fitted(class_name, names - 8, _SCALE), (0, baseline), _SCALE, _VALUE)
+        for line, count in enumerate((counts[class_name], found[class_name])[: row // _LINE]):
+            bottom = baseline + line * _LINE
+            length = round((width - names - number) * count / most)
+            corner, end = (names, bottom - _BAR_HEIGHT), (names + length, bottom)
+            if length:
+                color = PREDICTION_BGR if line else class_color(class_name)
+                cv2.rectangle(window, corner, end, color, cv2.FILLED)
+            put_text(window, f'{count}', (end[0] + 6, bottom), _SCALE, _VALUE)
+    if len(shown) < len(classes):
+        text = f'and {len(classes) - len(shown)} more classes'
+        put_text(window, text, (0, len(shown) * row + _LINE - 4), _SCALE, _LABEL)
+
 
 _PAGE: Color = (14, 12, 11)
 _TITLE: Color = (205, 200, 196)
@@ -148,3 +377,60 @@ def _draw_maps(
         large = np.asarray(cv2.resize(shades, size, interpolation=cv2.INTER_NEAREST), np.uint8)
         cv2.copyTo(colored(large, table), large, area.of(page))
         draw_ramp(page, SCALES[kind], options.color_map, (area.left + area.width, area.top - 7))
+
+
+# The table of picture modes.
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One kind of picture.
+
+    Attributes:
+        draw: Draws it from a frame; raises MissingDataError if required data is missing.
+        image: Whether it shows a camera image.
+        others: The other streams that it shows.
+        instead: Streams that it shows if there are no images.
+    """
+
+    draw: Callable[[FrameData, PictureOptions], Pixels]
+    image: bool
+    others: frozenset[str]
+    instead: frozenset[str] = frozenset()
+
+    def streams(self, cameras: Collection[int], options: PictureOptions) -> frozenset[str]:
+        """Return the streams that FrameSource.frame has to read.
+
+        Args:
+            cameras: Cameras whose images the source has.
+            options: Picture options.
+        """
+        camera = chosen_camera(cameras, options) if self.image else None
+        return self.others | (self.instead if camera is None else {f'image_{camera}'})
+
+
+def _on_image(paint: Painter) -> Callable[[FrameData, PictureOptions], Pixels]:
+    """Return a function that paints on a copy of the camera image."""
+
+    def draw(frame: FrameData, options: PictureOptions) -> Pixels:
+        camera, image = camera_image(frame, options)
+        picture: Pixels = image.copy()
+        paint(picture, Shown(camera, picture), of_classes(frame, options), options)
+        return picture
+
+    return draw
+
+
+_LABELS = frozenset({Stream.LABELS.value})
+_SCAN = frozenset({Stream.SCAN.value})
+_MOTION = frozenset({Stream.OXTS.value, Stream.POSE.value})
+_PATH = frozenset({Stream.PATH.value})
+
+MODES: Mapping[str, Mode] = {
+    'camera': Mode(_on_image(paint_boxes_2d), image=True, others=_LABELS),
+    'boxes': Mode(_on_image(paint_boxes_3d), image=True, others=_LABELS),
+    'lidar': Mode(_on_image(paint_scan), image=True, others=_SCAN),
+    'bev': Mode(draw_bird, image=False, others=_SCAN | _LABELS),
+    'perspective': Mode(draw_from_behind, image=False, others=_SCAN | _LABELS),
+    'panel': Mode(draw_panel, image=True, others=_SCAN | _LABELS | _MOTION, instead=_PATH),
+}

@@ -1,35 +1,181 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The program of a bag."""
+"""The programs of a player: opened from a KITTI folder or a bag; that of a bag, and its images."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import struct
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.forward_stamps import read_lead_ns
-from ..bags.reader import open_messages, opened
-from ..exporter.schedule import frame_runs, nearest_frames
-from ..exporter.window import describe_extent
-from ..messages.cdr import Message, filling
-from ..model.errors import BadBagError, KittiRos2Error, UsageError, describe_error
-from ..model.losses import Loss
-from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, IMAGE
+from ..bags.bag_files import OpenBag, opened
+from ..bags.open_source import open_source
+from ..bags.reader import Decoder, open_messages, read_lead_ns
+from ..exporter.schedule import describe_extent, frame_runs, nearest_frames
+from ..files.remote import as_path
+from ..files.threads import worker_count
+from ..kitti.extract_oxts import add_extract
+from ..kitti.prepare import add_predictions
+from ..messages.cdr import Message, filling, join, serialize, stamp_ns_of
+from ..messages.images import encode_pixels, pixels_of
+from ..messages.ros_types import TYPESTORE
+from ..messages.topics import match_names, unmatched
+from ..model.bag_formats import (
+    ANNOTATIONS,
+    CAMERA_INFO,
+    CLOUD,
+    COMPRESSED,
+    DIAGNOSTICS,
+    HEADER,
+    IMAGE,
+    Channel,
+)
+from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, describe_error
+from ..model.streams import Stream
+from ..options.messages import ColorEncoding, Images
+from ..options.outputs import Stamps
+from ..options.table import PlaySettings
 from ..own_bags.numbering import BY_POSITION, number_bag
-from .bag_topics import ImageTopics, choose_topics, define_images
-from .program import longest_gap_ns
+from .program import RecordingProgram, longest_gap_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from pathlib import Path
 
-    from ..bags.reader import BagMessage, BagMessages, BagSource, OpenBag
+    from ..bags.bag_files import BagSource
+    from ..bags.reader import BagMessage, BagMessages
+    from ..importer.labelled_images import LabelledImages
+    from ..messages.images import Pixels
     from ..messages.ros_types import Typestore
-    from ..model.channels import Channel
     from ..model.samples import Int64Array
-    from ..options.selection import Bound, SelectionOptions
-    from .bag_images import BagImages
-    from .bag_topics import PlayedTopics
+    from ..options.messages import MessageOptions
+    from ..options.read import Bound, SelectionOptions
+    from ..options.table import Settings
+    from .program import Program
+
+
+# Selection of the topics of a bag to play, and of the image topics made from them.
+
+
+_OF_IMAGE = (IMAGE, HEADER, 'builtin_interfaces/msg/Time')
+_DEPTH = 10
+
+
+@dataclass(frozen=True)
+class ImageTopics:
+    """Image topics played in addition to those of a bag, or in their place.
+
+    Attributes:
+        sources: Made topic to the topic of the bag that it is made from.
+        hidden: Topics of the bag that are not played.
+        notes: Remarks for the user, one line each.
+    """
+
+    sources: Mapping[str, str] = field(default_factory=dict)
+    hidden: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PlayedTopics:
+    """The topics of a bag to play.
+
+    Attributes:
+        names: The topics, including made ones.
+        sources: See ImageTopics.
+        notes: Remarks for the user, one line each.
+    """
+
+    names: tuple[str, ...]
+    sources: Mapping[str, str]
+    notes: tuple[str, ...]
+
+    @property
+    def read(self) -> frozenset[str]:
+        """The topics to read from the bag."""
+        return frozenset(self.sources.get(name, name) for name in self.names)
+
+    def channels(self, messages: BagMessages, counts: Mapping[str, int]) -> list[Channel]:
+        """Return the channels of the topics.
+
+        A latched one queues the messages of one round at most: a deeper queue would fill with
+        copies when the bag is repeated.
+
+        Args:
+            messages: The bag.
+            counts: The readable topics of the bag, with their numbers of messages.
+        """
+        own = [
+            Channel(
+                topic,
+                msgtype,
+                latched=topic in messages.latched,
+                depth=min(messages.latched[topic], counts[topic])
+                if topic in messages.latched
+                else _DEPTH,
+            )
+            for topic, msgtype in messages.channels
+            if topic in counts and topic in self.names
+        ]
+        return own + [
+            Channel(name, IMAGE, depth=_DEPTH)
+            for name in self.names
+            if self.sources.get(name) in counts
+        ]
+
+    def made(self, channels: Sequence[Channel]) -> dict[str, list[int]]:
+        """Map topics of the bag to the indices of the channels made from them."""
+        found: dict[str, list[int]] = {}
+        for index, channel in enumerate(channels):
+            if channel.topic in self.sources:
+                found.setdefault(self.sources[channel.topic], []).append(index)
+        return found
+
+
+def choose_topics(
+    path: Path,
+    counts: Mapping[tuple[str, str], int],
+    selection: SelectionOptions,
+    reserved: Callable[[str, str], str],
+    made: ImageTopics,
+) -> PlayedTopics:
+    """Choose the topics of a bag to play.
+
+    Args:
+        path: The bag, for error messages.
+        counts: Message counts by topic and type.
+        selection: Requested topics.
+        reserved: Maps a topic and its type to the reason for skipping it, or to an empty string.
+        made: Image topics to be made.
+
+    Raises:
+        UsageError: The selection matches no topic, or only skipped ones.
+    """
+    reasons = {key: why for key in counts if (why := reserved(*key))}
+    names = {topic for topic, _ in counts} | {*made.sources}
+    wanted = match_names(sorted(names - made.hidden), selection)
+    left_out = tuple(
+        f'{path}: {key[0]} is left out, {counts[key]} messages: {why}'
+        for key, why in reasons.items()
+        if counts[key] and key[0] in wanted
+    )
+    played = tuple(name for name in wanted if name not in {topic for topic, _ in reasons})
+    if left_out and not played:
+        raise UsageError(left_out[0])
+    unknown = unmatched(names, selection)
+    return PlayedTopics(played, made.sources, (*left_out, *unknown, *made.notes))
+
+
+def define_images(typestore: Typestore) -> None:
+    """Add the definition of sensor_msgs/Image to the types of a bag if it is missing."""
+    missing = [name for name in _OF_IMAGE if name not in typestore.fielddefs]
+    typestore.register({name: TYPESTORE.fielddefs[name] for name in missing})
+
+
+# The program of a bag.
+
 
 _OF_CAMERA = frozenset({IMAGE, COMPRESSED, CAMERA_INFO})
 
@@ -293,3 +439,204 @@ def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tupl
         return int(every[taken[-1]]) if len(taken) else int(every[0]) - 1
     taken = np.flatnonzero(own >= frame)
     return int(every[taken[0]]) if len(taken) else int(every[-1]) + 1
+
+
+# Decoded and annotated sensor_msgs/Image topics, made from the images of a bag.
+#
+# By the convention of image_transport, IMAGE/compressed is the CompressedImage of the Image IMAGE.
+# A topic with another name is decoded to TOPIC/raw.
+
+
+_SUFFIX = '/compressed'
+_DEPTH_SUFFIX = '/compressedDepth'
+
+
+class BagImages:
+    """Makes the image topics that the message options request; for one thread at a time.
+
+    Args:
+        bag: The bag; its files are open until close.
+        options: images, annotated and color_encoding.
+
+    Raises:
+        UsageError: Annotated images are requested, but the data they need is missing from the bag.
+    """
+
+    def __init__(self, bag: OpenBag, options: MessageOptions) -> None:
+        self._images = options.images
+        self._color = options.color_encoding
+        self._labelled: LabelledImages | None = None
+        if options.annotated:
+            from ..importer.labelled_images import LabelledImages  # noqa: PLC0415 - 0.2 s of OpenCV
+
+            self._labelled = LabelledImages(bag)
+        self._annotated: dict[str, str] = {}
+        self._decoder: Decoder | None = None
+
+    def topics(self, types: Mapping[str, str]) -> ImageTopics:
+        """Choose the topics to make for a bag, given its message types by topic."""
+        compressed = sorted(topic for topic, msgtype in types.items() if msgtype == COMPRESSED)
+        pictures = [topic for topic in compressed if not topic.endswith(_DEPTH_SUFFIX)]
+        decoded = {_decoded_name(topic): topic for topic in pictures}
+        notes = [
+            f'{topic} is played unchanged: depth images are not decoded'
+            for topic in compressed
+            if topic not in pictures and self._images is not Images.COMPRESSED
+        ]
+        there = {name for name in decoded if types.get(name) == IMAGE}
+        hidden: set[str] = set()
+        if self._images is Images.COMPRESSED:
+            hidden, decoded = there, {}
+        elif self._images is Images.RAW:
+            hidden = set(pictures)
+        sources = {name: topic for name, topic in decoded.items() if name not in types}
+        if self._labelled is not None:
+            names = {_annotated_name(topic): topic for topic in self._labelled.topics}
+            self._annotated = {name: topic for name, topic in names.items() if name not in types}
+            notes += self._labelled.notes
+        return ImageTopics({**sources, **self._annotated}, frozenset(hidden), tuple(notes))
+
+    def make(
+        self, message: BagMessage, names: Sequence[str], typestore: Typestore
+    ) -> list[bytes | ValueError]:
+        """Make the CDR of each of the named topics from a message, or the error."""
+        self._decoder = self._decoder or Decoder(typestore, lent=True)
+        try:
+            image = self._decoder(message)
+            pixels = pixels_of(image)
+        except ValueError as error:
+            return [error] * len(names)
+        return [self._made(name, image, pixels, message.stamp_ns) for name in names]
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._labelled is not None:
+            self._labelled.close()
+
+    def _made(self, name: str, image: Any, pixels: Pixels, log_ns: int) -> bytes | ValueError:  # noqa: ANN401 - of the bag's types
+        stamp_ns = stamp_ns_of(image.header)
+        try:
+            if name in self._annotated and self._labelled is not None:
+                topic = self._annotated[name]
+                pixels = self._labelled.draw(topic, image, pixels, stamp_ns, log_ns)
+            color = ColorEncoding.BGR8 if name in self._annotated else self._color
+            return join(serialize(encode_pixels(pixels, stamp_ns, image.header.frame_id, color)))
+        except ValueError as error:
+            return error
+        except (struct.error, OverflowError) as error:
+            return ValueError(f'a value is out of range for {IMAGE} ({error})')
+
+
+def _decoded_name(topic: str) -> str:
+    """Return the topic of the decoded images of a CompressedImage topic."""
+    name = topic.removesuffix(_SUFFIX)
+    return name if name not in ('', topic) else f'{topic}/raw'
+
+
+def _annotated_name(topic: str) -> str:
+    """Return the topic of the annotated images: in the camera's namespace, as for a folder."""
+    camera, _, _ = topic.removesuffix(_SUFFIX).rpartition('/')
+    return f'{camera}/annotated'
+
+
+# Opens the source of a player: a KITTI folder or a bag.
+
+
+CLOCK = '/clock'
+STATE = '/kitti_player/state'
+
+_MOST_WORKERS = 4
+
+
+def open_program(
+    source: str | Path,
+    settings: PlaySettings | Settings,
+    reserved: Callable[[str, str], str] = lambda _topic, _msgtype: '',
+) -> Program:
+    """Open a source.
+
+    Args:
+        source: Path of a KITTI folder or a bag; ~ is the home directory.
+        settings: Read settings; an explicit layout means a KITTI folder.
+        reserved: See BagProgram.
+
+    Raises:
+        KittiRos2Error: The source is missing or unreadable, or the selection matches nothing.
+        OSError: The same.
+    """
+    path = as_path(source).expanduser()
+    opened = open_source(path, settings.read)
+    if isinstance(opened, OpenBag):
+        with opened as bag:  # the program keeps its files open until it is closed
+            if settings.predictions.path is not None:
+                raise UsageError(
+                    f'{path}: predictions are for KITTI folders, and this is a bag; to-bag takes'
+                    f' them when it makes the bag'
+                )
+            made = any(msgtype == ANNOTATIONS for _, msgtype in bag.index.stamps)
+            if settings.messages.annotations and not made:
+                raise UsageError(
+                    f'{path}: annotations are made of KITTI folders, and this is a bag; to-bag'
+                    f' --annotations makes a bag with them'
+                )
+            if settings.imu.path is not None:
+                raise UsageError(
+                    f'{path}: --imu-from is for raw drives, and this is a bag; to-bag takes it when'
+                    f' it makes the bag'
+                )
+            if settings.messages.stack is not None:
+                raise UsageError(
+                    f'{path}: a bag is played as it is, and --for is for KITTI folders; to-bag'
+                    f' --for makes a bag for a stack'
+                )
+            playing = isinstance(settings, PlaySettings)
+            images = BagImages(bag, settings.messages) if playing else None
+            return BagProgram(bag, settings.selection, reserved, images)
+    if settings.messages.annotated and Stream.LABELS not in opened.streams:
+        raise UsageError(f'{path}: no annotated images can be made: the recording has no labels')
+    add_predictions(opened, settings.predictions.path)
+    add_extract(opened, settings.imu)
+    workers = worker_count(_MOST_WORKERS)
+    return RecordingProgram(opened, settings.messages, settings.selection, workers)
+
+
+def publishes_clock(settings: PlaySettings) -> bool:
+    """Whether a node with these settings publishes the recording's time on /clock."""
+    return settings.playback.clock_hz > 0 and settings.stamps is Stamps.ORIGINAL
+
+
+def reserved_by_viewers(topic: str, msgtype: str) -> str:
+    """Return why a bag's topic is skipped when serving viewers: the player publishes its state."""
+    recorded = topic.endswith(STATE) and msgtype == DIAGNOSTICS
+    return 'the player publishes its own' if recorded or topic == STATE else ''
+
+
+def reserved_by_node(name: str, settings: PlaySettings) -> Callable[[str, str], str]:
+    """Return a function that gives the reason why a node skips a bag's topic.
+
+    Two clocks or two states would contradict each other.
+
+    Args:
+        name: The node's name with its namespace.
+        settings: The node's settings.
+    """
+
+    def reserved(topic: str, msgtype: str) -> str:
+        if topic == CLOCK and publishes_clock(settings):
+            return 'the player publishes its own; --clock 0 plays those of the bag'
+        if topic == CLOCK and settings.stamps is Stamps.NOW:
+            return "they contain the recording's time, but the stamps are the current time"
+        if topic == f'{name}/state':
+            return 'the player publishes its own'
+        return reserved_by_viewers(topic, msgtype)
+
+    return reserved
+
+
+def describe(program: Program) -> str:
+    """Describe a program in one line."""
+    frames, stamps = program.frames, program.stamps_ns
+    return (
+        f'{program.name}: frames {frames.min()} to {frames.max()},'
+        f' {(stamps[-1] - stamps[0]) / 1e9:.1f} s, {len(program.channels)} topics'
+    )

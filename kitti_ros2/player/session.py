@@ -7,32 +7,184 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..files.freed_memory import FreeMemory
-from ..messages.cdr import restamp_message
-from ..messages.last_keys import LastKeys
+from ..files.processes import FreeMemory
+from ..messages.cdr import CdrWriter, LastKeys, restamp_message
 from ..messages.markers import encode_clear
 from ..messages.naming import FrameNames
-from ..model.msgtypes import MARKERS
-from ..options.playback import Stamps
-from .playback import Playback
-from .playback_events import Idle, Jump, Send, Tick
-from .read_ahead import ReadAhead
-from .transport import Reception, SubscriberWait
+from ..model.bag_formats import MARKERS
+from ..model.streams import format_stamp
+from ..options.outputs import Stamps
+from .playback import Idle, Jump, Playback, Send, Tick
+from .program import ReadAhead
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from ..messages.cdr import Message
-    from ..options.settings import PlaySettings
-    from .playback_events import Event
+    from ..model.bag_formats import Channel
+    from ..options.table import PlaySettings
+    from .playback import Event, PlaybackState
     from .program import Program
-    from .transport import Transport
+
+
+# The interface between a session and its middleware or server, and statistics of subscribers.
+
+
+SETTLED_NS = 1_000_000_000
+"""How long the subscriptions must stay unchanged before playback begins.
+
+`ros2 bag record -a` looks for topics ten times a second and subscribes to them one by one;
+starting at the first match would lose messages of topics that are not matched yet.
+"""
+
+_LOOK_EVERY_NS = 50_000_000
+
+
+class Audience(NamedTuple):
+    """The subscribers of the topics that are played.
+
+    Attributes:
+        subscribers: Nodes with a matched subscription to at least one of the topics.
+        subscriptions: Matched subscriptions of all topics.
+    """
+
+    subscribers: int
+    subscriptions: int
+
+
+class Transport(ABC):
+    """The carrier of the messages of a program: a middleware or a server; used by one thread.
+
+    Args:
+        channels: The topics.
+
+    Attributes:
+        channels: The topics.
+        complaints: Channels that cannot be published, with the reason.
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        self.channels = channels
+        self.complaints: dict[int, str] = {}
+        self._wanted: frozenset[int] = frozenset()
+        self._looked_ns = 0
+
+    def look(self) -> frozenset[int]:
+        """Return the on-demand outlets that have a subscriber now."""
+        self._looked_ns = time.monotonic_ns()
+        self._wanted = frozenset(
+            index
+            for index, each in enumerate(self.channels)
+            if each.on_demand and index not in self.complaints and self.has_subscriber(index)
+        )
+        return self._wanted
+
+    def wanted(self, now_ns: int) -> frozenset[int]:
+        """Return the same, cached for a short time; now_ns is steady time."""
+        if now_ns - self._looked_ns > _LOOK_EVERY_NS:
+            self.look()
+        return self._wanted
+
+    @abstractmethod
+    def audience(self) -> Audience:
+        """Count the current subscribers."""
+
+    @abstractmethod
+    def has_subscriber(self, outlet: int) -> bool:
+        """Whether an outlet has a subscriber now."""
+
+    @abstractmethod
+    def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
+        """Publish serialised data; stamp_ns is its time in the recording."""
+
+    def make_room(self, outlet: int, seconds: float) -> bool:  # noqa: ARG002 - always room here
+        """Wait until an outlet has room for one more message; return whether it has."""
+        return True
+
+    def may_begin(self, frame: int, seconds: float) -> bool:  # noqa: ARG002 - always here
+        """Wait until the messages of a frame may be published, in lossless mode; return whether."""
+        return True
+
+    @abstractmethod
+    def tell_time(self, stamp_ns: int) -> None:
+        """Publish the recording's time."""
+
+    def jump(self, stamp_ns: int) -> None:  # noqa: B027 - subscribers may notice it themselves
+        """Announce a seek to a time: what subscribers hold of another time is outdated."""
+
+    @abstractmethod
+    def finish(self, seconds: float) -> tuple[str, ...]:
+        """Wait until all messages have arrived; return the topics whose messages have not."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Remove the topics."""
+
+
+class SubscriberWait:
+    """Decides when to begin: enough subscribers, and no new subscription for SETTLED_NS.
+
+    Args:
+        needed: Number of subscribers; 0 does not wait.
+    """
+
+    def __init__(self, needed: int) -> None:
+        self.needed = needed
+        self._audience = Audience(0, 0)
+        self._since_ns = 0
+
+    def over(self, audience: Audience, now_ns: int) -> bool:
+        """Whether to begin, given the current audience; now_ns is steady time."""
+        if audience != self._audience:
+            self._audience, self._since_ns = audience, now_ns
+        enough = audience.subscribers >= self.needed
+        return enough and now_ns - self._since_ns >= SETTLED_NS
+
+    def beginning(self) -> str:
+        """Return the message shown when the wait begins, one line."""
+        nodes = 'a subscriber' if self.needed == 1 else f'{self.needed} subscribers'
+        return f'waiting for {nodes}; --wait-for 0 starts at once'
+
+    def ending(self) -> str:
+        """Return the message shown when the wait ends, one line."""
+        subscribers, subscriptions = self._audience
+        return f'subscribers: {subscribers}, with {subscriptions} subscriptions'
+
+
+class Reception:
+    """Counts messages with and without a subscriber at the time they were due, by topic.
+
+    Latched messages are not counted: late subscribers receive them.
+    """
+
+    def __init__(self) -> None:
+        self._received: Counter[int] = Counter()
+        self._missed: Counter[int] = Counter()
+
+    def note(self, outlet: int, *, received: bool) -> None:
+        """Count one message of an outlet."""
+        (self._received if received else self._missed)[outlet] += 1
+
+    def describe(self) -> str:
+        """Describe the messages without a subscriber in one line; empty if all had one."""
+        missed, received = dict(self._missed), dict(self._received)  # another thread keeps counting
+        count = sum(missed.values())
+        if not count:
+            return ''
+        total = count + sum(received.values())
+        text = f'{count} of {total} messages had no subscriber (latched ones are not counted)'
+        partly = sum(count for outlet, count in missed.items() if outlet in received)
+        if partly:
+            text += f'; {partly} of these on topics that had one at another time'
+        return text
+
 
 LAST_WAIT_S = 1.4
 """How long to wait until the last messages have arrived."""
@@ -335,3 +487,92 @@ class Session:
     def _count_dropped(self, reason: str, messages: int) -> None:
         self.counts.failures += messages
         self.counts.dropped[reason] += messages
+
+
+# A state in words -> diagnostic_msgs/DiagnosticArray, which viewers display.
+
+
+OK = 0
+WARN = 1
+"""DiagnosticStatus.level."""
+
+
+def encode_diagnostics(
+    stamp_ns: int,
+    *,
+    level: int,
+    name: str,
+    message: str,
+    hardware_id: str,
+    values: Mapping[str, str],
+) -> bytes:
+    """Make a DiagnosticArray with one DiagnosticStatus, serialised.
+
+    Args:
+        stamp_ns: Of the header, nanoseconds.
+        level: OK or WARN.
+        name: Of the component that reports.
+        message: Its state, in a line.
+        hardware_id: What it reports on.
+        values: Its state in detail.
+    """
+    cdr = CdrWriter()
+    cdr.header(stamp_ns, '')
+    cdr.uint32(1)
+    cdr.byte(level)
+    for text in (name, message, hardware_id):
+        cdr.text(text)
+    cdr.uint32(len(values))
+    for key, value in values.items():
+        cdr.text(key)
+        cdr.text(value)
+    return cdr.finish()
+
+
+# The state of a player as text and as a message.
+
+
+def where(playback: Playback) -> str:
+    """Describe the state in words, such as 'paused, frame 5'."""
+    state = playback.state()
+    return f'{_doing(state)}, frame {state.frame}'
+
+
+def _doing(state: PlaybackState) -> str:
+    if state.paused:
+        return 'paused'
+    return 'waiting for subscribers' if state.waiting else 'playing'
+
+
+def encode_state(name: str, source: str, state: PlaybackState, counts: Counts) -> bytes:
+    """Encode the state as a DiagnosticArray: OK, or WARN if messages could not be made.
+
+    Args:
+        name: The player's name.
+        source: The source's name.
+        state: The current state.
+        counts: The statistics so far.
+    """
+    values = {
+        'source': source,
+        'frame': state.frame,
+        'time': format_stamp(state.stamp_ns),
+        'seconds': f'{state.offset_ns / 1e9:.3f}',
+        'rate': f'{state.rate:g}',
+        'paused': str(state.paused).lower(),
+        'finished': str(state.finished).lower(),
+        'round': state.round,
+        'messages': counts.messages,
+        'failures': counts.failures,
+        'late_ms': f'{counts.late_ns / 1e6:.1f}',
+    }
+    doing = 'finished' if state.finished else _doing(state)
+    return encode_diagnostics(
+        state.stamp_ns,
+        level=WARN if counts.failures else OK,
+        name=name,
+        message=f'{doing}, frame {state.frame}'
+        + (f'; {counts.failures} messages could not be made' if counts.failures else ''),
+        hardware_id=source,
+        values={key: str(value) for key, value in values.items()},
+    )

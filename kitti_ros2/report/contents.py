@@ -4,21 +4,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..model.text import format_count
+import numpy as np
+
+from ..model.boxes import DONT_CARE, OCCLUSIONS
+from ..model.errors import format_count
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from ..drawing.drawn_objects import LabelledObject
     from ..evaluation.detection import DetectionScores
-    from ..model.route import Route
+    from ..model.geometry import Float64Array
+    from ..model.recording import Route, StreamIndex
+    from ..model.samples import Int64Array
     from ..model.streams import Clock
     from .overview import Overview
-    from .statistics import ClassStatistics
-    from .timing import Timing
 
 
 _ONE_CLOCK_NS = 60_000_000_000
@@ -211,3 +216,249 @@ class Report:
 
     def _count(self, severity: Severity) -> int:
         return sum(finding.severity is severity for finding in self.findings)
+
+
+# Statistics of labels.
+
+
+@dataclass(frozen=True, eq=False)
+class ClassFacts:
+    """The objects of one class.
+
+    Attributes:
+        class_name: Such as Car.
+        count: Number of boxes.
+        frames: Number of frames with one.
+        most: Maximum number in a frame.
+        tracks: Number of track ids; None without any.
+        distances_m: (N,) horizontal distance from the scanner, of those with a 3D box.
+        occlusions: Number for each of OCCLUSIONS; None if unknown.
+        truncated: Number truncated by the image edge; None if unknown.
+    """
+
+    class_name: str
+    count: int
+    frames: int
+    most: int
+    tracks: int | None
+    distances_m: Float64Array
+    occlusions: tuple[int, ...] | None
+    truncated: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class ClassStatistics:
+    """The labels of all frames.
+
+    Attributes:
+        classes: Most frequent first.
+        frames: Number of frames.
+        labelled: Number of frames with an object.
+        dont_care: Number of regions without labels.
+    """
+
+    classes: tuple[ClassFacts, ...]
+    frames: int
+    labelled: int
+    dont_care: int
+
+    @property
+    def count(self) -> int:
+        """Number of all objects."""
+        return sum(each.count for each in self.classes)
+
+
+@dataclass
+class _ClassCounts:
+    count: int = 0
+    frames: int = 0
+    most: int = 0
+    tracks: set[int] = field(default_factory=set)
+    distances_m: list[float] = field(default_factory=list)
+    occlusions: Counter[int] = field(default_factory=Counter)
+    truncation_known: int = 0
+    truncated: int = 0
+
+    def add(self, objects: Sequence[LabelledObject]) -> None:
+        """Add the objects of this class in one frame."""
+        self.count += len(objects)
+        self.frames += 1
+        self.most = max(self.most, len(objects))
+        for each in objects:
+            if each.track_id is not None:
+                self.tracks.add(each.track_id)
+            if each.cuboid is not None:
+                x, y, _ = each.cuboid.velo_T_box.translation.tolist()
+                self.distances_m.append(float(np.hypot(x, y)))
+            if each.occluded is not None:
+                self.occlusions[each.occluded] += 1
+            if each.truncated is not None:
+                self.truncation_known += 1
+                self.truncated += each.truncated > 0
+
+    def facts(self, class_name: str) -> ClassFacts:
+        """Return the facts of the objects so far."""
+        known = sum(self.occlusions.values())
+        places = range(len(OCCLUSIONS))
+        return ClassFacts(
+            class_name,
+            self.count,
+            self.frames,
+            self.most,
+            len(self.tracks) or None,
+            np.array(self.distances_m),
+            tuple(self.occlusions[place] for place in places) if known else None,
+            self.truncated if self.truncation_known else None,
+        )
+
+
+class ClassTally:
+    """Counts labels frame by frame."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, _ClassCounts] = defaultdict(_ClassCounts)
+        self._frames = 0
+        self._labelled = 0
+        self._dont_care = 0
+
+    def add(self, objects: Iterable[LabelledObject]) -> None:
+        """Add a frame, also one without objects."""
+        by_class: dict[str, list[LabelledObject]] = defaultdict(list)
+        for each in objects:
+            by_class[each.class_name].append(each)
+        self._dont_care += len(by_class.pop(DONT_CARE, ()))
+        self._frames += 1
+        self._labelled += bool(by_class)
+        for class_name, found in by_class.items():
+            self._counts[class_name].add(found)
+
+    def statistics(self) -> ClassStatistics:
+        """Return the statistics of the frames so far."""
+        facts = (tally.facts(class_name) for class_name, tally in self._counts.items())
+        ordered = sorted(facts, key=lambda each: (-each.count, each.class_name))
+        return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
+
+
+def histogram(values: Float64Array, edges: Sequence[float]) -> list[int]:
+    """Count values in each bin [edge, next edge); the last bin is open."""
+    counts, _ = np.histogram(values, [*edges, np.inf])
+    return [int(count) for count in counts]
+
+
+def spread(count: int, most: int) -> list[int]:
+    """Return up to most evenly spaced indices of 0 .. count-1, including first and last."""
+    if not count:
+        return []
+    places = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    return [int(place) for place in np.unique(places)]
+
+
+# Rate, jitter and gaps of a stream, and whether its numbers match another stream's in time.
+
+
+GAP_PERIODS = 1.5
+"""A distance of more periods than this is a gap; one lost sample makes it 2."""
+
+_EVEN = 0.25
+_MOSTLY = 0.6
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A gap, where samples are missing.
+
+    Attributes:
+        at_ns: The stamp before it.
+        length_ns: Distance to the next stamp.
+        lacking: Number of missing samples, by the usual period.
+    """
+
+    at_ns: int
+    length_ns: int
+    lacking: int
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """The timing of the samples of a stream.
+
+    Attributes:
+        stamps_ns: (N,) int64, ascending.
+        period_ns: Median distance of neighbours, None with less than two.
+        rate_hz: Samples per second between the first and the last; None if they are equal.
+        jitter_ns: 95th percentile of the deviation of distances from the median, without gaps; None
+            with less than three stamps.
+        regular: Whether most distances are near the median, so that gaps are meaningful.
+        gaps: In order of time; none unless regular.
+        repeated: Number of stamps equal to the one before.
+        backward: Number of samples stamped earlier than the one before.
+    """
+
+    stamps_ns: Int64Array
+    period_ns: int | None = None
+    rate_hz: float | None = None
+    jitter_ns: int | None = None
+    regular: bool = False
+    gaps: tuple[Gap, ...] = ()
+    repeated: int = 0
+    backward: int = 0
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def intervals_ns(self) -> Int64Array:
+        """(N-1,) distances of neighbours, nanoseconds."""
+        distances: Int64Array = np.diff(self.stamps_ns)
+        return distances
+
+
+def timing_of(stamps_ns: Int64Array) -> Timing:
+    """Compute the timing of (N,) stamps in the order of the samples."""
+    backward = int(np.count_nonzero(np.diff(stamps_ns) < 0))
+    stamps = np.sort(stamps_ns)
+    distances = np.diff(stamps)
+    if not len(distances):
+        return Timing(stamps)
+    period = int(np.median(distances))
+    span = int(stamps[-1] - stamps[0])
+    near = np.abs(distances - period) <= _EVEN * period
+    regular = len(distances) >= _FEWEST and period > 0 and bool(near.mean() >= _MOSTLY)
+    wide = distances > GAP_PERIODS * period if regular else np.zeros(len(distances), np.bool_)
+    return Timing(
+        stamps,
+        period_ns=period,
+        rate_hz=len(distances) * 1e9 / span if span else None,
+        jitter_ns=_jitter(distances[~wide], period),
+        regular=regular,
+        gaps=tuple(
+            Gap(int(stamps[index]), int(distances[index]), round(distances[index] / period) - 1)
+            for index in np.flatnonzero(wide).tolist()
+        ),
+        repeated=int(np.count_nonzero(distances == 0)),
+        backward=backward,
+    )
+
+
+def _jitter(distances: Int64Array, period: int) -> int | None:
+    if len(distances) < 2:
+        return None
+    return int(np.percentile(np.abs(distances - period), 95))
+
+
+def shifted_numbers(stream: StreamIndex, reference: StreamIndex) -> tuple[list[int], int]:
+    """Compare the samples of a stream with those of a reference with the same file number.
+
+    Returns:
+        The file numbers that are nearer to another sample of the reference, and the number of all
+        common ones. A sample is nearer to another if it is more than half a period of the reference
+        away from its own: this detects files renumbered without their stamps.
+    """
+    common, mine, theirs = np.intersect1d(
+        stream.numbers, reference.numbers, assume_unique=True, return_indices=True
+    )
+    offsets = stream.stamps_ns[mine] - reference.stamps_ns[theirs]
+    period = timing_of(reference.stamps_ns).period_ns
+    shifted = common[np.abs(offsets) > period / 2] if period else []
+    return [int(number) for number in shifted], len(common)

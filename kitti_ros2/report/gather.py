@@ -4,43 +4,406 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
+from ..bags.bag_files import OpenBag
 from ..bags.open_source import open_source
-from ..bags.reader import OpenBag, bag_stamps
-from ..datasets.route_statistics import RouteTrace
-from ..model.errors import KittiRos2Error
+from ..bags.reader import bag_stamps
+from ..datasets.recording_statistics import RouteTrace
+from ..kitti.kitti_recording import read_image_header
+from ..model.boxes import DONT_CARE
+from ..model.errors import (
+    KittiRos2Error,
+    MissingDataError,
+    describe_error,
+    format_count,
+    format_numbers,
+)
 from ..model.geometry import Transform
-from ..model.losses import format_numbers
-from ..model.route import route_of
+from ..model.recording import route_of
 from ..model.samples import Pose
-from ..model.streams import Stream
+from ..model.streams import KITTI_COLUMNS, Clock, Stream
+from ..options.outputs import PictureOptions
+from ..pictures.painters import chosen_camera
+from ..pictures.panel import MODES
 from ..pictures.recording_frames import RecordingFrames
-from .contents import Finding, Report, Severity
+from ..pictures.series import encode_picture
+from .contents import (
+    ClassTally,
+    Finding,
+    Report,
+    ReportPicture,
+    Scene,
+    Severity,
+    StreamFacts,
+    shifted_numbers,
+    spread,
+    timing_of,
+)
 from .overview import inspect_bag, inspect_recording
-from .rig_plot import is_finite
-from .scenes import draw_projections, draw_scenes
-from .statistics import ClassTally
-from .streams import bag_streams, recording_streams
+from .plots import is_finite
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from ..bags.container_file import TopicSummary
     from ..evaluation.detection import DetectionScores
-    from ..importer.survey import Survey
-    from ..kitti.recording import KittiRecording
-    from ..model.route import Route
-    from ..model.samples import Trajectory
+    from ..importer.survey import Survey, TopicSurvey
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.recording import Route
+    from ..model.samples import Int64Array, Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
-    from ..pictures.frame import FrameData, FrameSource
+    from ..pictures.recording_frames import FrameData, FrameSource
+    from .contents import Timing
     from .overview import Overview
+
+
+# Pictures of a few frames of a recording.
+
+
+_QUALITY = 80
+_MOST_WIDTH = 1920
+_MOST_CAMERAS = 4
+
+
+def draw_scenes(
+    source: FrameSource,
+    pictured: Sequence[int],
+    most: int,
+    seen: Callable[[FrameData], None],
+    step: Callable[[], None],
+) -> tuple[Scene, ...]:
+    """Draw evenly spread frames: the camera image, points in it, and from above.
+
+    Args:
+        source: The frames.
+        pictured: Numbers of the frames with images or scans.
+        most: Maximum number of frames.
+        seen: Called with each frame.
+        step: Called after each frame.
+    """
+    options = PictureOptions()
+    camera = chosen_camera(source.cameras, options)
+    wanted = frozenset[str]().union(
+        *(MODES[name].streams(source.cameras, options) for name in ('boxes', 'lidar', 'bev'))
+    )
+    scenes = []
+    for place in spread(len(pictured), most):
+        frame = source.frame(pictured[place], wanted)
+        seen(frame)
+        scene = _scene(frame, source, camera)
+        if scene.camera or scene.points or scene.above:
+            scenes.append(scene)
+        step()
+    return tuple(scenes)
+
+
+def draw_projections(
+    source: FrameSource,
+    pictured: Sequence[int],
+    scenes: Sequence[Scene],
+    seen: Callable[[FrameData], None],
+) -> tuple[ReportPicture, ...]:
+    """Draw the points of the middle frame over the image of each camera.
+
+    Args:
+        source: The frames.
+        pictured: Numbers of the frames with images or scans.
+        scenes: The pictures of some frames, used again if the middle frame is among them.
+        seen: Called with the frame.
+    """
+    if not pictured:
+        return ()
+    middle = pictured[len(pictured) // 2]
+    points = next((scene.points for scene in scenes if scene.number == middle), None)
+    drawn = {} if points is None else {chosen_camera(source.cameras, PictureOptions()): points}
+    cameras = sorted(source.cameras)[:_MOST_CAMERAS]
+    images = [Stream(f'image_{index}').value for index in cameras if index not in drawn]
+    frame = source.frame(middle, frozenset({Stream.SCAN.value, *images}))
+    seen(frame)
+    found = (
+        drawn.get(index) or _projection(frame, index, source.cameras[index])
+        for index in cameras
+        if index in drawn or index in frame.images
+    )
+    return tuple(picture for picture in found if picture is not None)
+
+
+def _scene(frame: FrameData, source: FrameSource, camera: int | None) -> Scene:
+    """Draw the possible pictures of a frame."""
+    image = points = None
+    if camera is not None:
+        image = _image(frame, camera, source.cameras[camera])
+        points = _projection(frame, camera, source.cameras[camera])
+    return Scene(
+        frame.number, frame.stamp_ns, tuple(_words(frame)), image, points, _from_above(frame)
+    )
+
+
+def _image(frame: FrameData, camera: int, name: str) -> ReportPicture | None:
+    """Draw the image with 3D boxes, or with 2D boxes without a calibration."""
+    alt = f'Image of camera {name}, frame {frame.number}, with {_labels(frame)}'
+    drawn = (_picture(mode, frame, camera, alt, f'Camera {name}') for mode in ('boxes', 'camera'))
+    return next(filter(None, drawn), None)
+
+
+def _from_above(frame: FrameData) -> ReportPicture | None:
+    alt = f'Points of the scanner from above, frame {frame.number}, with {_labels(frame)}'
+    return _picture('bev', frame, None, alt, 'From above, by height')
+
+
+def _projection(frame: FrameData, camera: int, name: str) -> ReportPicture | None:
+    """Draw points over an image."""
+    alt = f'Points of the scanner over the image of camera {name}, frame {frame.number}'
+    caption = f'Points in camera {name}, by depth'
+    return _picture('lidar', frame, camera, alt, caption)
+
+
+def _words(frame: FrameData) -> Iterator[str]:
+    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
+    yield from (f'{count} {class_name}' for class_name, count in counts.most_common())
+    if frame.points is not None:
+        yield format_count(len(frame.points), 'point')
+
+
+def _labels(frame: FrameData) -> str:
+    count = sum(each.class_name != DONT_CARE for each in frame.objects)
+    return f'{format_count(count, "labelled object")}' if count else 'no labels'
+
+
+def _picture(
+    mode: str, frame: FrameData, camera: int | None, alt: str, caption: str
+) -> ReportPicture | None:
+    """Draw a JPEG in one of the modes, in full size up to a width; None if data is missing."""
+    try:
+        pixels = MODES[mode].draw(frame, PictureOptions(camera=camera))
+    except MissingDataError:
+        return None
+    if pixels.shape[1] > _MOST_WIDTH:
+        size = (_MOST_WIDTH, max(1, round(pixels.shape[0] * _MOST_WIDTH / pixels.shape[1])))
+        pixels = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+    data = encode_picture(pixels, '.jpg', _QUALITY)
+    return ReportPicture(data, pixels.shape[1], pixels.shape[0], alt, caption)
+
+
+# Facts and findings of the streams of a recording and the topics of a bag.
+
+
+_BIN = '.bin'
+_DIAGNOSED_MOST = 5
+
+
+def recording_streams(
+    recording: KittiRecording, findings: list[Finding], step: Callable[[], None]
+) -> list[StreamFacts]:
+    """Return the streams of a KITTI recording; reads the ends of every image and scan file.
+
+    Args:
+        recording: Open for reading.
+        findings: Findings are appended here.
+        step: Called after each stream.
+    """
+    found = []
+    for stream, index in recording.streams.items():
+        timing = timing_of(index.stamps_ns)
+        if recording.clock is not Clock.NOMINAL and not recording.layout.traits.frame_set:
+            findings += _uneven(stream.value, timing)
+            findings += _shifted(stream, recording)
+        paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
+        sizes = {path: size for path in paths if (size := _size(path)) is not None}
+        facts: tuple[str, ...] = ()
+        if stream.camera is not None:
+            varying = recording.layout.traits.calibration_per_frame
+            facts = _image_facts(stream, list(sizes), findings, varying=varying)
+        elif stream is Stream.SCAN:
+            columns = recording.options.columns or KITTI_COLUMNS
+            facts = _scan_facts(sizes, columns.point_bytes, findings)
+        found.append(
+            StreamFacts(
+                stream.value,
+                format_numbers(index.numbers.tolist(), 2),
+                timing,
+                len(sizes),
+                sum(sizes.values()),
+                facts,
+            )
+        )
+        step()
+    return found
+
+
+def bag_streams(
+    topics: Sequence[TopicSummary],
+    stamps: Mapping[str, Int64Array],
+    survey: Survey,
+    clock: Clock,
+    findings: list[Finding],
+    *,
+    independent: bool = False,
+) -> list[StreamFacts]:
+    """Return the topics of a bag, with the stamps of their headers if usable.
+
+    Args:
+        topics: Topics of the bag's index.
+        stamps: Log times by topic, (N,) nanoseconds, ascending.
+        survey: The survey of the bag.
+        clock: The meaning of its stamps.
+        findings: Findings are appended here.
+        independent: Whether the frames are independent, and may be any time apart.
+    """
+    found = []
+    for topic in topics:
+        seen = survey.topics.get(topic.name)
+        used = stamps.get(topic.name, np.zeros(0, np.int64))
+        delay_ns = None
+        if seen is not None and seen.msgtype == topic.msgtype and seen.count:
+            used, reason = seen.stamps()
+            delay_ns = _delay(seen, used)
+            if reason is not None:
+                findings.append(Finding(Severity.WARNING, topic.name, reason))
+            if seen.failure:
+                text = f'messages that do not decode as {seen.msgtype}: {seen.failure}'
+                findings.append(Finding(Severity.LOSS, topic.name, text))
+        timing = timing_of(used)
+        if clock is Clock.NOMINAL or independent:
+            pass  # nominal times have no gaps; independent frames have any
+        elif seen is not None and seen.header_ns:
+            findings += _uneven(topic.name, timing)
+        elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
+            findings.append(_gaps(topic.name, timing))  # else it is an occasional topic
+        size = None if seen is None else seen.size_bytes
+        found.append(
+            StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
+        )
+    return found
+
+
+def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
+    """Return the median time from stamp to log time, if stamps are used."""
+    log = np.array(topic.log_ns, dtype=np.int64)
+    if len(topic.header_ns) != len(log) or not np.array_equal(used, topic.header_ns):
+        return None
+    # Not np.median: float64 has a resolution of 256 ns only for clocks of different epochs.
+    return int(np.sort(log - used)[len(log) // 2])
+
+
+def _uneven(name: str, timing: Timing) -> list[Finding]:
+    found = []
+    if timing.gaps:
+        found.append(_gaps(name, timing))
+    if timing.backward:
+        text = f'{format_count(timing.backward, "sample")} stamped earlier than the one before'
+        found.append(Finding(Severity.WARNING, name, text))
+    if timing.repeated:
+        text = f'{format_count(timing.repeated, "stamp")} the same as the one before'
+        found.append(Finding(Severity.WARNING, name, text))
+    return found
+
+
+def _gaps(name: str, timing: Timing) -> Finding:
+    widest = max(timing.gaps, key=lambda gap: gap.length_ns)
+    after = (widest.at_ns - int(timing.stamps_ns[0])) / 1e9
+    lacking = sum(gap.lacking for gap in timing.gaps)
+    return Finding(
+        Severity.WARNING,
+        name,
+        f'{format_count(len(timing.gaps), "gap")}, in which about'
+        f' {format_count(lacking, "sample")} {"is" if lacking == 1 else "are"} lacking; the longest'
+        f' is {widest.length_ns / 1e9:.2f} s, {after:.1f} s after the first sample',
+    )
+
+
+def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
+    """Return a warning if files with the same number belong to different times."""
+    reference = recording.streams.get(Stream.SCAN)
+    if reference is None or stream is Stream.SCAN or not recording.common_numbers:
+        return []
+    numbers, pairs = shifted_numbers(recording.streams[stream], reference)
+    if not numbers:
+        return []
+    text = (
+        f'{len(numbers)} of {pairs} are nearer to the scan of another frame than to that of their'
+        f' own number: frames {format_numbers(numbers)}; they may be shifted'
+    )
+    return [Finding(Severity.WARNING, stream.value, text)]
+
+
+def _size(path: Path) -> int | None:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return None
+
+
+def _image_facts(
+    stream: Stream, paths: Sequence[Path], findings: list[Finding], *, varying: bool
+) -> tuple[str, ...]:
+    """Return the sizes of images, most frequent first, from the ends of their files.
+
+    Args:
+        stream: Their stream.
+        paths: Their files.
+        findings: Damaged images are appended here, and those of another size unless sizes vary.
+        varying: Whether images of a recording may be of several sizes.
+    """
+    by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
+    bad = []
+    for path in paths:
+        try:
+            image = read_image_header(path)
+        except (KittiRos2Error, OSError) as error:
+            bad.append(describe_error(error))
+            continue
+        by_size[image.width, image.height].append(path)
+    findings += _lost(stream, bad, 'image')
+    ordered = sorted(by_size, key=lambda size: -len(by_size[size]))
+    for width, height in [] if varying else ordered[1:]:
+        usual = '{}x{}'.format(*ordered[0])
+        text = f'the image is {width}x{height}; the others are {usual}'
+        others = [f'{path}: {text}' for path in by_size[width, height]]
+        findings += _lost(stream, others, 'image')
+    return tuple(
+        f'{width} \N{MULTIPLICATION SIGN} {height}'
+        + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
+        for width, height in ordered[:_DIAGNOSED_MOST]
+    )
+
+
+def _scan_facts(
+    sizes: Mapping[Path, int], point_bytes: int, findings: list[Finding]
+) -> tuple[str, ...]:
+    """Return the points per scan, from the sizes of files; truncated ones are findings."""
+    sizes = {path: size for path, size in sizes.items() if path.suffix == _BIN}
+    cut = {path: size for path, size in sizes.items() if not size or size % point_bytes}
+    findings += _lost(
+        Stream.SCAN, [_cut_scan(path, size, point_bytes) for path, size in cut.items()], 'scan'
+    )
+    points = [size // point_bytes for path, size in sizes.items() if path not in cut]
+    if not points:
+        return ()
+    low, middle, high = min(points), int(np.median(points)), max(points)
+    return (f'{middle:,} points' + (f' ({low:,} to {high:,})' if low != high else ''),)
+
+
+def _lost(stream: Stream, reasons: Sequence[str], noun: str) -> list[Finding]:
+    """Return a finding with the first reason and the number of others; none without reasons."""
+    more = f'; and {format_count(len(reasons) - 1, f"more {noun}")}' * (len(reasons) > 1)
+    return [Finding(Severity.LOSS, stream.value, reasons[0] + more)] if reasons else []
+
+
+def _cut_scan(path: Path, size: int, point_bytes: int) -> str:
+    if not size:
+        return f'{path}: the file is empty'
+    return f'{path}: {size} bytes, cut inside a point; expected a multiple of {point_bytes} bytes'
+
 
 SCENES = 5
 """Number of frames shown, spread over the recording."""
@@ -108,9 +471,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     # The importer takes 20 ms to import, and a folder needs none of it.
     from ..importer.survey import look  # noqa: PLC0415
-    from ..pictures.bag_frames import BagFrames  # noqa: PLC0415
-    from ..pictures.ego_track import ego_track  # noqa: PLC0415
-    from ..pictures.sources import open_bag_frames, open_own_recording  # noqa: PLC0415
+    from ..pictures.bag_frames import BagFrames, ego_track, open_bag_frames, open_own_recording  # noqa: PLC0415
 
     overview, blueprint = inspect_bag(bag)
     findings: list[Finding] = []

@@ -4,35 +4,442 @@
 
 from __future__ import annotations
 
+import os
 import re
 from base64 import b64encode
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from jinja2.ext import Extension
 from jinja2.lexer import Token
 
 from .. import __version__
-from ..model.containers import CONTAINERS
-from ..model.layouts import Layout
-from ..model.stamps import format_stamp
-from ..model.streams import Clock
-from ..model.text import format_bytes, format_count, format_duration
-from .contents import Severity
-from .plots import class_colour
-from .scores_section import scores_section
-from .sections import calibration_section, frames_section, objects_section, route_section
-from .streams_section import streams_section
+from ..model.bag_formats import CONTAINERS
+from ..model.boxes import OCCLUSIONS, Difficulty
+from ..model.errors import format_bytes, format_count, format_duration
+from ..model.streams import Clock, Layout, format_stamp
+from .contents import LONG, NAME, NUMBER, TEXT, Severity, Table, histogram
+from .overview import MOST_SERIES, describe_rest
+from .plots import (
+    MOST_FRAMES,
+    class_colour,
+    course_plot,
+    curves_plot,
+    format_period,
+    histogram_plot,
+    interval_plot,
+    mounts_of,
+    rig_plot,
+    route_plot,
+    shares_bar,
+    strip,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from jinja2.lexer import TokenStream
 
-    from .contents import Report
-    from .overview import Overview
+    from ..evaluation.detection import DetectionScores
+    from ..evaluation.object_benchmark import Curve
+    from ..model.recording import Route
+    from .contents import ClassFacts, ClassStatistics, Report, StreamFacts
+    from .overview import CameraGlance, Overview
+    from .plots import Mount
+
+
+# The values of the section of a detector's scores; None without results.
+
+
+_ROWS = {'2d': '2D', 'aos': 'Orientation', 'bev': "Bird's-eye view", '3d': '3D'}
+_PLOTTED = '3d'
+_NONE = '\N{EN DASH}'
+
+
+def scores_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section of scores."""
+    scores = report.scores
+    if scores is None:
+        return None
+    words = (
+        f'Average precision by the rules of the object benchmark over'
+        f' {format_count(scores.frames, "frame")}, percent: at 40 values of recall, and at 11 in'
+        f' brackets.'
+    )
+    plots = {name: _plot(name, each[_PLOTTED]) for name, each in scores.scores.items()}
+    return {
+        'words': words,
+        'tables': [_scores_table(class_name, scores) for class_name in scores.scores],
+        'plots': [(class_name, plot) for class_name, plot in plots.items() if plot],
+    }
+
+
+def _scores_table(class_name: str, scores: DetectionScores) -> Table:
+    columns = [('Metric', TEXT), *((level.value, NUMBER) for level in Difficulty)]
+    rows = [
+        [title, *(_figure(scores.scores[class_name][name][level]) for level in Difficulty)]
+        for name, title in _ROWS.items()
+    ]
+    return Table(f'{class_name}, IoU above {scores.limits[class_name]:g}', columns, rows)
+
+
+def _figure(curve: Curve | None) -> str:
+    if curve is None or not curve.objects:
+        return _NONE
+    return f'{curve.r40:.2f} ({curve.r11:.2f})'
+
+
+def _plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
+    """Draw the curves of a class; empty without any."""
+    known = {
+        level.value: 100 * curve.values
+        for level, curve in curves.items()
+        if curve is not None and curve.objects
+    }
+    if not known:
+        return ''
+    recall = np.linspace(0, 100, len(next(iter(known.values()))))
+    key = ''.join(each if each.isalnum() else '-' for each in class_name)
+    return curves_plot(f'curves-{key}', f'Precision of {class_name} in 3D', recall, known)
+
+
+# The values of the sections of frames, route, objects and calibration; None without data.
+
+
+_EDGES_M = tuple(range(0, 100, 10))
+_MOST_HISTOGRAMS = 9
+
+
+def frames_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section with pictures of a few frames."""
+    if not report.scenes:
+        return None
+    frames = report.frames or len(report.scenes)
+    timed = report.clock is Clock.UTC
+    return {'scenes': report.scenes, 'frames': f'{frames:,}', 'timed': timed}
+
+
+def route_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section of the route."""
+    route = report.route
+    if route is None:
+        return None
+    speed = ''
+    if report.clock is not Clock.NOMINAL and route.duration_s > 0:
+        speed = f', {route.length_m / route.duration_s:.1f} m/s in the mean'
+    climb = float(np.ptp(route.positions[:, 2]))
+    words = (
+        f'{route.length_m:.1f} m along {len(route.positions):,} poses{speed};'
+        f' {route.net_m:.1f} m from start to end, {climb:.1f} m between the lowest and the highest.'
+    )
+    plot = route_plot('route-plot', route.positions[:, :2], words)
+    return {
+        'words': words,
+        'jumps': route.jumps,
+        'timed': report.clock is not Clock.NOMINAL,
+        'plot': plot,
+        'courses': list(_courses(route)),
+    }
+
+
+def _courses(route: Route) -> Iterator[tuple[str, str, str]]:
+    """Yield name, extent and plot of speed, altitude and yaw over time."""
+    times = (route.stamps_ns - route.stamps_ns[0]) / 1e9
+    heights, place, axis = route.positions[:, 2] - route.positions[0, 2], 'the start', 'the x axis'
+    if route.altitude_m is not None:
+        heights, place, axis = route.positions[:, 2] + route.altitude_m, 'sea level', 'east'
+    courses = (
+        ('Speed', 'm/s', route.speeds_m_s, ''),
+        ('Altitude', 'm', heights, f'above {place}'),
+        ('Yaw', 'deg', np.degrees(route.yaws_rad), f'counter-clockwise from {axis}'),
+    )
+    for name, unit, values, remark in courses:
+        known = np.isfinite(values)
+        if known.sum() > 1:
+            plot = course_plot(f'course-{name.lower()}', name, times[known], values[known], unit)
+            extent = f'{np.nanmin(values):.1f} to {np.nanmax(values):.1f} {unit}'
+            yield name, f'{extent} {remark}', plot
+
+
+def objects_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section of labelled objects."""
+    classes = report.classes
+    if classes is None:
+        return None
+    words = (
+        f'{classes.count:,} objects in {classes.labelled:,} of {classes.frames:,} frames'
+        f' ({classes.count / max(classes.frames, 1):.1f} a frame).'
+    )
+    if classes.dont_care:
+        words += f' {classes.dont_care:,} regions are without labels (DontCare).'
+    distances = [
+        (
+            each.class_name,
+            f'{np.median(each.distances_m):.1f} m',
+            histogram_plot(
+                f'distance-{place}',
+                f'Distances of {each.class_name}',
+                _EDGES_M,
+                histogram(each.distances_m, _EDGES_M),
+                'metres from the scanner',
+                class_colour(each.class_name),
+            ),
+        )
+        for place, each in enumerate(classes.classes[:_MOST_HISTOGRAMS])
+        if len(each.distances_m)
+    ]
+    return {'words': words, 'table': _class_table(classes), 'distances': distances}
+
+
+def _class_table(classes: ClassStatistics) -> Table:
+    found = classes.classes
+    occluded = any(each.occlusions is not None for each in found)
+    tracked = any(each.tracks is not None for each in found)
+    cut = any(each.truncated is not None for each in found)
+    columns = [('Class', TEXT), ('Objects', NUMBER), ('Frames', NUMBER), ('A frame', NUMBER)]
+    columns += [('Most', NUMBER)] + [('Tracks', NUMBER)] * tracked
+    columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if occluded]
+    columns += [('Occlusion', TEXT)] * occluded + [('Truncated', NUMBER)] * cut
+    rows = [
+        [
+            each.class_name,
+            f'{each.count:,}',
+            f'{each.frames:,}',
+            f'{each.count / max(classes.frames, 1):.2f}',
+            f'{each.most:,}',
+            *([_count(each.tracks)] if tracked else []),
+            *(_occlusions(each) if occluded else []),
+            *([_count(each.truncated)] if cut else []),
+        ]
+        for each in found
+    ]
+    return Table('Labelled objects by class', columns, rows)
+
+
+def _count(count: int | None) -> str:
+    return '' if count is None else f'{count:,}'
+
+
+def _occlusions(facts: ClassFacts) -> list[str]:
+    if facts.occlusions is None:
+        return [''] * (len(OCCLUSIONS) + 1)
+    return [*(f'{count:,}' for count in facts.occlusions), shares_bar(facts.occlusions)]
+
+
+def calibration_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section of sensor poses and camera intrinsics."""
+    mounts = mounts_of(report.overview.links)
+    cameras = report.overview.cameras
+    if not (report.projections or len(mounts) > 1 or cameras):
+        return None
+    values: dict[str, object] = {
+        'projections': report.projections,
+        'mounts': None,
+        'cameras': _camera_table(cameras) if cameras else None,
+    }
+    if len(mounts) > 1:
+        drawn = mounts[:MOST_FRAMES]
+        values |= {
+            'mounts': _mount_table(mounts),
+            'left': len(mounts) - len(drawn),
+            'above': rig_plot('rig-top', drawn, side=False),
+            'beside': rig_plot('rig-side', drawn, side=True),
+        }
+    return values
+
+
+def _mount_table(mounts: Sequence[Mount]) -> Table:
+    order = {mount.name: str(place + 1) for place, mount in enumerate(mounts)}
+    columns = [('Frame', TEXT), ('On', NUMBER), ('Distance m', NUMBER)]
+    columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
+    columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
+    rows = [
+        [
+            {'order': order[mount.name], 'name': mount.name},
+            order[mount.parent] if mount.parent else '',
+            f'{mount.distance_m:.3f}' if mount.parent else '',
+            *([f'{value + 0.0:.3f}' for value in mount.xyz_m] or [''] * 3),
+            *([f'{value + 0.0:.2f}' for value in mount.rpy_deg] or [''] * 3),
+        ]
+        for mount in mounts
+    ]
+    return Table('Where each frame is in the axes of the one that it is on', columns, rows)
+
+
+def _camera_table(cameras: Sequence[CameraGlance]) -> Table:
+    columns = [('Camera', TEXT), ('Size', NUMBER)]
+    columns += [(name, NUMBER) for name in ('fx', 'fy', 'cx', 'cy', 'Field of view', 'Baseline m')]
+    rows = []
+    for each in cameras:
+        name, *pixels, baseline = each.cells()
+        size = f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image'
+        rows.append([name, size, *pixels, _field_of_view(each), baseline])
+    return Table('Intrinsics of the rectified cameras, in pixels', columns, rows)
+
+
+def _field_of_view(camera: CameraGlance) -> str:
+    if not camera.width or camera.fx is None or camera.fx <= 0:
+        return ''
+    angle = 2 * np.degrees(np.arctan(camera.width / 2 / camera.fx))
+    return f'{angle:.1f}\N{DEGREE SIGN}'
+
+
+# The values of the section of streams: times, counts, rates, jitter, gaps and sizes.
+
+
+_MOST_PLOTS = 9
+_FEWEST_SAMPLES = 3
+
+
+def streams_section(report: Report) -> dict[str, object] | None:
+    """Return the values of the section; None without streams."""
+    if not report.streams:
+        return None
+    timed = report.clock is not Clock.NOMINAL
+    shown, left_out = report.streams[:MOST_SERIES], report.streams[MOST_SERIES:]
+    start_ns, end_ns = _extent(report)
+    coverage = [
+        (
+            each.name,
+            len(each.timing.gaps),
+            strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
+        )
+        for each in shown
+        if len(each.timing)
+    ]
+    return {
+        'timed': timed,
+        'table': _streams_table(report, shown),
+        'rest': _rest(report, left_out),
+        'span': f', {(end_ns - start_ns) / 1e9:.1f} s' if timed else '',
+        'coverage': coverage,
+        'intervals': _intervals(shown) if timed else (),
+        'most': _MOST_PLOTS,
+    }
+
+
+def _rest(report: Report, left_out: Sequence[StreamFacts]) -> str:
+    """Return what is said of the streams that are not on the page; empty if all are."""
+    if not left_out:
+        return ''
+    kind = 'stream' if report.overview.compression is None else 'topic'
+    rest = describe_rest([len(each.timing) for each in left_out], kind)
+    return f'{rest}; kitti-ros2 info --json lists all.'
+
+
+def _streams_table(report: Report, shown: Sequence[StreamFacts]) -> Table:
+    of_bag = report.overview.compression is not None
+    timed = report.clock is not Clock.NOMINAL
+    columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [
+        (('Topic' if of_bag else 'Stream', NAME), lambda each: each.name),
+        (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
+    ]
+    if timed:
+        columns += [
+            (('Rate Hz', NUMBER), lambda each: _value(each.timing.rate_hz, 1)),
+            (('Jitter ms', NUMBER), _jitter),
+            (('Gaps', NUMBER), _gap_count),
+            (('Longest s', NUMBER), lambda each: _value(_longest_gap_ns(each), 1e9)),
+        ]
+    if any(each.delay_ns is not None for each in shown):
+        columns.append((('Delay ms', NUMBER), _delay))
+    if not of_bag:
+        columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
+    columns.append((('Size', NUMBER), _size))
+    # Of a message type, without its package, as in info.
+    detail = ('Type' if of_bag else 'Frames', TEXT)
+    columns.append((detail, lambda each: each.detail.rsplit('/', 1)[-1]))
+    columns.append((('Content', LONG), _facts))
+    # Columns that are empty for all streams are removed.
+    columns = [(heading, cell) for heading, cell in columns if any(cell(each) for each in shown)]
+    rows = [[cell(each) for _, cell in columns] for each in shown]
+    totals = {
+        columns[0][0]: 'All',
+        columns[1][0]: f'{sum(len(each.timing) for each in report.streams):,}',
+        ('Size', NUMBER): format_bytes(report.overview.size_bytes),
+    }
+    total = [totals.get(heading, '') for heading, _ in columns]
+    delayed = any(heading == ('Delay ms', NUMBER) for heading, _ in columns)
+    caption = _caption(of_bag=of_bag, timed=timed, delayed=delayed)
+    return Table(caption, [each for each, _ in columns], rows, total)
+
+
+def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
+    jitter = ' Jitter: 95 of 100 intervals differ from the median by no more.' if timed else ''
+    delay = ' Delay: from the stamp in a message to its log time, median.' if delayed else ''
+    if of_bag:
+        sizes = 'Sizes are of messages uncompressed, in the last line of the bag.'
+        return f'Topics.{jitter}{delay} {sizes}'
+    return f'Streams.{jitter} Some share files.'
+
+
+def _jitter(stream: StreamFacts) -> str:
+    return _value(stream.timing.jitter_ns, 1e6) if stream.timing.period_ns else ''
+
+
+def _gap_count(stream: StreamFacts) -> str:
+    return f'{len(stream.timing.gaps):,}' if stream.timing.regular else ''
+
+
+def _longest_gap_ns(stream: StreamFacts) -> int | None:
+    return max((gap.length_ns for gap in stream.timing.gaps), default=None)
+
+
+def _size(stream: StreamFacts) -> str:
+    return '' if stream.size_bytes is None else format_bytes(stream.size_bytes)
+
+
+def _delay(stream: StreamFacts) -> str:
+    return '' if stream.clock_offset_ns else _value(stream.delay_ns, 1e6)
+
+
+def _facts(stream: StreamFacts) -> str:
+    words = list(stream.facts)
+    if stream.clock_offset_ns:
+        words.append(
+            f'stamps of another clock, {stream.clock_offset_ns / 1e9:.0f} s behind the log'
+        )
+    return '; '.join(words)
+
+
+def _value(value: float | None, unit: float) -> str:
+    return '' if value is None else f'{value / unit:.2f}'
+
+
+def _extent(report: Report) -> tuple[int, int]:
+    """Return the first and the last time of all samples, 0 without any."""
+    spans = [
+        each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns
+        for each in report.streams
+        if len(each.timing)
+    ]
+    bounds = (report.overview.start_ns, report.overview.end_ns)
+    times = [bound for bound in bounds if bound is not None]
+    times += [int(time) for span in spans for time in span]
+    return min(times, default=0), max(times, default=0)
+
+
+def _intervals(streams: Sequence[StreamFacts]) -> list[tuple[str, str, str]]:
+    """Return names, median and plot of each series of stamps; streams with equal stamps share one.
+
+    Series with gaps come first.
+    """
+    alike: dict[bytes, list[StreamFacts]] = {}
+    for each in streams:
+        if len(each.timing) > _FEWEST_SAMPLES and each.timing.period_ns:
+            alike.setdefault(each.timing.stamps_ns.tobytes(), []).append(each)
+    found = []
+    for place, group in enumerate(sorted(alike.values(), key=lambda some: not some[0].timing.gaps)):
+        names, timing = ', '.join(each.name for each in group), group[0].timing
+        plot = interval_plot(f'interval-{place}', names, timing)
+        found.append((names, format_period(timing.period_ns or 0), plot))
+    return found
+
 
 _BREAKS = re.compile(r'(?<=[/_.-])(?=\w)|(?<=[a-z])(?=[A-Z])')
 _LINES = re.compile(r'\s*\n\s*')
@@ -176,3 +583,39 @@ def _findings_section(report: Report) -> dict[str, object]:
         'serious': [each for each in findings if each.severity is not Severity.NOTE],
         'notes': [each for each in findings if each.severity is Severity.NOTE],
     }
+
+
+# The HTML page that lists the reports of a collection.
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """The report of a recording or bag.
+
+    Attributes:
+        name: Of the recording or bag in the collection.
+        page: Its report, relative to the index.
+        frames: Number of frames.
+        losses: Number of findings that are losses.
+    """
+
+    name: str
+    page: Path
+    frames: int
+    losses: int
+
+    @property
+    def address(self) -> str:
+        """The link to the report."""
+        return f'./{quote(os.fsencode(self.page))}'
+
+
+def make_index(name: str, entries: Sequence[IndexEntry]) -> str:
+    """Make the HTML document that lists reports.
+
+    Args:
+        name: Of the collection.
+        entries: The reports, in their order.
+    """
+    page = environment().get_template('index.html')
+    return printable(page.render(version=__version__, name=name, entries=entries))

@@ -1,21 +1,142 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of streams and of labels."""
+"""Plots of the report, as inline SVG: streams, labels, sensors, the route."""
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.palette import rgb_of
-from .svg import WIDTH, bar, box, figure, line, number, path, plain, text, ticks
+from ..drawing.drawn_objects import rgb_of
+from ..model.geometry import Transform, rotation_from_rpy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from ..model.geometry import Float64Array
-    from .timing import Timing
+    from .contents import Timing
+    from .overview import LinkGlance
+
+
+# The parts of plots: inline SVG with text alternatives; colours come from the page.
+#
+# Each plot is drawn 400 units wide and shown between 300 and 560 pixels wide, so its text stays
+# legible on a phone.
+
+
+WIDTH = 400
+
+
+def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn: str) -> str:
+    """Make an SVG with a text alternative for screen readers.
+
+    Args:
+        key: Unique in the page; its ids are made from it.
+        title: Its name.
+        description: Text alternative.
+        size: Width and height in its own units.
+        drawn: Its elements.
+    """
+    return (
+        f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img"'
+        f' aria-labelledby="{key}-title {key}-desc" class="plot">'
+        f'<title id="{key}-title">{escape(title)}</title>'
+        f'<desc id="{key}-desc">{escape(description)}</desc>{"".join(drawn)}</svg>'
+    )
+
+
+def bar(height: int, class_: str, drawn: Sequence[str]) -> str:
+    """Make an SVG 100 units wide, stretched to its place; the text beside it is its alternative."""
+    return (
+        f'<svg viewBox="0 0 100 {height}" preserveAspectRatio="none" class="{class_}"'
+        f' aria-hidden="true" focusable="false">{"".join(drawn)}</svg>'
+    )
+
+
+def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> str:
+    """Draw text; anchor is start, middle or end."""
+    look = class_ and f' class="{class_}"'
+    place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
+    return f'<text {place}{look}>{escape(words)}</text>'
+
+
+def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> str:
+    """Draw a straight line."""
+    ends = f'x1="{number(x1)}" y1="{number(y1)}" x2="{number(x2)}" y2="{number(y2)}"'
+    return f'<line {ends} class="{class_}"></line>'
+
+
+def box(x: float, y: float, width: float, height: float, class_: str, fill: str = '') -> str:
+    """Draw a filled rectangle; its colour is that of the class, or else fill."""
+    size = f'width="{number(width)}" height="{number(height)}"'
+    colour = fill and f' fill="{fill}"'
+    return f'<rect x="{number(x)}" y="{number(y)}" {size} class="{class_}"{colour}></rect>'
+
+
+def path(d: str, class_: str) -> str:
+    """Draw a path."""
+    return f'<path d="{d}" class="{class_}"></path>'
+
+
+def circle(x: float, y: float, radius: float, class_: str) -> str:
+    """Draw a circle."""
+    return f'<circle cx="{number(x)}" cy="{number(y)}" r="{radius}" class="{class_}"></circle>'
+
+
+def number(value: float) -> str:
+    """Format a coordinate: two decimals at most, and no negative zero."""
+    written = f'{value:.2f}'.rstrip('0').rstrip('.')
+    return '0' if written == '-0' else written
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """Return round values (1, 2 or 5 times a power of ten apart) from low to high.
+
+    Args:
+        low: Least value.
+        high: Greatest value.
+        most: Maximum number of values.
+    """
+    span = max(high - low, 1e-9)
+    rough = span / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [step * place for place in range(first, last + 1)]
+
+
+def plain(value: float) -> str:
+    """Format a tick's value without needless digits."""
+    return f'{value:.6g}'
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not longer."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return max(power * factor for factor in (1, 2, 5) if power * factor <= length * 1.001)
+
+
+def scale_bar(scale: float, height: float) -> str:
+    """Draw a scale bar of a round length in the lower left corner.
+
+    Args:
+        scale: Units per metre.
+        height: Height of the plot.
+    """
+    length = round_length(110 / scale)
+    y = height - 8
+    bracket = path(f'M10 {number(y - 5)}v5h{number(length * scale)}v-5', 'scale')
+    words = text(10 + length * scale + 6, y + 1, f'{plain(length)} m', class_='label')
+    return f'<g>{bracket}{words}</g>'
+
+
+# Plots of streams and of labels.
+
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
 _INTERVAL_HEIGHT = 150
@@ -290,3 +411,296 @@ def shares_bar(shares: Sequence[int]) -> str:
             drawn.append(box(x, 0, width, 10, f'share{place}'))
         x += width
     return bar(10, 'shares', drawn)
+
+
+# The plot of the sensors: their frames with axes, from above and from the side.
+
+
+MOST_FRAMES = 16
+"""Maximum number of frames that can be distinguished in a drawing."""
+
+_RIG_MARGIN = 44.0
+_FOOT = 26
+_AXIS = 26.0
+_LEAST_RIG_M = 0.2
+_APART = 15.0
+_LABELLED = 84.0
+_SPARSE = 9
+_NAMES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A frame of the rig.
+
+    Attributes:
+        name: Frame.
+        parent: Its parent frame, empty for the root.
+        root_T_frame: Its pose in the root.
+        xyz_m: Translation in its parent, metres; empty for the root.
+        rpy_deg: Rotation in its parent, roll pitch yaw in degrees; empty for the root.
+    """
+
+    name: str
+    parent: str
+    root_T_frame: Transform
+    xyz_m: tuple[float, ...] = ()
+    rpy_deg: tuple[float, ...] = ()
+
+    @property
+    def distance_m(self) -> float:
+        """Distance to its parent, metres; 0 for the root."""
+        return math.hypot(*self.xyz_m)
+
+
+def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
+    """Return the frames of the largest tree of links, parents before children."""
+    links = [link for link in links if is_finite(link)]
+    children: dict[str, list[LinkGlance]] = defaultdict(list)
+    for link in links:
+        children[link.parent].append(link)
+    placed = {link.child for link in links}
+    trees = [_tree(root, children) for root in children if root not in placed]
+    return max(trees, key=len, default=[])
+
+
+def is_finite(link: LinkGlance) -> bool:
+    """Whether the values of a link are finite; those of a zero quaternion are not."""
+    return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
+
+
+def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
+    found = [Mount(root, '', Transform.identity())]
+    for mount in found:
+        for link in children.get(mount.name, ()):
+            place = Transform(
+                rotation_from_rpy(*(float(np.radians(angle)) for angle in link.rpy_deg)),
+                np.array(link.xyz_m),
+            )
+            pose = mount.root_T_frame @ place
+            found.append(Mount(link.child, mount.name, pose, link.xyz_m, link.rpy_deg))
+    return found
+
+
+def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
+    """Draw the frames with their axes, numbered from 1, and distances on links with room.
+
+    Args:
+        key: Unique in the page.
+        mounts: At most MOST_FRAMES.
+        side: From the left side (x to the right, z up); else from above (x to the right, y up).
+    """
+    axes = (0, 2) if side else (0, 1)
+    view = _RigView(mounts, axes)
+    order = {mount.name: place for place, mount in enumerate(mounts)}
+    spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
+    links = [
+        (spots[order[mount.parent]], spots[place], mount.distance_m)
+        for place, mount in enumerate(mounts)
+        if mount.parent
+    ]
+    drawn = [line(start[0], start[1], end[0], end[1], 'link') for start, end, _ in links]
+    drawn += [
+        _axes(spot, mount.root_T_frame.rotation[list(axes)])
+        for spot, mount in zip(spots, mounts, strict=True)
+    ]
+    drawn += _lengths(links) if len(mounts) <= _SPARSE else []
+    drawn += [_badge(spot, place + 1) for place, spot in enumerate(_apart(spots))]
+    seen, up = ('the left side', 'z') if side else ('above', 'y')
+    height = view.height + _FOOT
+    drawn += [
+        text(WIDTH - 8, height - 7, 'x \N{RIGHTWARDS ARROW}', 'end', 'unit'),
+        text(8, 14, f'{up} \N{UPWARDS ARROW}', 'start', 'unit'),
+        scale_bar(view.scale, height),
+    ]
+    places = '; '.join(
+        f'{place + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
+        for place, mount in enumerate(mounts)
+    )
+    words = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
+    return figure(key, f'Sensors from {seen}', words, (WIDTH, height), *drawn)
+
+
+def _metres(xyz: Float64Array) -> str:
+    return ' '.join(f'{value + 0.0:.2f}' for value in xyz.tolist())
+
+
+class _RigView:
+    """The mapping from metres of two axes to the units of the plot."""
+
+    def __init__(self, mounts: Sequence[Mount], axes: tuple[int, int]) -> None:
+        self._axes = list(axes)
+        places = np.array([mount.root_T_frame.translation for mount in mounts])
+        flat = places[:, self._axes]
+        extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_RIG_M)
+        # The same scale in both views, so that they can be compared.
+        widest = float(np.ptp(places, axis=0).max())
+        self.scale = (WIDTH - 2 * _RIG_MARGIN) / max(widest, _LEAST_RIG_M)
+        self.height = round(float(extent[1]) * self.scale + 2 * _RIG_MARGIN)
+        self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
+
+    def place(self, xyz: Float64Array) -> Float64Array:
+        """Map (3,) metres to (2,) units."""
+        shift = (xyz[self._axes] - self._middle) * [self.scale, -self.scale]
+        placed: Float64Array = np.array([WIDTH / 2, self.height / 2]) + shift
+        return placed
+
+
+def _lengths(links: Sequence[tuple[Float64Array, Float64Array, float]]) -> list[str]:
+    """Draw the lengths of links that are long enough, unless another length is close.
+
+    Args:
+        links: (2,) units of both ends, and the distance of the two frames in metres.
+    """
+    drawn: list[str] = []
+    middles: list[Float64Array] = []
+    for start, end, distance_m in links:
+        middle = (start + end) / 2
+        crowded = any(np.abs((middle - other) / [60, 18]).max() < 1 for other in middles)
+        if np.linalg.norm(end - start) > _LABELLED and not crowded:
+            middles.append(middle)
+            x, y = middle.tolist()
+            drawn.append(text(x, y - 5, f'{distance_m:.2f} m', 'middle', 'distance'))
+    return drawn
+
+
+def _axes(spot: Float64Array, directions: Float64Array) -> str:
+    """Draw arrows along x, y and z, projected into the plane of the drawing.
+
+    Args:
+        spot: (2,) units.
+        directions: (2, 3), columns are the axes in the plane.
+    """
+    x, y = spot.tolist()
+    drawn = []
+    for name, (dx, dy) in zip(_NAMES, directions.T.tolist(), strict=True):
+        length = float(np.hypot(dx, dy))
+        if length < 0.35:
+            continue
+        tip = f'{number(x + dx * _AXIS)} {number(y - dy * _AXIS)}'
+        drawn.append(path(f'M{number(x)} {number(y)}L{tip}', f'axis-{name}'))
+        drawn.append(
+            text(x + dx * (_AXIS + 7), y - dy * (_AXIS + 7) + 4, name, 'middle', f'axis-{name}')
+        )
+    return ''.join(drawn)
+
+
+def _apart(spots: Float64Array) -> Float64Array:
+    """Return (N, 2) places near the spots, far enough from each other for their badges."""
+    places = spots + np.linspace(0, 1e-3, len(spots))[:, None]
+    for _ in range(200):
+        away = places[:, None] - places[None]
+        distance = np.linalg.norm(away, axis=2)
+        np.fill_diagonal(distance, np.inf)
+        close = distance < _APART
+        if not close.any():
+            break
+        push = np.where(close, (_APART - distance) / 4, 0.0)
+        places = places + (away / np.maximum(distance, 1e-6)[..., None] * push[..., None]).sum(1)
+    spread: Float64Array = places
+    return spread
+
+
+def _badge(spot: Float64Array, place: int) -> str:
+    x, y = spot.tolist()
+    words = text(x, y + 3.8, str(place), 'middle', 'badge')
+    return f'<g>{circle(x, y, 7.5, "badge")}{words}</g>'
+
+
+# The plot of a route from above.
+
+
+_ROUTE_MARGIN = 34.0
+_LEAST_ROUTE_M = 1.0
+_LOWEST = 70.0
+
+
+def route_plot(key: str, positions: Float64Array, description: str) -> str:
+    """Draw a route with equal axes in metres, a scale, and marks at start and end.
+
+    Args:
+        key: Unique in the page.
+        positions: (N, 2) x y in metres; x is drawn to the right, y up.
+        description: Text alternative.
+    """
+    view = _RouteView(positions)
+    pixels = _thinned(view.place(positions))
+    return figure(
+        key,
+        'Route from above',
+        description,
+        (WIDTH, view.height + _FOOT),
+        view.grid(),
+        path('M' + 'L'.join(f'{number(x)} {number(y)}' for x, y in pixels.tolist()), 'route'),
+        _marked(pixels[-1], 'end'),
+        _marked(pixels[0], 'start'),
+        scale_bar(view.scale, view.height + _FOOT),
+    )
+
+
+class _RouteView:
+    """The mapping from metres to the units of the plot.
+
+    Attributes:
+        scale: Units per metre, the same for both axes.
+        height: Height of the part with the route.
+    """
+
+    def __init__(self, positions: Float64Array) -> None:
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        extent = np.maximum(high - low, _LEAST_ROUTE_M)
+        self.scale = float((WIDTH - 2 * _ROUTE_MARGIN) / extent.max())
+        self.height = round(max(float(extent[1]) * self.scale, _LOWEST) + 2 * _ROUTE_MARGIN)
+        self._middle = (low + high) / 2
+        self._centre = np.array([WIDTH / 2, self.height / 2])
+
+    def place(self, positions: Float64Array) -> Float64Array:
+        """Map (N, 2) metres to (N, 2) units."""
+        placed: Float64Array = self._centre + (positions - self._middle) * [self.scale, -self.scale]
+        return placed
+
+    def grid(self) -> str:
+        """Draw lines at round metres, with their numbers along the left and the lower edge."""
+        step = round_length(WIDTH / self.scale / 4)
+        x0, y0 = self.place(np.zeros((1, 2)))[0].tolist()
+        drawn = []
+        for value in _multiples(-x0 / self.scale, (WIDTH - x0) / self.scale, step):
+            x = x0 + value * self.scale
+            drawn.append(line(x, 0, x, self.height, 'grid-line'))
+            if 40 < x < WIDTH - 44:
+                drawn.append(text(x, self.height - 5, plain(value), 'middle'))
+        for value in _multiples((y0 - self.height) / self.scale, y0 / self.scale, step):
+            y = y0 - value * self.scale
+            drawn.append(line(0, y, WIDTH, y, 'grid-line'))
+            if 28 < y < self.height - 20:
+                drawn.append(text(4, y - 4, plain(value)))
+        drawn += [
+            text(WIDTH - 6, self.height - 5, 'x m', 'end', 'unit'),
+            text(4, 12, 'y m', 'start', 'unit'),
+        ]
+        return ''.join(drawn)
+
+
+def _multiples(low: float, high: float, step: float) -> list[float]:
+    return [step * count for count in range(int(np.ceil(low / step)), int(high // step) + 1)]
+
+
+def _thinned(pixels: Float64Array) -> Float64Array:
+    """Remove places nearer than half a unit to the one before."""
+    kept = [0]
+    for place in range(1, len(pixels)):
+        if np.abs(pixels[place] - pixels[kept[-1]]).max() >= 0.5:
+            kept.append(place)
+    if kept[-1] != len(pixels) - 1:
+        kept.append(len(pixels) - 1)
+    thinned: Float64Array = pixels[kept]
+    return thinned
+
+
+def _marked(at: Float64Array, name: str) -> str:
+    """Draw a start (round, label above) or an end (square, label below)."""
+    x, y = at.tolist()
+    start = name == 'start'
+    mark = circle(x, y, 5, name) if start else box(x - 4.5, y - 4.5, 9, 9, name)
+    y += -10 if start else 19
+    return mark + text(min(max(x, 20), WIDTH - 20), y, name, 'middle', 'label')

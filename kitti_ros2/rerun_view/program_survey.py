@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..messages.camera_info import camera_model
-from ..messages.header import peek_header
-from ..messages.transforms import decode_static
-from ..model.msgtypes import CAMERA_INFO, CLOUD, COMPRESSED, DETECTIONS_2D, IMAGE, TF
-from ..rig.stereo import viewpoints
+from ..messages.camera_info import camera_model, decode_static
+from ..messages.cdr import peek_header
+from ..model.bag_formats import CAMERA_INFO, CLOUD, COMPRESSED, DETECTIONS_2D, IMAGE, TF
+from ..rig.rectified_cameras import viewpoints
 from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from ..messages.cdr import Message
     from ..model.geometry import Transform
     from ..player.program import Program
-    from ..rig.stereo import Viewpoint
+    from ..rig.rectified_cameras import Viewpoint
 
 IMAGES = (COMPRESSED, IMAGE)
 
@@ -116,7 +115,7 @@ class CameraRig:
     def place(self, topic: str, model: CameraModel) -> Viewpoint:
         """Set the model of a CameraInfo topic, and return the camera's viewpoint.
 
-        The reference of a right camera's offset differs between bags; see rig/stereo.py.
+        The reference of a right camera's offset differs between bags; see rig/rectified_cameras.py.
         """
         self._models[topic] = model
         # Sorted by name, a left camera precedes its right one.

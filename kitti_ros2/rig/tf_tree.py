@@ -1,26 +1,38 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The static part of a bag's TF tree.
+"""The static part of a bag's TF tree, its transforms as links, and forward of the robot.
 
 As in tf2, every frame has one parent, and ROS 1's leading slash is not part of a frame's name.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
+from collections import Counter, defaultdict
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..model.errors import MissingDataError
+from ..messages.camera_info import decode_static
+from ..messages.cdr import stamp_ns_of
+from ..messages.ros_types import TFMessage
+from ..model.errors import MissingDataError, did_you_mean
 from ..model.geometry import Transform
-from ..model.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TypeAlias
+
+    from ..model.geometry import Float64Array
+
+
+# The static part of a bag's TF tree.
+#
+# As in tf2, every frame has one parent, and ROS 1's leading slash is not part of a frame's name.
+
 
 Link: TypeAlias = 'tuple[str, str, Transform]'
 """Parent, child, parent_T_child."""
@@ -372,3 +384,221 @@ def _is_rigid(link: Transform) -> bool:
         return False
     product = link.rotation @ link.rotation.T
     return bool(np.abs(product - np.eye(3)).max() < _ROTATION)
+
+
+# Forward of a robot, from the names and places of its frames.
+#
+# Bodies have x forward, y left, z up, and optical frames z forward, x right, y down (REP 103, REP
+# 105). Lidars have any axes: x of Ouster's os_lidar looks to the cable, backward in os_sensor
+# (ouster-ros, "Coordinate Frames"), and x of nuScenes' LIDAR_TOP looks right.
+
+
+AXES: dict[str, Float64Array] = {
+    'x': np.eye(3),
+    '-x': np.diag([-1.0, -1.0, 1.0]),
+    'y': np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    '-y': np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    'z': np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]),
+}
+"""By the axis that looks forward: (3, 3), columns forward, left, up in the frame. Up is z, with z
+forward it is -y, as in an optical frame."""
+
+_BODIES = (
+    *('base_link', 'base_footprint', 'ego_vehicle', 'vehicle', 'base'),
+    *('chassis', 'chassis_link', 'ego', 'car', 'trunk', 'body'),
+)
+FIXED_FRAMES = ('map', 'earth', 'world', 'odom')
+"""Frames in which a robot moves (REP 105), in order of preference: poses in odom drift."""
+
+_ROBOT_BASE = re.compile(r'_base_link$', re.IGNORECASE)
+_SENSOR = re.compile(r'velo|lidar|laser|ouster|cam|imu|gps|gnss|radar|kit', re.IGNORECASE)
+_OPTICAL = re.compile(r'optical(_frame|_link)?$', re.IGNORECASE)
+_OUSTER = re.compile(r'^(?P<prefix>.*)os_lidar$')
+_BACKWARD_DEG = 175
+_STEEP_DEG = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Heading:
+    """Forward of a robot.
+
+    Attributes:
+        frame: A frame.
+        rotation: (3, 3), columns forward, left, up in that frame.
+        source: The reason, for notes.
+        body: Whether the frame is the robot's body, with x forward.
+        assumed: Whether nothing but the scanner's own x is known.
+    """
+
+    frame: str
+    rotation: Float64Array
+    source: str
+    body: bool = False
+    assumed: bool = False
+
+    def axes_of(self, tree: FrameTree, frame: str) -> Float64Array | None:
+        """Return (3, 3) the axes of a frame as columns in forward, left, up; None if not joined."""
+        place = tree.find(self.frame, frame)
+        return None if place is None else self.rotation.T @ place.rotation
+
+
+def is_optical(frame: str) -> bool:
+    """Whether a frame's name says that z looks forward."""
+    return bool(_OPTICAL.search(frame))
+
+
+def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
+    """Return the heading of the robot's body, if static transforms join a sensor to it."""
+    wanted = [frame for frame in sensors if frame]
+    frames = sorted({*tree.frames, *wanted})
+    named = [
+        frame for name in _BODIES for frame in frames if frame.rpartition('/')[2].lower() == name
+    ]
+    named += [frame for frame in frames if _ROBOT_BASE.search(frame) and not _SENSOR.search(frame)]
+    anchors = {tree.anchor(frame) for frame in wanted}
+    for frame in named:
+        if tree.anchor(frame) in anchors:
+            return Heading(frame, AXES['x'], f'x of {frame}', body=True)
+    return None
+
+
+def root_heading(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
+    """Return the heading of a root above several sensors, which is no sensor: it is the robot's."""
+    wanted = {frame for frame in sensors if frame in tree.frames}
+    joined = Counter(tree.anchor(frame) for frame in wanted)
+    for root in tree.roots:
+        known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in FIXED_FRAMES
+        if not known and joined[root] > 1:
+            return Heading(root, AXES['x'], f'x of {root}', body=True)
+    return None
+
+
+def known_heading(tree: FrameTree, frame: str) -> Heading | None:
+    """Return the heading of a scanner's frame that its name implies: Ouster's, optical ones."""
+    match = _OUSTER.match(frame)
+    sensor = f'{match["prefix"]}os_sensor' if match else ''
+    if sensor and tree.find(sensor, frame) is not None:
+        return Heading(sensor, AXES['x'], f'x of {sensor}')
+    if is_optical(frame):
+        return Heading(frame, AXES['z'], f'z of {frame}')
+    return None
+
+
+def nearest_axis(rotation: Float64Array) -> str:
+    """Return the key of AXES nearest to a rotation (columns forward, left, up in a frame)."""
+    return max(AXES, key=lambda name: float(np.trace(AXES[name].T @ rotation)))
+
+
+def describe_direction(direction: Float64Array) -> str:
+    """Describe a (3,) direction, given in forward, left, up, as an angle from forward."""
+    forward, left, up = direction / np.linalg.norm(direction)
+    steep = np.degrees(np.arcsin(np.clip(up, -1, 1)))
+    if abs(steep) > _STEEP_DEG:
+        return f'{abs(steep):.0f} degrees {"up" if up > 0 else "down"}'
+    degrees = float(np.degrees(np.arctan2(left, forward)))
+    if abs(degrees) >= _BACKWARD_DEG:
+        return 'backward'
+    if round(abs(degrees)) == 0:
+        return 'forward'
+    return f'{abs(degrees):.0f} degrees to the {"left" if left > 0 else "right"}'
+
+
+# Transforms of a bag as links: which stay as they are, and which move.
+
+
+_STILL_M = 1e-6
+_JITTER_M = 5e-4
+"""Of what a rig's own transforms may differ by on /tf, computed anew for each message, say from
+float32; less than a calibration is known to. A robot's slow way is none."""
+
+
+class LinkTally:
+    """Transforms by (parent, child): the first of each, and whether it moved."""
+
+    def __init__(self) -> None:
+        self._first: dict[tuple[str, str], Transform] = {}
+        self._seen: dict[tuple[str, str], int] = defaultdict(int)
+        self._moving: set[tuple[str, str]] = set()
+        self._static: set[tuple[str, str]] = set()
+        self._values: dict[tuple[str, str], list[tuple[int, int, Transform]]] = defaultdict(list)
+        self._invalid: Counter[tuple[str, str]] = Counter()
+        self._topics: dict[tuple[str, str], str] = {}
+        self.clashes: dict[tuple[str, str], tuple[str, str]] = {}
+        """Links that topics of two namespaces have otherwise, with these: see add."""
+
+    def add(self, message: Any, *, still: bool, topic: str = '', log_ns: int = 0) -> None:  # noqa: ANN401
+        """Add the transforms of a TFMessage of the bag's types.
+
+        Args:
+            message: The message.
+            still: Whether it is of /tf_static.
+            log_ns: When it was recorded, nanoseconds.
+            topic: Its topic. Those of robots with the same names of frames differ by a namespace.
+        """
+        for stamped in message.transforms:
+            key = (plain(stamped.header.frame_id), plain(stamped.child_frame_id))
+            if key in self._moving and not still:
+                self._check_robot(key, topic)
+                continue  # known to move
+            ((_, _, transform),) = decode_static(TFMessage([stamped]))
+            if not still and not _is_finite(transform):
+                self._invalid[key] += 1
+                self._first.setdefault(key, transform)
+                continue
+            first = self._first.setdefault(key, transform)
+            if not still and not self._seen[key]:  # those before were invalid
+                self._first[key] = first = transform
+            self._seen[key] += 1
+            self._topics.setdefault(key, topic)
+            if still:
+                # The last value of a static link is valid, as for late subscribers.
+                changed = first is not transform and differ(first, transform, _STILL_M)
+                if changed or key not in self._values:
+                    entry = stamp_ns_of(stamped.header), log_ns, transform
+                    self._values[key].append(entry)
+                if changed:
+                    self._check_robot(key, topic)
+                self._first[key] = transform
+                self._static.add(key)
+            elif key not in self._moving and differ(first, transform, _still(key[0])):
+                self._moving.add(key)
+                self._check_robot(key, topic)
+
+    def _check_robot(self, key: tuple[str, str], topic: str) -> None:
+        known = self._topics[key]
+        if known != topic and known.rpartition('/')[0] != topic.rpartition('/')[0]:
+            self.clashes.setdefault(key, (known, topic))
+
+    def invalid(self) -> dict[tuple[str, str], int]:
+        """Return the links on /tf without a valid transform, each with the number of the others."""
+        return {key: count for key, count in sorted(self._invalid.items()) if not self._seen[key]}
+
+    def sorted(self) -> tuple[list[Link], list[tuple[str, str]], list[tuple[str, str]]]:
+        """Return static, moving and changing static links; one seen only once on /tf is moving."""
+        moving = {key for key in self._moving if key not in self._static}
+        moving |= {key for key, n in self._seen.items() if n == 1 and key not in self._static}
+        still = [(*key, pose) for key, pose in self._first.items() if key not in moving]
+        return still, sorted(moving), sorted(self.changes())
+
+    def changes(self) -> dict[tuple[str, str], list[tuple[int, Transform]]]:
+        """Return the values of static links that change, each with the stamp it is valid from.
+
+        Log times count where the stamps do not ascend.
+        """
+        found = {}
+        for key, values in sorted(self._values.items()):
+            if len(values) > 1:
+                headers = [header_ns for header_ns, _, _ in values]
+                ascend = headers[0] > 0 and all(a < b for a, b in pairwise(headers))
+                found[key] = [(own if ascend else log, pose) for own, log, pose in values]
+        return found
+
+
+def _still(parent: str) -> float:
+    """Return by how much the transforms of a link on /tf may differ that does not move."""
+    return _STILL_M if parent.rpartition('/')[2] in FIXED_FRAMES else _JITTER_M
+
+
+def _is_finite(transform: Transform) -> bool:
+    """Whether no number is NaN or infinite; a quaternion of zeros has become NaN."""
+    return bool(np.isfinite(transform.matrix()).all())

@@ -4,30 +4,380 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+import shlex
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..bags.open_folder import open_folder
+import numpy as np
+
+from ..bags.open_source import open_folder
+from ..files.local_staging import Staging
 from ..files.remote import as_path
-from ..files.replacing import keep_all, keep_all_but_files
-from ..files.staging import Staging, staged_file
+from ..files.staging import keep_all, keep_all_but_files, staged_file
 from ..kitti.extract_oxts import add_extract
+from ..messages.camera_info import projection
+from ..messages.naming import base_t_imu
 from ..model.errors import MissingDataError
-from ..model.streams import Stream
+from ..model.samples import Image, Scan
+from ..model.streams import IMAGE_STREAMS, Stream
+from ..options.messages import MessageOptions
+from ..stacks.stack import CameraFacts, Node, RigFacts
 from ..stacks.stack_names import IMU
-from .commands import commands_of, play_words
-from .drive_facts import facts_of
-from .launch_text import WRITTEN, launch_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from ..model.recording import ReadableRecording
-    from ..options.settings import Settings
-    from ..stacks.rig_facts import RigFacts
-    from ..stacks.stack import Stack
-    from .commands import RunCommands
+    from ..model.samples import Calibration
+    from ..options.table import Settings
+    from ..stacks.stack import Included, Stack
+
+
+# The commands of a run: play, record, score.
+
+
+_ALWAYS_RECORDED = ('/tf', '/tf_static')
+_OF_TRUTH = {'layout', 'sequence'}
+"""Options of a recording that choose its poses."""
+
+
+@dataclass(frozen=True)
+class RunCommands:
+    """The commands of a run, in the order of their use; '' where there is nothing to do.
+
+    Attributes:
+        record: In a terminal of its own, before the run.
+        run: Starts the stack, and plays the drive.
+        score: After the run.
+    """
+
+    record: str
+    run: str
+    score: str
+
+
+def play_words(stack: Stack, drive: str, source: Mapping[str, object]) -> list[str]:
+    """Return the words of the command that plays a drive for a stack.
+
+    Args:
+        stack: Its name.
+        drive: The path of the drive.
+        source: Options of the recording, such as sequence and imu_from.
+    """
+    return ['kitti-ros2', 'play', drive, *_words(source), '--for', stack.name]
+
+
+def commands_of(
+    stack: Stack, drive: str, source: Mapping[str, object], folder: str = ''
+) -> RunCommands:
+    """Return the commands of a run.
+
+    Args:
+        stack: The stack.
+        drive: The path of the drive.
+        source: Options of the recording, such as sequence and imu_from.
+        folder: The folder of its parameter and launch files; '' for none.
+    """
+    play = shlex.join(play_words(stack, drive, source))
+    run = f'ros2 launch {shlex.quote(f"{folder}/{stack.name}.launch.py")}' if folder else play
+    return RunCommands(_record(stack), run, _score(stack, drive, source))
+
+
+def _record(stack: Stack) -> str:
+    if not stack.result.topics and not stack.result.tf:
+        return ''
+    topics = [*stack.result.topics, *_ALWAYS_RECORDED]
+    return shlex.join(['ros2', 'bag', 'record', '-o', _bag(stack), '--use-sim-time', *topics])
+
+
+def _score(stack: Stack, drive: str, source: Mapping[str, object]) -> str:
+    """Return the command that scores the trajectory; it names what the messages do not."""
+    result = stack.result
+    if not (result.odometry or result.file or result.tf):
+        return ''
+    truth = {name: value for name, value in source.items() if name in _OF_TRUTH}
+    words = ['kitti-ros2', 'eval', 'odometry', drive, result.file or _bag(stack), *_words(truth)]
+    words += ['--topic', result.odometry] if result.odometry else []
+    words += ['--frame', result.frame] if result.frame else []
+    words += ['--tf', *result.tf] if result.tf else []
+    return shlex.join(words)
+
+
+def _words(options: Mapping[str, object]) -> list[str]:
+    pairs = ((f'--{name.replace("_", "-")}', str(value)) for name, value in options.items())
+    return [word for pair in pairs for word in pair]
+
+
+def _bag(stack: Stack) -> str:
+    return f'{stack.name}_run'
+
+
+# The facts of a drive for parameter files: extrinsics, cameras, rates.
+
+
+_NOMINAL_HZ = 10.0
+_SCANS = 8
+
+
+def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
+    """Return the facts of a recording, and notes on those that are not in its files.
+
+    Raises:
+        KittiRos2Error, OSError: The calibration or an image cannot be read.
+    """
+    if not recording.streams:
+        raise MissingDataError(f'{recording.root}: no data, so no calibration to write')
+    first = min(int(index.numbers[0]) for index in recording.streams.values())
+    calibration = recording.calibration(first)
+    lowest, highest = _elevations(recording)
+    fast = Stream.OXTS_EXTRACT
+    packets = fast if fast in recording.streams else Stream.OXTS
+    facts = RigFacts(
+        base_T_imu=base_t_imu(MessageOptions()),
+        imu_T_velo=calibration.velo_T_imu.inverse(),
+        cameras={
+            index: _camera(recording, calibration, index) for index in sorted(calibration.cameras)
+        },
+        imu_hz=_rate(recording, packets) or _NOMINAL_HZ,
+        scan_hz=_rate(recording, Stream.SCAN) or _NOMINAL_HZ,
+        lowest_deg=lowest,
+        highest_deg=highest,
+        deskew=not recording.layout.traits.compensated_scans,
+    )
+    nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
+    return facts, (*nominal, *calibration.notes, *calibration.missing.values())
+
+
+def _camera(recording: ReadableRecording, calibration: Calibration, index: int) -> CameraFacts:
+    camera = projection(calibration, index)
+    width, height = calibration.cameras[index].size or _size(recording, index)
+    return CameraFacts(
+        fx=float(camera[0, 0]),
+        fy=float(camera[1, 1]),
+        cx=float(camera[0, 2]),
+        cy=float(camera[1, 2]),
+        baseline=float(-camera[0, 3] / camera[0, 0]) if index % 2 else 0.0,
+        width=width,
+        height=height,
+    )
+
+
+def _size(recording: ReadableRecording, camera: int) -> tuple[int, int]:
+    """Return the size of the first image of a camera, zeros if there is none."""
+    stream = IMAGE_STREAMS[camera]
+    index = recording.streams.get(stream)
+    if index is None or not len(index):
+        return 0, 0
+    image = recording.read(stream, int(index.numbers[0]))
+    return (image.width, image.height) if isinstance(image, Image) else (0, 0)
+
+
+def _elevations(recording: ReadableRecording) -> tuple[float, float]:
+    """Return the lowest and the highest elevation of points in some scans, degrees.
+
+    The lasers are not in one point, so that near points are outside the angles of the lasers.
+    """
+    lowest, highest = RigFacts.lowest_deg, RigFacts.highest_deg
+    index = recording.streams.get(Stream.SCAN)
+    numbers = [] if index is None else index.numbers[:: max(1, len(index) // _SCANS)].tolist()
+    for number in numbers:
+        scan = recording.read(Stream.SCAN, number)
+        if isinstance(scan, Scan) and len(scan.points):
+            x, y, z = (scan.points[:, axis].astype(np.float64) for axis in range(3))
+            found = np.degrees(np.arctan2(z, np.hypot(x, y)))
+            lowest, highest = min(lowest, found.min()), max(highest, found.max())
+    return float(lowest), float(highest)
+
+
+def _rate(recording: ReadableRecording, stream: Stream) -> float:
+    """Return the rate of a stream, to a tenth of a hertz; 0 if it is not known."""
+    index = recording.streams.get(stream)
+    if index is None or len(index) < 2:
+        return 0.0
+    step_ns = float(np.median(np.diff(index.stamps_ns)))
+    return round(1e9 / step_ns, 1) if step_ns > 0 else 0.0
+
+
+# The text of a launch file: the stack, and the player of a drive.
+
+
+WRITTEN = '# Written by kitti-ros2 stacks'
+"""Beginning of the files that may be written again."""
+_DELAY_S = 5
+_COLUMNS = 90
+_PLACE = '{dir}'
+_IMPORTS = (
+    ('launch', ('LaunchDescription',)),
+    (
+        'launch.actions',
+        (
+            'ExecuteProcess',
+            'IncludeLaunchDescription',
+            'RegisterEventHandler',
+            'SetEnvironmentVariable',
+            'Shutdown',
+        ),
+    ),
+    ('launch.event_handlers', ('OnProcessExit',)),
+    ('launch.launch_description_sources', ('AnyLaunchDescriptionSource',)),
+    ('launch.substitutions', ('PathJoinSubstitution',)),
+    ('launch_ros.actions', ('ComposableNodeContainer', 'Node', 'SetParameter')),
+    ('launch_ros.descriptions', ('ComposableNode',)),
+    ('launch_ros.substitutions', ('FindPackageShare',)),
+)
+"""Where each name of a launch file is from."""
+_TEMPLATE = '''{written}.
+"""Starts {stack}, and plays a drive of KITTI for it."""
+
+from pathlib import Path
+
+{imports}
+
+HERE = Path(__file__).resolve().parent
+
+
+def generate_launch_description():
+    """Start the stack, then the player; the end of the drive ends both."""
+    player = {player}
+    return {description}
+'''
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call in the text: a name, arguments by position, and arguments by name."""
+
+    name: str
+    values: tuple[object, ...] = ()
+    words: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Code:
+    """An expression as it is."""
+
+    text: str
+
+
+def launch_text(stack: Stack, play: Sequence[str], parameters: Sequence[str]) -> str:
+    """Return the text of a launch file.
+
+    Args:
+        stack: What it starts.
+        play: Words of the command that plays it.
+        parameters: Names of the parameter files beside the launch file.
+    """
+    command = [*play, '--delay', str(_DELAY_S), '--no-keyboard']
+    player = _Call('ExecuteProcess', (), {'cmd': command, 'output': 'screen'})
+    actions: list[object] = [_Call('SetParameter', ('use_sim_time', True))]
+    for each in stack.launch:
+        if isinstance(each, Node):
+            actions.append(_node(each, parameters))
+        else:
+            actions += _included(each)
+    ending = {'target_action': _Code('player'), 'on_exit': [_Call('Shutdown')]}
+    stop = _Call('RegisterEventHandler', (_Call('OnProcessExit', (), ending),))
+    description = _Call('LaunchDescription', ([*actions, _Code('player'), stop],))
+    texts = {'player': _written(player, 1), 'description': _written(description, 1)}
+    return _TEMPLATE.format(
+        written=WRITTEN,
+        stack=stack.name,
+        imports=_imports(' '.join(texts.values())),
+        **texts,
+    )
+
+
+def _imports(text: str) -> str:
+    """Return the imports of the names that a text calls."""
+    called = set(re.findall(r'(\w+)\(', text))
+    lines = []
+    for module, names in _IMPORTS:
+        found = [each for each in names if each in called]
+        if found:
+            bare = f'from {module} import {", ".join(found)}'
+            long = len(bare) > _COLUMNS
+            lines.append(_joined(f'from {module} import (', found, ')', 0) if long else bare)
+    return '\n'.join(lines)
+
+
+def _node(node: Node, parameters: Sequence[str]) -> _Call:
+    given: list[object] = [_place(f'{_PLACE}/{each}') for each in parameters if node.parameters]
+    if node.values:
+        given.append({name: _place(value) for name, value in node.values.items()})
+    words: dict[str, object] = {
+        'package': node.package,
+        **({'plugin': node.component} if node.component else {'executable': node.executable}),
+        'name': node.name,
+        'parameters': given,
+        'remappings': [*node.remappings.items()],
+        'arguments': [*map(_place, node.arguments)],
+        'output': '' if node.component else 'screen',
+    }
+    inner = _Call(
+        'ComposableNode' if node.component else 'Node',
+        (),
+        {word: value for word, value in words.items() if value},
+    )
+    if not node.component:
+        return inner
+    outer = {
+        'package': 'rclcpp_components',
+        'executable': 'component_container',
+        'name': f'{node.name}_container',
+        'namespace': '',
+        'composable_node_descriptions': [inner],
+        'output': 'screen',
+    }
+    return _Call('ComposableNodeContainer', (), outer)
+
+
+def _included(included: Included) -> list[object]:
+    variables = [_Call('SetEnvironmentVariable', pair) for pair in included.environment.items()]
+    share = _Call('FindPackageShare', (included.package,))
+    file = _Call('PathJoinSubstitution', ([share, included.file],))
+    arguments = [(name, _place(value)) for name, value in included.arguments.items()]
+    words = {'launch_arguments': arguments} if arguments else {}
+    source = _Call('AnyLaunchDescriptionSource', (file,))
+    return [*variables, _Call('IncludeLaunchDescription', (source,), words)]
+
+
+def _place(text: str) -> object:
+    """Return a text, or the expression of a path that begins with {dir}."""
+    if text == _PLACE:
+        return _Code('str(HERE)')
+    if text.startswith(f'{_PLACE}/'):
+        return _Code(f'str(HERE / {text.removeprefix(f"{_PLACE}/")!r})')
+    return text
+
+
+def _written(value: object, depth: int) -> str:
+    """Return an expression as Python writes it, on several lines if it is long."""
+    if isinstance(value, _Call):
+        parts = [_written(each, depth + 1) for each in value.values]
+        parts += [f'{word}={_written(each, depth + 1)}' for word, each in value.words.items()]
+        return _joined(f'{value.name}(', parts, ')', depth)
+    if isinstance(value, _Code):
+        return value.text
+    if isinstance(value, list):
+        return _joined('[', [_written(each, depth + 1) for each in value], ']', depth)
+    if isinstance(value, tuple):
+        return f'({", ".join(_written(each, depth + 1) for each in value)})'
+    if isinstance(value, dict):
+        pairs = [f'{key!r}: {_written(each, depth + 1)}' for key, each in value.items()]
+        return _joined('{', pairs, '}', depth)
+    return repr(value)
+
+
+def _joined(start: str, parts: Sequence[str], end: str, depth: int) -> str:
+    line = start + ', '.join(parts) + end
+    if len(line) + 4 * depth <= _COLUMNS and '\n' not in line:
+        return line
+    margin = '    ' * (depth + 1)
+    lines = ''.join(f'{margin}{part},\n' for part in parts)
+    return f'{start}\n{lines}{"    " * depth}{end}'
+
 
 _OWN_FILES = keep_all_but_files('parameter file', [WRITTEN.encode(), b'%YAML:1.0', b'{'])
 

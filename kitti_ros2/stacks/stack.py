@@ -8,16 +8,85 @@ those of the preset default.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from .stack_names import FRAMES, TOPICS, StackName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
-    from .rig_facts import RigFacts
+    import numpy.typing as npt
 
+    from ..model.geometry import Transform
+
+
+# What parameter files need to know of a drive: transforms, cameras, rates, the scanner.
+
+
+@dataclass(frozen=True)
+class CameraFacts:
+    """A rectified camera.
+
+    Attributes:
+        fx, fy, cx, cy: Pixels.
+        baseline: Metres between it and the camera left of it; 0 for a left camera.
+        width, height: Pixels; 0 if there is no image.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline: float
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class RigFacts:
+    """The rig of a drive, in the convention of the package: a_T_b maps points of b to a.
+
+    Attributes:
+        base_T_imu: imu_link in base_link.
+        imu_T_velo: velo_link in imu_link.
+        cameras: By KITTI's index.
+        imu_hz: Rate of the Imu.
+        scan_hz: Rate of the scans.
+        rings: Lasers of the scanner.
+        lowest_deg, highest_deg: Elevations of the lasers, or of points beyond them.
+        columns: Firings of a laser in a turn.
+        most_range: Range of the scanner, metres.
+        deskew: Whether points have times; scans of odometry sequences are compensated.
+    """
+
+    base_T_imu: Transform
+    imu_T_velo: Transform
+    cameras: Mapping[int, CameraFacts] = field(default_factory=dict)
+    imu_hz: float = 10.0
+    scan_hz: float = 10.0
+    rings: int = 64
+    lowest_deg: float = -24.8
+    highest_deg: float = 2.0
+    columns: int = 2083
+    most_range: float = 120.0
+    deskew: bool = True
+
+    @property
+    def velo_T_imu(self) -> Transform:
+        """imu_link in velo_link."""
+        return self.imu_T_velo.inverse()
+
+    @property
+    def base_T_velo(self) -> Transform:
+        """velo_link in base_link."""
+        return self.base_T_imu @ self.imu_T_velo
+
+
+if TYPE_CHECKING:
     SettingsMaker: TypeAlias = Callable[[RigFacts], Mapping[str, str]]
 
 Value: TypeAlias = 'str | bool'
@@ -207,3 +276,60 @@ OWN_TREE = Setting('ground_truth_tree', value=True)
 """The ground truth is apart from the tree, in which the stack moves the car."""
 PIXELS = Setting('images', 'both', ('raw',))
 """Decoded images; the PNG files restore the recording."""
+
+
+# Texts of parameter files, in the formats that stacks read.
+
+
+_DIGITS = 9
+
+
+def numbers(values: npt.ArrayLike) -> list[float]:
+    """Return the values of an array, row by row, as numbers of a text file."""
+    return [round(float(each), _DIGITS) + 0.0 for each in np.asarray(values, np.float64).ravel()]
+
+
+def place_and_quaternion(a_t_b: Transform) -> list[float]:
+    """Return x y z qx qy qz qw."""
+    return numbers([*a_t_b.translation, *a_t_b.quaternion()])
+
+
+def quaternion_and_place(a_t_b: Transform) -> list[float]:
+    """Return qx qy qz qw x y z."""
+    return numbers([*a_t_b.quaternion(), *a_t_b.translation])
+
+
+def ros_parameters(values: Mapping[str, Any], node: str = '/**') -> str:
+    """Return a file of ROS parameters of a node; /** is any."""
+    return plain_yaml({node: {'ros__parameters': {'use_sim_time': True, **values}}})
+
+
+def plain_yaml(values: Mapping[str, Any]) -> str:
+    """Return a YAML file: a line for each value, lists on one line."""
+    return ''.join(f'{line}\n' for line in _lines(values))
+
+
+def _lines(values: Mapping[str, Any]) -> Iterator[str]:
+    import yaml  # noqa: PLC0415 - for one command
+
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield f'{name}:'
+            yield from (f'  {line}' for line in _lines(value))
+        else:
+            text = yaml.safe_dump(value, default_flow_style=True, width=float('inf'))
+            yield f'{name}: {text.splitlines()[0]}'
+
+
+def opencv_yaml(values: Mapping[str, str | float | int]) -> str:
+    """Return a file of OpenCV's FileStorage: flat, with texts in quotes."""
+    lines = (
+        f'{name}: "{value}"' if isinstance(value, str) else f'{name}: {value}'
+        for name, value in values.items()
+    )
+    return '\n'.join(['%YAML:1.0', '---', *lines, ''])
+
+
+def json_text(values: Mapping[str, Any]) -> str:
+    """Return a JSON file."""
+    return json.dumps(values, indent=2) + '\n'

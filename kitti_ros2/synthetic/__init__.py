@@ -6,8 +6,7 @@ Points lie on the boxes' surfaces, boxes project onto the pixels that show them,
 packets are the derivatives of the path. It is the data of the demo and of tests.
 """
 
-from .drive import FrameStamps, SyntheticDrive
-from .options import SyntheticOptions
-from .write import write_synthetic
+from .drive import FrameStamps, SyntheticDrive, write_synthetic
+from .scene import SyntheticOptions
 
 __all__ = ['FrameStamps', 'SyntheticDrive', 'SyntheticOptions', 'write_synthetic']

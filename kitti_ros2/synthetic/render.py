@@ -1,33 +1,275 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic cameras: flat textured faces drawn with a depth buffer, the ground, the sky.
-
-For a face with origin O and sides S, T (points O + s S + t T, 0 <= s, t <= 1) the matrix
-G = (P [S T O])^-1 takes a pixel to (s, t, 1) / depth. So the face covers a pixel where
-G1 >= 0, G2 >= 0, G3 - G1 >= 0 and G3 - G2 >= 0, which holds without clipping for faces that reach
-behind the camera, and G3 is the inverse depth: all four are planes over the image. A pixel's ray
-goes through its centre, which has whole coordinates as KITTI's P has it.
-"""
+"""The images of the synthetic cameras: textures, backgrounds, and faces with a depth buffer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from .textures import HAZE, Texture, as_picture
+from ..model.geometry import rotation_to_rpy
+from ..model.samples import Image
+from .scene import ROAD_CENTRE, ROAD_LEFT, ROAD_RIGHT, SCANNER_HEIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy.typing as npt
-
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Float64Array, Transform
     from ..model.samples import Float32Array
-    from .scene import PlacedSolid
-    from .textures import Picture
+    from .scene import Course, Look, PlacedSolid
+
+
+# Textures of the synthetic street: one for each face of each look.
+#
+# A texture is a pyramid of uint8 BGR pictures, each half the size of the one before, drawn once.
+# Textures are seen from outside: left to right, top to bottom.
+
+
+Picture: TypeAlias = npt.NDArray[np.uint8]
+Colour: TypeAlias = tuple[int, int, int]
+
+FACES = ('left', 'right', 'front', 'back', 'top', 'bottom')
+HAZE: Colour = (214, 208, 200)
+
+_BODIES: tuple[Colour, ...] = (
+    (42, 40, 38), (186, 188, 190), (120, 122, 126), (38, 40, 150),
+    (128, 74, 34), (206, 206, 204), (70, 84, 60), (60, 120, 168),
+)  # fmt: skip
+_PLASTERS: tuple[Colour, ...] = (
+    (146, 176, 200), (170, 186, 190), (70, 92, 150), (186, 196, 204), (120, 150, 178),
+)  # fmt: skip
+_SHIRTS: tuple[Colour, ...] = (
+    (40, 40, 170), (150, 80, 40), (60, 150, 70), (40, 170, 210), (90, 60, 110), (200, 200, 196),
+)  # fmt: skip
+_GLASS: Colour = (74, 62, 50)
+_BLACK: Colour = (24, 24, 24)
+_PIXELS_PER_BAY = 64
+_NOMINAL_SIZES = {
+    'Car': (4.1, 1.72, 1.5),
+    'Van': (4.9, 1.9, 2.0),
+    'Truck': (7.2, 2.4, 3.0),
+    'Pedestrian': (0.6, 0.6, 1.75),
+    'Cyclist': (1.8, 0.62, 1.75),
+    'Hedge': (14.9, 3.0, 4.5),
+    'Crown': (1.5, 1.5, 2.5),
+    'Trunk': (0.3, 0.3, 2.4),
+    'Post': (0.2, 0.2, 6.0),
+}
+"""Nominal size of a style, metres; its boxes share textures, houses have their own."""
+
+
+class Texture(NamedTuple):
+    """A picture at full size, half, a quarter, ..."""
+
+    levels: tuple[Picture, ...]
+
+    @classmethod
+    def of(cls, picture: Picture) -> Texture:
+        """Build the pyramid of a picture."""
+        levels = [picture]
+        while min(levels[-1].shape[:2]) >= 4:
+            height, width = levels[-1].shape[:2]
+            levels.append(_shrunk(levels[-1], width // 2, height // 2))
+        return cls(tuple(levels))
+
+    def grey(self) -> Texture:
+        """Return the same texture without colour."""
+        return Texture(tuple(without_colour(one) for one in self.levels))
+
+
+def paint(look: Look, size: tuple[float, float, float], seed: int) -> dict[str, Texture]:
+    """Return the textures of a box's faces, by the names of FACES.
+
+    Args:
+        look: Style and variant.
+        size: Length, width, height, metres; a house gets as many bays and storeys as fit.
+        seed: Of the grain.
+    """
+    rng = np.random.default_rng([seed, 2, look.variant])
+    faces = _PAINTERS[look.style](look.variant, _NOMINAL_SIZES.get(look.style, size))
+    # Faces that share a picture share the texture: opposite walls, all sides of a tree.
+    textures = {id(face): Texture.of(grained(rng, face)) for face in faces}
+    return {name: textures[id(face)] for name, face in zip(FACES, faces, strict=True)}
+
+
+def _plain(width: int, height: int, colour: Colour) -> Picture:
+    picture = np.empty((height, width, 3), np.uint8)
+    picture[:] = colour
+    return picture
+
+
+def grained(rng: np.random.Generator, picture: Picture, strength: float = 5.0) -> Picture:
+    """Return a picture with grey noise of a standard deviation added."""
+    grain = rng.standard_normal(picture.shape[:2], np.float32) * np.float32(strength)
+    return as_picture(cv2.add(picture, np.dstack([grain] * 3), dtype=cv2.CV_8U))
+
+
+def as_picture(picture: npt.NDArray[Any]) -> Picture:
+    """Return an array as contiguous uint8; no copy if it is that already."""
+    return np.ascontiguousarray(picture, dtype=np.uint8)
+
+
+def without_colour(picture: Picture) -> Picture:
+    """Return the grey (height, width) of a BGR picture."""
+    return as_picture(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+
+
+def _shrunk(picture: Picture, width: int, height: int) -> Picture:
+    size = (max(width, 1), max(height, 1))
+    return as_picture(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+
+
+def _box(picture: Picture, corners: tuple[float, float, float, float], colour: Colour) -> None:
+    """Fill left, top, right, bottom, given as fractions of the picture."""
+    height, width = picture.shape[:2]
+    left, top, right, bottom = corners
+    rows = slice(round(top * height), round(bottom * height))
+    picture[rows, round(left * width) : round(right * width)] = colour
+
+
+def _disc(picture: Picture, at: tuple[float, float], radius: float, colour: Colour) -> None:
+    """Fill a disc; at in fractions of the picture, radius of its height."""
+    height, width = picture.shape[:2]
+    rows, columns = np.mgrid[:height, :width]
+    inside = np.hypot(columns - at[0] * width, rows - at[1] * height) < radius * height
+    picture[inside] = colour
+
+
+def _vehicle(variant: int, size: tuple[float, float, float], windows: float) -> list[Picture]:
+    """Draw a car: windows reach down to a fraction of its height; the front is on the right."""
+    body = _BODIES[variant % len(_BODIES)]
+    dark: Colour = (body[0] * 2 // 3, body[1] * 2 // 3, body[2] * 2 // 3)
+    length, width, height = (round(metres * 60) for metres in size)
+    side = _plain(length, height, body)
+    _box(side, (0.0, 0.86, 1.0, 1.0), _BLACK)
+    for left, right in ((0.12, 0.34), (0.37, 0.58), (0.61, 0.82)):
+        _box(side, (left, 0.1, right, windows), _GLASS)
+    _box(side, (0.36, windows, 0.365, 0.86), dark)
+    _box(side, (0.6, windows, 0.605, 0.86), dark)
+    for wheel in (0.19, 0.81):
+        _disc(side, (wheel, 0.8), 0.22, _BLACK)
+        _disc(side, (wheel, 0.8), 0.12, (140, 140, 142))
+    front = _plain(width, height, body)
+    _box(front, (0.08, 0.08, 0.92, windows), _GLASS)
+    _box(front, (0.0, 0.88, 1.0, 1.0), _BLACK)
+    back = front.copy()
+    for left, right in ((0.03, 0.2), (0.8, 0.97)):
+        _box(front, (left, 0.58, right, 0.7), (220, 236, 240))
+        _box(back, (left, 0.55, right, 0.7), (30, 30, 190))
+    _box(front, (0.3, 0.6, 0.7, 0.78), _BLACK)
+    _box(back, (0.36, 0.66, 0.64, 0.76), (225, 228, 228))
+    top = _plain(width, length, body)
+    _box(top, (0.08, 0.2, 0.92, 0.36), _GLASS)
+    return [as_picture(side[:, ::-1]), side, front, back, top, _plain(8, 8, _BLACK)]
+
+
+def _car(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+    return _vehicle(variant, size, 0.46)
+
+
+def _truck(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+    faces = _vehicle(variant, size, 0.34)
+    for side, cab in ((faces[0], (0.0, 0.22)), (faces[1], (0.78, 1.0))):
+        load = (0.24, 1.0) if cab[0] == 0.0 else (0.0, 0.76)
+        _box(side, (load[0], 0.02, load[1], 0.74), (188, 192, 196))
+    _box(faces[3], (0.04, 0.03, 0.96, 0.5), (176, 180, 184))
+    return faces
+
+
+def _person(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+    shirt, skin = _SHIRTS[variant % len(_SHIRTS)], (120, 150, 205)
+    width, height = 64, round(80 * size[2])
+    body = _plain(width, height, (104, 104, 102))
+    _box(body, (0.12, 0.2, 0.88, 0.55), shirt)
+    _box(body, (0.2, 0.55, 0.47, 0.97), (90, 60, 40))
+    _box(body, (0.53, 0.55, 0.8, 0.97), (90, 60, 40))
+    _disc(body, (0.5, 0.11), 0.09, skin)
+    _box(body, (0.35, 0.01, 0.65, 0.06), (30, 40, 52))
+    top = _plain(32, 32, (40, 46, 56))
+    return [body, as_picture(body[:, ::-1]), body, body, top, top]
+
+
+def _cyclist(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+    faces = _person(variant, size)
+    side = _plain(round(70 * size[0]), round(70 * size[2]), (104, 104, 102))
+    _box(side, (0.36, 0.2, 0.62, 0.55), _SHIRTS[variant % len(_SHIRTS)])
+    _box(side, (0.4, 0.5, 0.56, 0.82), (90, 60, 40))
+    _disc(side, (0.54, 0.11), 0.09, (120, 150, 205))
+    for wheel in (0.2, 0.8):
+        _disc(side, (wheel, 0.8), 0.19, _BLACK)
+        _disc(side, (wheel, 0.8), 0.15, (110, 110, 108))
+    _box(side, (0.2, 0.72, 0.8, 0.75), (40, 40, 160))
+    return [as_picture(side[:, ::-1]), side, *faces[2:]]
+
+
+def _house(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+    """Draw storeys of windows over a ground floor with doors, brick or plaster."""
+    plaster = _PLASTERS[variant % len(_PLASTERS)]
+    bay = _plain(_PIXELS_PER_BAY, _PIXELS_PER_BAY * 6 // 5, plaster)
+    if variant % 2 == 0:
+        mortar: Colour = (plaster[0] * 4 // 5, plaster[1] * 4 // 5, plaster[2] * 4 // 5)
+        for course, row in enumerate(range(0, bay.shape[0], 6)):
+            bay[row] = mortar
+            bay[row : row + 6, 6 * (course % 2) :: 12] = mortar
+    window, door = bay.copy(), bay.copy()
+    _box(window, (0.24, 0.2, 0.76, 0.74), (226, 230, 232))
+    _box(window, (0.28, 0.23, 0.72, 0.71), _GLASS)
+    _box(window, (0.49, 0.23, 0.51, 0.71), (226, 230, 232))
+    _box(window, (0.2, 0.74, 0.8, 0.78), (160, 164, 166))
+    _box(door, (0.3, 0.25, 0.7, 1.0), (44, 62, 96))
+    _box(door, (0.62, 0.6, 0.66, 0.66), (190, 200, 210))
+
+    def wall(metres: float) -> Picture:
+        bays = max(1, round(metres / 2.5))
+        upper = [np.concatenate([window] * bays, axis=1)] * (max(1, round(size[2] / 3.0)) - 1)
+        ground = [door if index % 3 == 1 else window for index in range(bays)]
+        return np.concatenate([*upper, np.concatenate(ground, axis=1)])
+
+    roof = _plain(64, 64, (60, 62, 108))
+    street, end = wall(size[0]), wall(size[1])
+    return [street, street, end, end, roof, roof]
+
+
+def _bulk(colour: Colour, mottle: int) -> Callable[..., list[Picture]]:
+    """Draw one mottled colour on all faces: leaves, bark, metal."""
+
+    def painter(variant: int, size: tuple[float, float, float]) -> list[Picture]:
+        rng = np.random.default_rng([variant, 5])
+        shape = (max(8, round(24 * size[2])), max(8, round(24 * size[0])), 1)
+        spots = rng.normal(0, mottle, shape).astype(np.float32)
+        spots = cv2.GaussianBlur(spots, (0, 0), 1.0)[:, :, None] * 2.5
+        face = (np.array(colour) + spots).clip(0, 255).astype(np.uint8)
+        return [face] * 6
+
+    return painter
+
+
+_PAINTERS: dict[str, Callable[[int, tuple[float, float, float]], Sequence[Picture]]] = {
+    'Car': _car,
+    'Van': _car,
+    'Truck': _truck,
+    'Pedestrian': _person,
+    'Cyclist': _cyclist,
+    'Building': _house,
+    'Hedge': _bulk((52, 96, 70), 26),
+    'Crown': _bulk((48, 104, 66), 34),
+    'Trunk': _bulk((52, 70, 92), 12),
+    'Post': _bulk((120, 122, 120), 3),
+}
+
+
+# The synthetic cameras: flat textured faces drawn with a depth buffer, the ground, the sky.
+#
+# For a face with origin O and sides S, T (points O + s S + t T, 0 <= s, t <= 1) the matrix
+# G = (P [S T O])^-1 takes a pixel to (s, t, 1) / depth. So the face covers a pixel where
+# G1 >= 0, G2 >= 0, G3 - G1 >= 0 and G3 - G2 >= 0, which holds without clipping for faces that reach
+# behind the camera, and G3 is the inverse depth: all four are planes over the image. A pixel's ray
+# goes through its centre, which has whole coordinates as KITTI's P has it.
+
 
 SUN = np.array([-0.45, 0.6, 0.66])
 """Towards the sun in velo_link: fixed to the car, so that the lit sides face the cameras."""
@@ -264,3 +506,295 @@ def draw_solids(
         texture = None if background is None else textures(placed[face.owner], face.name)
         draw_face(canvas, face, texture)
     return canvas
+
+
+# Backgrounds of the synthetic images: the winding road on the ground, and the sky.
+
+
+_PER_METRE = 32
+_ROAD_PERIOD = 24.0
+_ROAD_HALF_WIDTH = 16.0
+_FARTHEST = 400.0
+_BANDS = 5.0 * 1.6 ** np.arange(10)
+"""Depths at which the ground changes to a coarser picture of the road, metres."""
+
+
+class Backdrop:
+    """Draws sky and ground of one camera.
+
+    The pictures of the road are shrunk along and across it separately: seen from a car it is
+    foreshortened a hundred times more along than across.
+
+    Args:
+        size: (width, height) of the images.
+        focal: Focal length, pixels.
+        seed: Of the grain and the clouds.
+        course: The ego lane.
+        grey: Whether the images have no colour.
+    """
+
+    def __init__(
+        self, size: tuple[int, int], focal: float, seed: int, course: Course, *, grey: bool
+    ) -> None:
+        self._course = course
+        self._size = size
+        self._focal = focal
+        self._grey = grey
+        road = _paint_road(seed, (ROAD_RIGHT, ROAD_LEFT), ROAD_CENTRE, _PER_METRE)
+        sky = _paint_sky(round(2 * np.pi * focal), size[1], seed)
+        self._sky = self._toned(np.concatenate([sky, sky[:, : size[0]]], axis=1))
+        self._road = self._toned(road)
+        self._shrunk: dict[tuple[int, int], Picture] = {(0, 0): self._road}
+
+    def draw(self, projection: Float64Array, street_T_velo: Transform) -> Picture:
+        """Return a new image: (height, width) or (height, width, 3) uint8.
+
+        Args:
+            projection: (3, 4), velo_link to pixels.
+            street_T_velo: Pose of the scanner.
+        """
+        width, height = self._size
+        g = self._ground_matrix(projection, street_T_velo)
+        middle = g[2, 0] * width / 2 + g[2, 1] * np.arange(height) + g[2, 2]
+        image = np.empty((height, width) if self._grey else (height, width, 3), np.uint8)
+        image[:] = HAZE[1] if self._grey else HAZE
+        above = int(np.argmax(middle > 0)) if (middle > 0).any() else height
+        _, _, heading = rotation_to_rpy(street_T_velo.rotation)
+        self._draw_sky(image[:above], heading)
+        self._draw_ground(image, g, middle, street_T_velo)
+        return image
+
+    def _toned(self, picture: Picture) -> Picture:
+        return without_colour(picture) if self._grey else picture
+
+    def _draw_sky(self, image: Picture, heading: float) -> None:
+        rows = image.shape[0]
+        turn = self._sky.shape[1] - self._size[0]
+        start = round(-heading * self._focal) % turn
+        image[:] = self._sky[self._sky.shape[0] - rows :, start : start + self._size[0]]
+
+    def _ground_matrix(self, projection: Float64Array, street_T_velo: Transform) -> Float64Array:
+        """Return (3, 3), pixel to (x, y, 1) / depth, x and y from the scanner along street axes."""
+        velo_r_street = street_T_velo.rotation.T
+        below = np.array([0.0, 0.0, -SCANNER_HEIGHT])
+        columns = (
+            projection[:, :3] @ velo_r_street[:, 0],
+            projection[:, :3] @ velo_r_street[:, 1],
+            projection[:, :3] @ below + projection[:, 3],
+        )
+        inverse: Float64Array = np.linalg.inv(np.column_stack(columns))
+        return inverse
+
+    def _draw_ground(
+        self, image: Picture, g: Float64Array, inverse_depth: Float64Array, street_T_velo: Transform
+    ) -> None:
+        depths = np.where(inverse_depth > 1 / _FARTHEST, 1 / inverse_depth, np.inf)
+        bands = np.searchsorted(_BANDS, depths)
+        for band in np.unique(bands[np.isfinite(depths)]):
+            rows = np.flatnonzero((bands == band) & np.isfinite(depths))
+            middle = float(np.median(depths[rows]))
+            self._draw_band(image, slice(rows[0], rows[-1] + 1), g, street_T_velo, middle)
+
+    def _draw_band(
+        self, image: Picture, rows: slice, g: Float64Array, street_T_velo: Transform, depth: float
+    ) -> None:
+        u = np.arange(self._size[0], dtype=np.float32)[None, :]
+        v = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
+        a, b, c = g.astype(np.float32)
+        reach = 1 / (c[0] * u + (c[1] * v + c[2]))
+        x = (a[0] * u + (a[1] * v + a[2])) * reach
+        y = (b[0] * u + (b[1] * v + b[2])) * reach
+        start_x, start_y, _ = street_T_velo.translation.astype(np.float32)
+        y += start_y - self._course.y_array(x + start_x)
+        x += start_x % np.float32(_ROAD_PERIOD)
+        y += np.float32(_ROAD_HALF_WIDTH)
+        along, across = self._levels(depth)
+        picture = self._shrunk_road(along, across)
+        scale_x = np.float32(picture.shape[1] / _ROAD_PERIOD)
+        scale_y = np.float32(picture.shape[0] / (2 * _ROAD_HALF_WIDTH))
+        image[rows] = cv2.remap(
+            picture,
+            x * scale_x - np.float32(0.5),
+            np.clip(y * scale_y - np.float32(0.5), 0, picture.shape[0] - 1),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_WRAP,
+        )
+
+    def _levels(self, depth: float) -> tuple[int, int]:
+        """Return how often the road is halved along and across for one texel a pixel at a depth."""
+        across = depth / self._focal * _PER_METRE
+        along = across * depth / SCANNER_HEIGHT
+        return (
+            int(np.clip(np.log2(along), 0, 7)),
+            int(np.clip(np.log2(across), 0, 6)),
+        )
+
+    def _shrunk_road(self, along: int, across: int) -> Picture:
+        key = (along, across)
+        if key not in self._shrunk:
+            rows, columns = self._road.shape[:2]
+            size = (max(1, columns >> along), max(1, rows >> across))
+            small = cv2.resize(self._road, size, interpolation=cv2.INTER_AREA)
+            self._shrunk[key] = as_picture(small)
+        return self._shrunk[key]
+
+
+def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre: int) -> Picture:
+    """Draw the ground along the ego lane, which is at y = 0.
+
+    Args:
+        seed: Of the grain.
+        edges: y of the road's right and left kerb, metres.
+        centre: y of the line between its lanes, metres.
+        per_metre: Pixels.
+
+    Returns:
+        Rows across, from y = -_ROAD_HALF_WIDTH; columns along, for one period of _ROAD_PERIOD.
+    """
+    rng = np.random.default_rng([seed, 3])
+    right, left = edges
+    shape = (round(2 * _ROAD_HALF_WIDTH * per_metre), round(_ROAD_PERIOD * per_metre), 3)
+    ground = np.empty(shape, np.uint8)
+    ground[:] = (64, 112, 96)
+
+    def strip(start: float, end: float, colour: Colour, columns: slice = slice(None)) -> None:
+        ground[_along(start + _ROAD_HALF_WIDTH, end + _ROAD_HALF_WIDTH, per_metre), columns] = (
+            colour
+        )
+
+    strip(right - 5.0, left + 5.0, (150, 156, 160))
+    for joint in np.arange(0.0, _ROAD_PERIOD, 1.0):
+        column = _along(joint, joint + 1 / per_metre, per_metre)
+        strip(right - 5.0, right, (126, 130, 134), column)
+        strip(left, left + 5.0, (126, 130, 134), column)
+    strip(right - 0.2, left + 0.2, (176, 180, 184))
+    strip(right, left, (92, 90, 88))
+    for start in (0, 12):
+        strip(centre - 0.07, centre + 0.07, (224, 228, 228), _along(start, start + 6, per_metre))
+    for edge in (-2.0, 5.4):
+        strip(edge - 0.05, edge + 0.05, (206, 210, 210))
+    return grained(rng, ground, 11.0)
+
+
+def _paint_sky(width: int, height: int, seed: int) -> Picture:
+    """Draw a panorama of the sky, zenith to horizon; its two ends match."""
+    rng = np.random.default_rng([seed, 4])
+    down = np.linspace(0.0, 1.0, height)[:, None, None] ** 1.5
+    blue = (1 - down) * np.array([222.0, 172.0, 128.0]) + down * np.array(HAZE)
+    clouds = np.zeros((height, width), np.float32)
+    for cells in (6, 14, 40):
+        coarse = rng.random((max(2, cells // 4), cells), np.float32)
+        coarse = np.concatenate([coarse, coarse[:, :1]], axis=1)
+        clouds += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC) * 3 / cells
+    clouds = np.clip((clouds - np.median(clouds)) * 2.2, 0.0, 0.75)[:, :, None]
+    return as_picture((blue * (1 - clouds) + 246.0 * clouds).clip(0, 255))
+
+
+def _along(start: float, end: float, per_metre: int) -> slice:
+    return slice(round(start * per_metre), round(end * per_metre))
+
+
+# The synthetic cameras: their textures, and their images as PNG files.
+
+
+GREY_CAMERAS = (0, 1)
+_PNG_LEVEL = 1
+_PIXEL_NOISE = 1.6
+_NOISE_MARGIN = 64
+
+
+class Cameras:
+    """Draws images; textures are made once, on first use.
+
+    Args:
+        size: (width, height) of the images.
+        focal: Focal length, pixels.
+        seed: Of the textures' grain and the sensors' noise.
+        course: The ego lane.
+    """
+
+    def __init__(self, size: tuple[int, int], focal: float, seed: int, course: Course) -> None:
+        self._course = course
+        self._size = size
+        self._focal = focal
+        self._seed = seed
+        self._textures: dict[tuple[Look, tuple[float, float, float], bool], dict[str, Texture]] = {}
+        self._backdrops: dict[bool, Backdrop] = {}
+        self._noise: dict[bool, npt.NDArray[np.int16]] = {}
+
+    def instances(self, placed: Sequence[PlacedSolid], projection: Float64Array) -> Canvas:
+        """Return the box and the depth of each pixel, without an image.
+
+        Args:
+            placed: The boxes in velo_link, nearest first.
+            projection: (3, 4), velo_link to pixels.
+        """
+        return draw_solids(placed, projection, self._size, None, self._texture)
+
+    def photograph(
+        self,
+        camera: int,
+        frame: int,
+        placed: Sequence[PlacedSolid],
+        projection: Float64Array,
+        street_T_velo: Transform,
+    ) -> Picture:
+        """Draw an image, (height, width) or (height, width, 3) uint8, BGR.
+
+        Args:
+            camera: KITTI's index: 0 and 1 are grey.
+            frame: File number; the noise differs from one to the next.
+            placed: The boxes in velo_link, nearest first.
+            projection: (3, 4), velo_link to pixels.
+            street_T_velo: Pose of the scanner.
+        """
+        grey = camera in GREY_CAMERAS
+        if grey not in self._backdrops:
+            self._backdrops[grey] = Backdrop(
+                self._size, self._focal, self._seed, self._course, grey=grey
+            )
+        image = self._backdrops[grey].draw(projection, street_T_velo)
+        texture = self._grey_texture if grey else self._texture
+        draw_solids(placed, projection, self._size, image, texture)
+        noise = self._noise_of(camera, frame, grey=grey)
+        return as_picture(cv2.add(image, noise, dtype=cv2.CV_8U))
+
+    def _texture(self, one: PlacedSolid, face: str) -> Texture:
+        return self._painted(one, grey=False)[face]
+
+    def _grey_texture(self, one: PlacedSolid, face: str) -> Texture:
+        return self._painted(one, grey=True)[face]
+
+    def _painted(self, one: PlacedSolid, *, grey: bool) -> dict[str, Texture]:
+        look = one.solid.look._replace(reflectance=0.0)
+        size = one.solid.size if look.style == 'Building' else (0.0, 0.0, 0.0)
+        key = (look, size, grey)
+        if key not in self._textures:
+            if grey:
+                faces = self._painted(one, grey=False)
+                self._textures[key] = {name: face.grey() for name, face in faces.items()}
+            else:
+                self._textures[key] = paint(look, one.solid.size, self._seed)
+        return self._textures[key]
+
+    def _noise_of(self, camera: int, frame: int, *, grey: bool) -> npt.NDArray[np.int16]:
+        """Return a window of one large noise picture, placed by camera and frame."""
+        width, height = self._size
+        if grey not in self._noise:
+            shape: tuple[int, ...] = (height + _NOISE_MARGIN, width + _NOISE_MARGIN)
+            rng = np.random.default_rng([self._seed, 6])
+            noise = rng.normal(0.0, _PIXEL_NOISE, shape if grey else (*shape, 3))
+            self._noise[grey] = noise.round().astype(np.int16)
+        top = (frame * 29 + camera * 17) % _NOISE_MARGIN
+        left = (frame * 43 + camera * 31) % _NOISE_MARGIN
+        return self._noise[grey][top : top + height, left : left + width]
+
+
+def encode_png(picture: Picture) -> Image:
+    """Encode a picture as a PNG file."""
+    done, data = cv2.imencode('.png', picture, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
+    if not done:
+        raise RuntimeError('OpenCV cannot encode a PNG')
+    height, width = picture.shape[:2]
+    channels = 1 if picture.ndim == 2 else picture.shape[2]
+    return Image(data.tobytes(), width, height, channels)

@@ -5,40 +5,93 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..bags.bag_files import OpenBag
-from ..bags.decoding import Decoder
-from ..bags.message_source import BagMessages
-from ..bags.ros1_messages import ros1_to_cdr
-from ..messages.header import peek_header, stamp_ns_of
-from ..messages.moment import Origin
-from ..messages.pixels import size_of
-from ..messages.source import RECORDING
+from ..bags.locate import METADATA, metadata_bytes
+from ..bags.reader import BagMessages, Decoder
+from ..bags.stored_messages import ros1_to_cdr
+from ..messages.cdr import peek_header, stamp_ns_of
+from ..messages.images import size_of
+from ..messages.naming import RECORDING, Origin
 from ..messages.topics import decoders
-from ..model.containers import CONTAINERS
+from ..model.bag_formats import CAMERA_INFO, COMPRESSED, CONTAINERS, IMAGE, STRING, TF_TYPES
 from ..model.errors import BadBagError, KittiRos2Error
-from ..model.layouts import Layout
-from ..model.msgtypes import CAMERA_INFO, COMPRESSED, IMAGE, STRING, TF_TYPES
-from ..rig.link_tally import LinkTally
-from ..rig.tf_tree import FrameTree
-from .bag_metadata import find_differences
-from .bag_rules import BAG_RULES, BagFacts
-from .message_rules import CHECKED_TYPES, HEADED_TYPES, MESSAGE_RULES, CheckedMessage
-from .results import CheckedSource
-from .rule import find_breaches
-from .source_rules import SOURCE_RULES, Unopened
-from .topic_rules import TOPIC_RULES, TopicTrack
+from ..model.streams import NS_PER_S, Layout
+from ..model.yaml_text import load_yaml
+from ..rig.tf_tree import FrameTree, LinkTally
+from .bag_rules import (
+    BAG_RULES,
+    CHECKED_TYPES,
+    HEADED_TYPES,
+    MESSAGE_RULES,
+    TOPIC_RULES,
+    BagFacts,
+    CheckedMessage,
+    TopicTrack,
+)
+from .rule import SOURCE_RULES, CheckedSource, Unopened, find_breaches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
-    from typing import Any
 
-    from ..bags.reading import BagMessage
+    from ..bags.container_file import BagIndex
+    from ..bags.reader import BagMessage
     from ..messages.ros_types import Typestore
-    from ..options.validating import ValidateOptions
-    from .results import FindingTally
+    from ..options.read import ValidateOptions
+    from .rule import FindingTally
+
+
+# What the metadata.yaml of a bag says of its topics and times, against its files.
+
+
+_ROUNDED_NS = NS_PER_S // 1000
+
+
+def find_differences(path: Path, index: BagIndex) -> list[str]:
+    """Compare metadata.yaml with the index of the files; a damaged one is reported by others.
+
+    Args:
+        path: The bag.
+        index: Of its files.
+
+    Returns:
+        Lines that begin with the path of metadata.yaml.
+    """
+    source = path / METADATA
+    try:
+        information = load_yaml(metadata_bytes(path))['rosbag2_bagfile_information']
+        found = [*_of_topics(information, index), *_of_times(information, index)]
+    except (OSError, LookupError, TypeError, ValueError):
+        return []
+    return [f'{source}: {each}' for each in found]
+
+
+def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
+    counts = {key: sum(map(len, pieces)) for key, pieces in index.stamps.items()}
+    types = dict(counts.keys())
+    for entry in information.get('topics_with_message_count') or ():
+        topic = str(entry['topic_metadata']['name'])
+        msgtype, listed = str(entry['topic_metadata']['type']), int(entry['message_count'])
+        count = counts.get((topic, types.get(topic, '')), 0)
+        if topic in types and types[topic] != msgtype:
+            yield f'{topic} is {msgtype} here, {types[topic]} in the files'
+        if topic in types and listed != count:
+            yield f'{topic} has {listed} messages here, {count} in the files'
+
+
+def _of_times(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
+    stamps = [piece for pieces in index.stamps.values() for piece in pieces if len(piece)]
+    if not stamps:
+        return
+    first, last = min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)
+    start = int(information['starting_time']['nanoseconds_since_epoch'])
+    duration = int(information['duration']['nanoseconds'])
+    if abs(start - first) > _ROUNDED_NS:
+        yield f'the bag begins at {start} here, at {first} in the files'
+    if abs(duration - (last - first)) > _ROUNDED_NS:
+        yield f'the bag lasts {duration} ns here, {last - first} ns in the files'
 
 
 def check_bag(

@@ -1,23 +1,61 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about a whole bag: container, metadata, schemas, frames, cameras and their images."""
+"""Rules about a bag: as a whole, its single messages, its topics."""
 
 from __future__ import annotations
 
+import time
+from array import array
 from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..bags.container_file import qos_faults
 from ..bags.locate import METADATA
+from ..messages.camera_info import camera_model
+from ..messages.clouds import read_points
+from ..messages.images import picture_kind, pixels_of
 from ..messages.naming import FrameNames
+from ..model.bag_formats import (
+    CAMERA_INFO,
+    CLOUD,
+    COMPRESSED,
+    DETECTED_OBJECTS,
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    FIX,
+    IMAGE,
+    IMU,
+    LASER_SCAN,
+    LIVOX,
+    MARKERS,
+    ODOMETRY,
+    PATH,
+    POSE,
+    STRING,
+    TF_TYPES,
+    TRACKED_OBJECTS,
+    TWIST,
+    VELODYNE,
+)
+from ..model.errors import format_count
+from ..model.streams import NS_PER_S, format_stamp
+from ..rig.rectified_cameras import angle_of
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from ..model.samples import Int64Array
     from ..rig.tf_tree import FrameTree
+
+
+# Rules about a whole bag: container, metadata, schemas, frames, cameras and their images.
+
 
 Size = tuple[int, int]
 _MOST_UNPAIRED = 64
@@ -268,5 +306,393 @@ BAG_RULES: tuple[Rule[BagFacts], ...] = (
         'CameraInfo has the size of the images beside it',
         'load the calibration of this resolution in the driver',
         _find_other_size,
+    ),
+)
+
+
+# Rules about single messages of a bag: CameraInfo, PointCloud2, Image, transforms.
+
+
+HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
+"""Types of sensors and poses, which begin with a header."""
+_READ_TYPES = frozenset(
+    {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, LASER_SCAN, MARKERS, PATH, TRACKED_OBJECTS}
+)
+CHECKED_TYPES = HEADED_TYPES | TF_TYPES | {STRING, VELODYNE} | LIVOX | _READ_TYPES
+"""Types of messages that are decoded: all that `to-kitti` and the evaluations read."""
+_COEFFICIENTS = {
+    'plumb_bob': {0, 4, 5},
+    'rational_polynomial': {0, 8, 12, 14},
+    'equidistant': {0, 4},
+    'fisheye': {0, 4},
+}
+"""Numbers of D by distortion model (sensor_msgs/distortion_models.hpp, and OpenCV)."""
+_PARALLEL_RAD = 1e-5
+_NORM_OFF = 0.01  # tf2 refuses quaternions whose squared norm is off by 1 %
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedMessage:
+    """A message of a bag.
+
+    Attributes:
+        bag: The bag.
+        topic, msgtype: Of the message.
+        stamp_ns: Log time.
+        value: The decoded message; None if it cannot be decoded.
+        error: Why it cannot be decoded.
+        decode: Whether the pixels of images are decoded.
+    """
+
+    bag: Path
+    topic: str
+    msgtype: str
+    stamp_ns: int
+    value: Any
+    error: str = ''
+    decode: bool = False
+
+    def breach(self, text: str) -> Breach:
+        """Return a breach of the message."""
+        return Breach(f'{self.topic} at {self.stamp_ns}: {text}', self.bag)
+
+
+def _find_undecodable(message: CheckedMessage) -> Iterator[Breach]:
+    if message.error:
+        yield message.breach(message.error)
+
+
+def _find_uncalibrated(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype == CAMERA_INFO and _is_uncalibrated(message.value):
+        yield Breach(f'{message.topic}: K and P are zeros', message.bag)
+
+
+def _is_uncalibrated(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    return info is not None and not (np.any(info.k) or np.any(info.p))
+
+
+def _find_bad_camera(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype != CAMERA_INFO or message.value is None or _is_uncalibrated(message.value):
+        return
+    try:
+        camera_model(message.value)
+    except ValueError as error:
+        yield Breach(f'{message.topic}: {error}', message.bag)
+
+
+def _find_distortion(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype != CAMERA_INFO or message.value is None:
+        return
+    model, count = message.value.distortion_model, len(message.value.d)
+    known = _COEFFICIENTS.get(model)
+    if known is None and (model or count):
+        text = f'the distortion model {model!r} is not one of {", ".join(_COEFFICIENTS)}'
+        yield Breach(f'{message.topic}: {text}', message.bag)
+    elif known is not None and count not in known:
+        text = f'D has {count} numbers; {model} has {max(known)}'
+        yield Breach(f'{message.topic}: {text}', message.bag)
+
+
+def _find_idle_rotation(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype != CAMERA_INFO or message.value is None:
+        return
+    try:
+        camera = camera_model(message.value)
+    except ValueError:  # camera-info
+        return
+    if camera.is_as_rectified and angle_of(camera.r) > _PARALLEL_RAD:
+        degrees = np.degrees(angle_of(camera.r))
+        text = f'D is 0 and K is that of P, but R turns by {degrees:.2g} degrees'
+        yield Breach(f'{message.topic}: {text}', message.bag)
+
+
+def _find_bad_cloud(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype == CLOUD and message.value is not None:
+        try:
+            read_points(message.value, None)
+        except ValueError as error:
+            yield message.breach(str(error))
+
+
+def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
+    image = message.value
+    if message.msgtype == IMAGE and image is not None:
+        if len(image.data) < image.step * image.height or not image.width * image.height:
+            text = f'{len(image.data)} bytes of {image.width}x{image.height}, step {image.step}'
+            yield message.breach(text)
+    elif message.msgtype == COMPRESSED and image is not None:
+        try:
+            picture_kind(image)
+        except ValueError as error:
+            yield message.breach(str(error))
+
+
+def _find_bad_pixels(message: CheckedMessage) -> Iterator[Breach]:
+    if not message.decode or message.value is None:
+        return
+    if message.msgtype in {IMAGE, COMPRESSED}:
+        try:
+            pixels_of(message.value)
+        except ValueError as error:
+            yield message.breach(str(error))
+
+
+def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
+    if message.msgtype not in TF_TYPES or message.value is None:
+        return
+    for each in message.value.transforms:
+        q, t = each.transform.rotation, each.transform.translation
+        link = f'{each.header.frame_id} -> {each.child_frame_id}'
+        norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w  # ** raises where * is inf
+        if not np.isfinite((t.x, t.y, t.z)).all() or not abs(norm - 1) < _NORM_OFF:
+            numbers = f'{t.x:g} {t.y:g} {t.z:g}, {q.x:g} {q.y:g} {q.z:g} {q.w:g}'
+            yield Breach(f'{message.topic}: {link} is {numbers}', message.bag)
+        if not each.header.frame_id or not each.child_frame_id:
+            yield Breach(f'{message.topic}: {link} has a frame without a name', message.bag)
+
+
+MESSAGE_RULES: tuple[Rule[CheckedMessage], ...] = (
+    Rule(
+        'message-decode',
+        _ERROR,
+        _BAG,
+        'Messages can be decoded by the definition of their type',
+        'kitti-ros2 recover copies the readable messages',
+        _find_undecodable,
+    ),
+    Rule(
+        'camera-uncalibrated',
+        _WARNING,
+        _BAG,
+        'CameraInfo has K or P',
+        'calibrate the camera; to-kitti --calib takes a calibration from elsewhere',
+        _find_uncalibrated,
+    ),
+    Rule(
+        'camera-info',
+        _ERROR,
+        _BAG,
+        'CameraInfo has a size, positive focal lengths, a rotation R, a region inside the image',
+        'correct the calibration of the driver',
+        _find_bad_camera,
+    ),
+    Rule(
+        'camera-distortion',
+        _ERROR,
+        _BAG,
+        'D has as many numbers as its distortion model',
+        'set distortion_model to that of the calibration: plumb_bob has 5 numbers',
+        _find_distortion,
+    ),
+    Rule(
+        'camera-rotation',
+        _WARNING,
+        _BAG,
+        'R of CameraInfo is the identity where D is 0 and K is that of P',
+        'programs that rectify turn such images once more: write R = I; to-kitti turns none',
+        _find_idle_rotation,
+    ),
+    Rule(
+        'cloud-layout',
+        _ERROR,
+        _BAG,
+        'PointCloud2 has x, y, z within point_step, and data for width x height points',
+        'correct point_step, row_step and fields in the driver',
+        _find_bad_cloud,
+    ),
+    Rule(
+        'image-layout',
+        _ERROR,
+        _BAG,
+        'Images have data for all rows; compressed ones are whole',
+        'correct step, width and height in the driver',
+        _find_bad_image,
+    ),
+    Rule(
+        'image-decode',
+        _ERROR,
+        _BAG,
+        'Pixels of images can be decoded (with --decode)',
+        'record the topic again',
+        _find_bad_pixels,
+    ),
+    Rule(
+        'tf-transform',
+        _ERROR,
+        _BAG,
+        'Transforms have finite numbers, quaternions of length 1, and names of both frames',
+        'correct the publisher: tf2 refuses such transforms',
+        _find_bad_transforms,
+    ),
+)
+
+
+# Rules about the stamps and the QoS of a topic in a bag.
+
+
+_EARLIEST_NS = 946_684_800 * NS_PER_S
+"""2000-01-01 UTC: the clock of a simulation begins at 0."""
+_DAY_NS = 86_400 * NS_PER_S
+_ONE_CLOCK_NS = 60 * NS_PER_S
+_WIDE_GAP = 10.0
+_LEAST_GAP_NS = NS_PER_S
+_LEAST_MESSAGES = 10
+
+
+@dataclass(eq=False)
+class TopicTrack:
+    """The stamps of a topic.
+
+    Attributes:
+        bag: The bag.
+        topic: Its name.
+        latched: Whether its publisher keeps the last messages for late subscribers.
+        has_qos: Whether the bag stores the QoS of publishers.
+        profiles: rosbag2's text of it.
+        log_ns: Log times, in the order of the bag.
+        header_ns: Stamps of the messages' headers, for types that have one.
+    """
+
+    bag: Path
+    topic: str
+    latched: bool = False
+    has_qos: bool = True
+    profiles: str = ''
+    log_ns: array[int] = field(default_factory=lambda: array('q'))
+    header_ns: array[int] = field(default_factory=lambda: array('q'))
+
+    def breach(self, text: str) -> Breach:
+        """Return a breach of the topic."""
+        return Breach(f'{self.topic}: {text}', self.bag)
+
+    def headers(self) -> Int64Array:
+        """Return the header stamps that are not 0."""
+        stamps: Int64Array = np.array(self.header_ns, np.int64)
+        known: Int64Array = stamps[stamps != 0]
+        return known
+
+
+def _find_backward(track: TopicTrack) -> Iterator[Breach]:
+    stamps = track.headers()
+    backward = np.flatnonzero(np.diff(stamps) < 0)
+    if len(backward) and not track.latched:
+        first = int(backward[0])
+        count = format_count(len(backward), 'stamp')
+        by = (int(stamps[first]) - int(stamps[first + 1])) / NS_PER_S
+        yield track.breach(f'{count} before the one above, first by {by:.3g} s')
+
+
+def _find_zero(track: TopicTrack) -> Iterator[Breach]:
+    zeros = sum(stamp == 0 for stamp in track.header_ns)
+    if zeros and not track.latched:
+        yield track.breach(f'{zeros} of {len(track.header_ns)} header stamps are 0')
+
+
+def _find_future(track: TopicTrack) -> Iterator[Breach]:
+    latest = time.time_ns() + _DAY_NS
+    for name, stamps in (('header stamp', track.header_ns), ('log time', track.log_ns)):
+        last = max(stamps, default=0)
+        if last > latest:
+            yield track.breach(f'the last {name} is {_moment(last)}')
+
+
+def _find_late(track: TopicTrack) -> Iterator[Breach]:
+    if track.latched or len(track.header_ns) != len(track.log_ns):
+        return
+    header, log = np.array(track.header_ns, np.int64), np.array(track.log_ns, np.int64)
+    dated = (header > _EARLIEST_NS) & (log > _EARLIEST_NS)
+    delays = (log - header)[dated]
+    far = np.abs(delays) > _ONE_CLOCK_NS
+    if far.any():
+        text = f'{int(far.sum())} of {len(header)} header stamps are'
+        yield track.breach(f'{text} {delays[far][0] / NS_PER_S:.0f} s from their log times')
+
+
+def _find_gap(track: TopicTrack) -> Iterator[Breach]:
+    if len(track.log_ns) < _LEAST_MESSAGES or track.latched:
+        return
+    gaps = np.diff(np.sort(np.array(track.log_ns, np.int64)))
+    usual, widest = float(np.median(gaps)), int(gaps.max())
+    steady = float(np.percentile(gaps, 90)) < 2 * usual
+    if steady and widest > max(_WIDE_GAP * usual, _LEAST_GAP_NS):
+        text = f'a gap of {widest / NS_PER_S:.1f} s; usual are {usual / NS_PER_S:.3g} s'
+        yield track.breach(text)
+
+
+def _find_unlatched(track: TopicTrack) -> Iterator[Breach]:
+    if track.topic.endswith('tf_static') and track.has_qos and not track.latched:
+        yield track.breach('its publisher does not offer durability transient local')
+
+
+def _find_qos_faults(track: TopicTrack) -> Iterator[Breach]:
+    for fault in qos_faults(track.profiles):
+        yield track.breach(fault)
+
+
+def _moment(stamp_ns: int) -> str:
+    try:
+        return f'{format_stamp(stamp_ns)} UTC'
+    except (OverflowError, ValueError):
+        return f'{stamp_ns} ns'
+
+
+_STREAM = RuleScope.STREAM
+
+TOPIC_RULES: tuple[Rule[TopicTrack], ...] = (
+    Rule(
+        'header-order',
+        _WARNING,
+        _STREAM,
+        'Header stamps of a topic do not go back',
+        'several publishers on the topic, or a clock that was set; to-kitti uses log times then',
+        _find_backward,
+    ),
+    Rule(
+        'header-zero',
+        _WARNING,
+        _STREAM,
+        'Header stamps are not 0',
+        'set header.stamp in the publisher; to-kitti uses log times then',
+        _find_zero,
+    ),
+    Rule(
+        'header-late',
+        _WARNING,
+        _STREAM,
+        'Header stamps are within 60 s of the log times',
+        'recorded from another bag, or the clocks of the machines differ',
+        _find_late,
+    ),
+    Rule(
+        'bag-future',
+        _WARNING,
+        _STREAM,
+        'Stamps are not in the future',
+        'check the clock of the machine, and the unit: nanoseconds',
+        _find_future,
+    ),
+    Rule(
+        'bag-gap',
+        _WARNING,
+        _STREAM,
+        'Topics of a steady rate have no gap of 1 s and ten periods',
+        'messages were dropped while recording: check the disk, or the QoS',
+        _find_gap,
+    ),
+    Rule(
+        'bag-latched',
+        _WARNING,
+        _STREAM,
+        '/tf_static is latched (QoS durability transient local)',
+        'record with --qos-profile-overrides-path, else late subscribers get no frames',
+        _find_unlatched,
+    ),
+    Rule(
+        'bag-qos',
+        _WARNING,
+        _STREAM,
+        'Offered QoS profiles have known policies, and publishers of a topic agree',
+        'ros2 bag play falls back to another QoS: give it --qos-profile-overrides-path',
+        _find_qos_faults,
     ),
 )

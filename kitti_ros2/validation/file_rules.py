@@ -1,26 +1,41 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about one file: it can be opened, has a possible size, and can be parsed."""
+"""Rules about one file: whether it can be read, labels, and calibrations."""
 
 from __future__ import annotations
 
+import math
 import os
 import stat
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from itertools import combinations, pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from ..files.remote import is_remote
 from ..kitti import names
+from ..kitti.label_file import parse_labels
 from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import MOST_BYTES
-from ..model.errors import BadFileError
+from ..model.boxes import DONT_CARE, has_cuboid, is_absurd
+from ..model.errors import BadFileError, format_bytes
+from ..model.geometry import Transform
+from ..model.samples import LEFT_OF, rectified_offset
 from ..model.streams import IMAGE_STREAMS, Stream
-from ..model.text import format_bytes
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_of
+from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in, breach_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator, Sequence
     from pathlib import Path
+
+    from ..model.boxes import Box
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration
+
+
+# Rules about one file: it can be opened, has a possible size, and can be parsed.
+
 
 _MOST_TEXT = 16 << 20  # the largest text file of KITTI has 1 MB
 _COPY = 'copy or download the file again'
@@ -170,5 +185,511 @@ FILE_RULES: tuple[Rule[DataFile], ...] = (
         'Text files are UTF-8; tracklets are whole XML',
         _COPY,
         _failed(Stream.LABELS, Stream.CALIBRATION, Stream.RECORDING),
+    ),
+)
+
+
+# Rules about a label file: what the devkits' readme.txt allow, and what contradicts itself.
+#
+# Limits, from tracking 0000 (1089 rows) and object 000000..2: objects are up to 13 m long, tracks
+# move at most 0.9 m a frame relative to the car, so 15 m is far beyond oncoming traffic.
+
+
+CLASSES = frozenset(
+    {'Car', 'Van', 'Truck', 'Pedestrian', 'Person_sitting', 'Cyclist', 'Tram', 'Misc', DONT_CARE}
+)
+"""The classes of KITTI (source: readme.txt of the object devkit)."""
+_ALSO = {'Person': 'Person_sitting'}  # the name in tracking
+_ANGLE = math.pi + 0.01  # two decimals round pi up
+_FARTHEST_M = 10_000.0
+_LONGEST_M = 100.0
+_JUMP_M = 15.0
+_OCCLUDED = range(-1, 4)
+_TRUNCATED_LEVELS = (-1, 0, 1, 2)
+
+
+class LabelLine(NamedTuple):
+    """A labelled object with its line in the file, from 1."""
+
+    line: int
+    box: Box
+
+
+@dataclass(frozen=True)
+class LabelFile:
+    """A parsed label file.
+
+    Attributes:
+        path: The file.
+        lines: The valid lines.
+        errors: Those of the invalid lines.
+        tracking: Whether it is a tracking file, of many frames.
+    """
+
+    path: Path
+    lines: Sequence[LabelLine]
+    errors: Sequence[BadFileError] = ()
+    tracking: bool = False
+    by_frame: dict[int | None, list[LabelLine]] = field(default_factory=dict)
+
+    @classmethod
+    def parse(cls, text: str, path: Path, *, tracking: bool = False) -> LabelFile:
+        """Parse the text of a file."""
+        parsed = parse_labels(text, path)
+        lines = [LabelLine(line + 1, box) for line, box in parsed.sound().items()]
+        by_frame: dict[int | None, list[LabelLine]] = {}
+        for each in lines:
+            by_frame.setdefault(each.box.frame, []).append(each)
+        return cls(path, lines, tuple(parsed.errors.values()), tracking, by_frame)
+
+
+def _find_invalid_labels(file: LabelFile) -> Iterator[Breach]:
+    for error in file.errors:
+        yield breach_of(error, file.path)
+
+
+def _find_columns(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        if (box.frame is not None) != file.tracking:
+            kinds = ('an object', 'a tracking') if file.tracking else ('a tracking', 'an object')
+            text = f'a line of {kinds[0]} file; expected {kinds[1]} file'
+            yield Breach(text, file.path, line)
+
+
+def _find_levels(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        if box.occluded not in _OCCLUDED:
+            yield Breach(f'{box.class_name}: occluded is {box.occluded}', file.path, line)
+        levels = box.truncated in _TRUNCATED_LEVELS
+        if not (levels if file.tracking else 0 <= box.truncated <= 1 or box.truncated == -1):
+            yield Breach(f'{box.class_name}: truncated is {box.truncated:g}', file.path, line)
+
+
+def _find_angles(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        for name, angle in (('alpha', box.alpha), ('rotation_y', box.rotation_y)):
+            if abs(angle) > _ANGLE and angle != -10:
+                yield Breach(f'{box.class_name}: {name} is {angle:g}', file.path, line)
+
+
+def _find_box_2d(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        left, top, right, bottom = box.box_2d
+        if right < left or bottom < top:
+            numbers = ' '.join(f'{value:g}' for value in box.box_2d)
+            yield Breach(f'{box.class_name}: the 2D box is {numbers}', file.path, line)
+
+
+def _find_sizes(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        if is_absurd(box) or max(box.size_hwl) > _LONGEST_M:
+            numbers = ' '.join(f'{value:g}' for value in box.size_hwl)
+            yield Breach(f'{box.class_name}: height, width, length are {numbers}', file.path, line)
+
+
+def _find_far(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        if max(map(abs, box.location)) > _FARTHEST_M:
+            numbers = ' '.join(f'{value:g}' for value in box.location)
+            yield Breach(f'{box.class_name}: the location is {numbers}', file.path, line)
+
+
+def _find_classes(file: LabelFile) -> Iterator[Breach]:
+    for line, box in file.lines:
+        if box.class_name in CLASSES:
+            continue
+        meant = _KNOWN.get(_plain(box.class_name), box.class_name)
+        if meant != box.class_name:
+            yield Breach(f'{box.class_name}: did you mean {meant}?', file.path, line)
+
+
+def _plain(name: str) -> str:
+    return ''.join(filter(str.isalnum, name)).lower()
+
+
+_KNOWN = {_plain(name): name for name in (*CLASSES, *_ALSO)}
+"""The names that others may resemble."""
+
+
+def _find_repeated(file: LabelFile) -> Iterator[Breach]:
+    seen: dict[Box, int] = {}
+    for line, box in file.lines:
+        first = seen.setdefault(box, line)
+        if first != line:
+            yield Breach(f'{box.class_name}: the same object as in line {first}', file.path, line)
+
+
+def _find_repeated_tracks(file: LabelFile) -> Iterator[Breach]:
+    seen: dict[tuple[int | None, int | None], int] = {}
+    for line, box in file.lines:
+        if box.track_id is None or box.track_id < 0:
+            continue
+        first = seen.setdefault((box.frame, box.track_id), line)
+        if first != line:
+            text = f'{box.class_name}: track {box.track_id} is in frame {box.frame} twice'
+            yield Breach(f'{text}, first in line {first}', file.path, line)
+
+
+def _find_changing_tracks(file: LabelFile) -> Iterator[Breach]:
+    for before, (line, box) in _successors(file):
+        if before.class_name != box.class_name:
+            text = f'track {box.track_id} changes from {before.class_name} to {box.class_name}'
+            yield Breach(text, file.path, line)
+
+
+def _find_jumps(file: LabelFile) -> Iterator[Breach]:
+    for before, (line, box) in _successors(file):
+        frames = (box.frame or 0) - (before.frame or 0)
+        if frames > 0 and has_cuboid(box) and has_cuboid(before):
+            moved = math.dist(before.location, box.location)
+            if moved > _JUMP_M * frames:
+                text = (
+                    f'{box.class_name}: track {box.track_id} moves {moved:.0f} m in {frames} frame'
+                )
+                yield Breach(text + ('s' if frames > 1 else ''), file.path, line)
+
+
+def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
+    """Yield each line of a track with the box of the track before it."""
+    tracks: dict[int, list[LabelLine]] = {}
+    for each in file.lines if file.tracking else ():
+        if each.box.track_id is not None and each.box.track_id >= 0:
+            tracks.setdefault(each.box.track_id, []).append(each)
+    for lines in tracks.values():
+        ordered = sorted(lines, key=lambda each: each.box.frame or 0)
+        for before, after in pairwise(ordered):
+            yield before.box, after
+
+
+_WARNING = RuleSeverity.WARNING
+_CORRECT = 'correct the line, or label the object again'
+
+LABEL_RULES: tuple[Rule[LabelFile], ...] = (
+    Rule(
+        'label-line',
+        _ERROR,
+        _FILE,
+        'Lines of labels have 15 or 16 columns (tracking 17 or 18) of finite numbers',
+        _CORRECT,
+        _find_invalid_labels,
+    ),
+    Rule(
+        'label-columns',
+        _ERROR,
+        _FILE,
+        'Object files have lines of objects, tracking files lines with frame and track',
+        'give the label file of the same benchmark',
+        _find_columns,
+    ),
+    Rule(
+        'label-level',
+        _ERROR,
+        _FILE,
+        'occluded is -1 to 3; truncated is 0 to 1 or -1, in tracking -1 to 2',
+        _CORRECT,
+        _find_levels,
+    ),
+    Rule(
+        'label-angle',
+        _WARNING,
+        _FILE,
+        'alpha and rotation_y are within -pi to pi, or -10 if unknown',
+        'wrap the angle; radians, not degrees',
+        _find_angles,
+    ),
+    Rule(
+        'label-box',
+        _ERROR,
+        _FILE,
+        '2D boxes are left, top, right, bottom',
+        'check the order; KITTI has corners, not width and height',
+        _find_box_2d,
+    ),
+    Rule(
+        'label-size',
+        _ERROR,
+        _FILE,
+        'Height, width and length are positive, below 100 m',
+        'check the order (height, width, length) and the unit (metres)',
+        _find_sizes,
+    ),
+    Rule(
+        'label-location',
+        _ERROR,
+        _FILE,
+        'Locations are within 10 km',
+        'check the unit (metres) and the frame (rectified camera 0)',
+        _find_far,
+    ),
+    Rule(
+        'label-class',
+        _WARNING,
+        _FILE,
+        'Class names that resemble those of KITTI are spelled as there',
+        'evaluations compare names exactly: rename the class',
+        _find_classes,
+    ),
+    Rule(
+        'label-repeated',
+        _WARNING,
+        _FILE,
+        'No object is listed twice in a frame',
+        'remove one of the lines',
+        _find_repeated,
+    ),
+    Rule(
+        'track-repeated',
+        _ERROR,
+        _FILE,
+        'No track is twice in a frame',
+        'give one of the objects a track id of its own',
+        _find_repeated_tracks,
+    ),
+    Rule(
+        'track-class',
+        _WARNING,
+        _FILE,
+        'Tracks keep their class',
+        'correct the class, or give the second object a track id of its own',
+        _find_changing_tracks,
+    ),
+    Rule(
+        'track-jump',
+        _WARNING,
+        _FILE,
+        'Tracks move at most 15 m a frame',
+        'correct the location, or the frame number',
+        _find_jumps,
+    ),
+)
+
+
+# Rules about a calibration.
+#
+# Limits, from KITTI's files (raw 2011_09_26, object 000000..2, odometry 00, tracking 0000):
+# rotations are orthonormal to 1e-7, both focal lengths are equal and there is no skew, right
+# cameras are 0.53 to 0.54 m to the right of the left ones, P_rect and R, T differ by 0.3 mm,
+# rectified cameras are parallel to 1.4e-7, the scanner is 0.3 m from camera 0 and looks where it
+# looks.
+
+
+_ORTHONORMAL = 1e-5
+_FOCAL_RATIO = 1.1
+_BASELINES_M = (0.02, 3.0)
+_SAME_PLACE_M = 0.005
+_PARALLEL = 1e-3
+_NEAR_M = 5.0
+_FORWARD = 0.5
+_CALIB_TIME = 'calib_time'
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationFile:
+    """A parsed calibration.
+
+    Attributes:
+        calibration: The calibration.
+        path: Its file, or the folder of several.
+        cameras: The cameras that have images.
+    """
+
+    calibration: Calibration
+    path: Path
+    cameras: Collection[int] = ()
+
+
+def _find_invalid_calibration(file: CalibrationFile) -> Iterator[Breach]:
+    for breach, absent in _missing(file):
+        if not absent:
+            yield breach
+
+
+def _find_absent(file: CalibrationFile) -> Iterator[Breach]:
+    for breach, absent in _missing(file):
+        if absent:
+            yield breach
+    found = file.calibration
+    for camera in sorted(file.cameras):
+        part = f'P{camera}'
+        if found.cameras and camera not in found.cameras and part not in found.missing:
+            yield Breach(f'no {part}, and camera {camera} has images', file.path)
+
+
+def _find_placeholders(file: CalibrationFile) -> Iterator[Breach]:
+    for note in file.calibration.notes:
+        if _CALIB_TIME not in note:
+            yield breach_in(note, file.path)
+
+
+def _find_another_day(file: CalibrationFile) -> Iterator[Breach]:
+    for note in file.calibration.notes:
+        if _CALIB_TIME in note:
+            yield breach_in(note, file.path)
+
+
+def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
+    """Yield the missing parts, and whether they are absent instead of invalid."""
+    for reason in dict.fromkeys(file.calibration.missing.values()):
+        breach = breach_in(reason, file.path)
+        no_key = breach.line is None and breach.text.startswith('no ')
+        yield breach, no_key
+
+
+def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
+    found = file.calibration
+    rotations: dict[str, Float64Array | None] = {
+        'R0_rect': found.r0_rect,
+        'Tr_velo_to_cam': None if found.cam0_T_velo is None else found.cam0_T_velo.rotation,
+        'Tr_imu_to_velo': found.velo_T_imu.rotation,
+    }
+    for index, camera in found.cameras.items():
+        rotations[f'R_rect_{index:02d}'] = camera.r_rect
+        if camera.cam_T_cam0 is not None:
+            rotations[f'R_{index:02d}'] = camera.cam_T_cam0.rotation
+    for name, rotation in rotations.items():
+        if rotation is not None:
+            off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+            if off > _ORTHONORMAL:
+                yield Breach(f'{name}: R R^T differs from the identity by {off:.1g}', file.path)
+
+
+def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
+    for index, camera in file.calibration.cameras.items():
+        p = camera.p_rect
+        name = f'P{index}'
+        if p[0, 0] <= 0 or p[1, 1] <= 0:
+            yield Breach(f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g}', file.path)
+        elif not 1 / _FOCAL_RATIO < p[0, 0] / p[1, 1] < _FOCAL_RATIO:
+            yield Breach(f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g} differ', file.path)
+        if (p[2, :3] != (0, 0, 1)).any():
+            row = ' '.join(f'{value:g}' for value in p[2])
+            yield Breach(f'{name}: the last row is {row}; expected 0 0 1 and a number', file.path)
+        if camera.k is not None and (camera.k[0, 0] <= 0 or camera.k[1, 1] <= 0):
+            text = f'K_{index:02d}: focal lengths {camera.k[0, 0]:g} and {camera.k[1, 1]:g}'
+            yield Breach(text, file.path)
+
+
+def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
+    found = file.calibration
+    for right, left in LEFT_OF.items():
+        if not {left, right} <= {*found.cameras} & {*file.cameras} or found.independent_cameras:
+            continue
+        # The fourth column is negative where the camera is to the right.
+        centres = [rectified_offset(found.cameras[index]) for index in (left, right)]
+        x, y, z = (centres[0] - centres[1]).tolist()
+        low, high = _BASELINES_M
+        if not low < x < high or max(abs(y), abs(z)) > abs(x) / 2:
+            text = f'camera {right} is {x:.3f} {y:.3f} {z:.3f} m right, below and before camera'
+            yield Breach(f'{text} {left}', file.path)
+
+
+def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
+    cameras = {
+        index: camera
+        for index, camera in file.calibration.cameras.items()
+        if camera.r_rect is not None and camera.cam_T_cam0 is not None
+    }
+    turned: dict[int, Float64Array] = {}
+    for index, camera in cameras.items():
+        r_rect, cam_t_cam0 = camera.r_rect, camera.cam_T_cam0 or Transform.identity()
+        if r_rect is None:
+            continue
+        turned[index] = r_rect @ cam_t_cam0.rotation
+        apart = float(np.abs(rectified_offset(camera) - r_rect @ cam_t_cam0.translation).max())
+        if apart > _SAME_PLACE_M:
+            text = f'P_rect_{index:02d} and R_rect, T put camera {index} {apart:.3f} m apart'
+            yield Breach(text, file.path)
+    for one, other in combinations(turned, 2):
+        off = float(np.abs(turned[one] @ turned[other].T - np.eye(3)).max())
+        if off > _PARALLEL:
+            text = f'R_rect and R of cameras {one} and {other} are not parallel, by {off:.2g} rad'
+            yield Breach(text, file.path)
+
+
+def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
+    cam0_t_velo = file.calibration.cam0_T_velo
+    if cam0_t_velo is None or file.calibration.independent_cameras:
+        return
+    # Column 0 is the scanner's x axis, forward; camera z is forward, y is down.
+    if cam0_t_velo.rotation[2, 0] < _FORWARD or cam0_t_velo.rotation[1, 2] > -_FORWARD:
+        text = 'Tr_velo_to_cam: camera 0 does not look along x of the scanner with z up'
+        yield Breach(text, file.path)
+    distance = float(np.linalg.norm(cam0_t_velo.translation))
+    if distance > _NEAR_M:
+        yield Breach(f'Tr_velo_to_cam: the scanner is {distance:.1f} m from camera 0', file.path)
+
+
+CALIBRATION_RULES: tuple[Rule[CalibrationFile], ...] = (
+    Rule(
+        'calib-value',
+        _ERROR,
+        _FILE,
+        'Calibrations are keys with finite numbers; R is a rotation to 1e-3, P invertible',
+        'correct the line, or copy the file again',
+        _find_invalid_calibration,
+    ),
+    Rule(
+        'calib-missing',
+        _WARNING,
+        _FILE,
+        'Calibration files and their usual keys exist',
+        'without it there are no camera models, projections or 3D boxes of labels',
+        _find_absent,
+    ),
+    Rule(
+        'calib-placeholder',
+        RuleSeverity.NOTE,
+        _FILE,
+        'Calibration keys have values',
+        'empty values and zeros count as absent: nothing to do for sensors that do not exist',
+        _find_placeholders,
+    ),
+    Rule(
+        'calib-day',
+        _WARNING,
+        _FILE,
+        'The calibration is of the day of the drive, by its calib_time (raw)',
+        'give the calibration of the day in the name of the drive',
+        _find_another_day,
+    ),
+    Rule(
+        'calib-rotation',
+        _WARNING,
+        _FILE,
+        'R R^T is the identity to 1e-5',
+        'write rotations with seven digits or more',
+        _find_not_orthonormal,
+    ),
+    Rule(
+        'calib-projection',
+        _ERROR,
+        _FILE,
+        'P has positive, equal focal lengths (to 10 %) and the last row 0 0 1',
+        'P is 3x4, row by row: check the order and the units',
+        _find_projection,
+    ),
+    Rule(
+        'calib-baseline',
+        _WARNING,
+        _FILE,
+        'Right cameras are 2 cm to 3 m to the right of the left ones, by P1 and P0, P3 and P2',
+        'the fourth column of P is -fx times the place in metres: check sign and unit',
+        _find_baseline,
+    ),
+    Rule(
+        'calib-contradiction',
+        _WARNING,
+        _FILE,
+        'P_rect agrees with R_rect, R and T (raw): places to 5 mm, rectified axes to 1 mrad',
+        'give the three files of one calibration',
+        _find_contradiction,
+    ),
+    Rule(
+        'calib-scanner',
+        _WARNING,
+        _FILE,
+        'Camera 0 looks along x of the scanner, less than 5 m away',
+        'Tr_velo_to_cam maps the scanner to the camera: check that it is not the inverse',
+        _find_scanner,
     ),
 )

@@ -1,42 +1,128 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about the files of a frame together: labels against calibration, image and scan.
-
-Limits, from tracking 0000 (711 boxes) and object 000000..2 (6 boxes): projected 3D boxes overlap
-their 2D boxes with an IoU of 0.52 at least, alpha is within 0.09 rad of rotation_y and the ray, 2D
-boxes are inside the image. KITTI's principal points are within 4 % of the image's middle.
-"""
+"""Rules about a frame: its files together, its image, its scan, its tracklets."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..files.image_files import decode_image
+from ..kitti.scan_file import HEAD_BYTES, find_mismatch
 from ..model.boxes import (
     alpha_of,
     box_corners,
+    box_rotations,
     clip_bounds,
     has_cuboid,
+    ious_2d,
     project_corners,
     wrap_angle,
 )
-from ..model.labels import rect_from_velo
-from ..model.overlaps import ious_2d
-from .places import places_of_boxes, places_of_cuboids, places_without_points
-from .rule import Breach, Rule, RuleScope, RuleSeverity
+from ..model.samples import rect_from_velo
+from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..model.boxes import Cuboid
+    import numpy.typing as npt
+
+    from ..model.boxes import Box, Cuboid
     from ..model.geometry import Float64Array, Transform
-    from ..model.samples import Calibration, Float32Array
-    from .label_rules import LabelLine
-    from .places import BoxInScan
+    from ..model.samples import Calibration, Float32Array, FrameLabels, Image
+    from .file_rules import LabelLine
+
+
+# Places of 3D boxes in a scan, and which boxes have no point of it inside.
+
+
+_SAMPLED = 16
+_MARGIN_M = 0.05
+"""Labels have two decimals, and annotators draw boxes close to the points."""
+
+
+class BoxInScan(NamedTuple):
+    """A box in velo_link.
+
+    Attributes:
+        middle: (3,) metres.
+        rotation: (3, 3) velo_R_box.
+        half: (3,) half of length, width, height, with a margin.
+        radius: Of the sphere around it.
+        distance: Of its middle from the scanner.
+    """
+
+    middle: Float64Array
+    rotation: Float64Array
+    half: Float64Array
+    radius: np.float32
+    distance: float
+
+
+def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[BoxInScan]:
+    """Return the places of labels with positive sizes, each with the transform of its frame."""
+    location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
+    half = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
+    location[:, 1] -= half[:, 2]
+    velo_r_rect, offset = _stacked(velo_t_rect)
+    middle = (velo_r_rect @ location[:, :, None])[:, :, 0] + offset
+    return _places(middle, velo_r_rect @ box_rotations([box.rotation_y for box in boxes]), half)
+
+
+def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[BoxInScan]:
+    """Return the places of tracklets."""
+    rotation, middle = _stacked([each.velo_T_box for each in cuboids])
+    half = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 3) / 2
+    return _places(middle, rotation, half)
+
+
+def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Array]:
+    """Return (N, 3, 3) rotations and (N, 3) translations."""
+    rotations = np.array([each.rotation for each in transforms], np.float64)
+    translations = np.array([each.translation for each in transforms], np.float64)
+    return rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
+
+
+def _places(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[BoxInScan]:
+    radius = (np.linalg.norm(half, axis=1) + _MARGIN_M).astype(np.float32)
+    distance = np.linalg.norm(middle, axis=1).tolist()
+    return list(map(BoxInScan, middle, rotation, half + _MARGIN_M, radius, distance))
+
+
+def places_without_points(points: Float32Array, places: Sequence[BoxInScan]) -> list[int]:
+    """Return the indices of places without a point; most have one in a sample of the points.
+
+    Args:
+        points: (N, 4), a scan.
+        places: In its frame.
+    """
+    left = list(range(len(places)))
+    for step in (_SAMPLED, 1):
+        if left:
+            xyz = np.ascontiguousarray(points[::step, :3].T)
+            left = [index for index in left if not _has_point(xyz, places[index])]
+    return left
+
+
+def _has_point(xyz: Float32Array, place: BoxInScan) -> bool:
+    x, y, _ = place.middle.astype(np.float32)
+    near = (np.abs(xyz[0] - x) <= place.radius).nonzero()[0]
+    near = near[np.abs(xyz[1, near] - y) <= place.radius]
+    own = (xyz[:, near].T - place.middle) @ place.rotation
+    return bool((np.abs(own) <= place.half).all(axis=1).any())
+
+
+# Rules about the files of a frame together: labels against calibration, image and scan.
+#
+# Limits, from tracking 0000 (711 boxes) and object 000000..2 (6 boxes): projected 3D boxes overlap
+# their 2D boxes with an IoU of 0.52 at least, alpha is within 0.09 rad of rotation_y and the ray,
+# 2D boxes are inside the image. KITTI's principal points are within 4 % of the image's middle.
+
 
 Size = tuple[int, int]
 _LEAST_IOU = 0.3
@@ -280,5 +366,219 @@ FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
         'Principal points are near the middle of the image',
         'give the calibration of these images; scale it if they were resized',
         _find_off_middle,
+    ),
+)
+
+
+# Rules about the pixels of an image; only with --decode.
+
+
+@dataclass(frozen=True, eq=False)
+class ImageFile:
+    """A parsed image.
+
+    Attributes:
+        path: The file.
+        image: The image.
+    """
+
+    path: Path
+    image: Image
+
+    @cached_property
+    def pixels(self) -> npt.NDArray[np.uint8 | np.uint16] | str:
+        """The decoded pixels; the reason if they cannot be decoded."""
+        try:
+            return decode_image(self.image)
+        except ValueError as error:
+            return str(error)
+
+
+def _find_undecodable(file: ImageFile) -> Iterator[Breach]:
+    if isinstance(file.pixels, str):
+        yield Breach(f'the pixels cannot be decoded: {file.pixels}', file.path)
+
+
+def _find_blank(file: ImageFile) -> Iterator[Breach]:
+    if not isinstance(file.pixels, str) and file.pixels.min() == file.pixels.max():
+        yield Breach(f'all pixels are {int(file.pixels.max())}', file.path)
+
+
+IMAGE_RULES: tuple[Rule[ImageFile], ...] = (
+    Rule(
+        'image-pixels',
+        RuleSeverity.ERROR,
+        RuleScope.FILE,
+        'Pixels can be decoded (with --decode)',
+        'copy or download the file again',
+        _find_undecodable,
+    ),
+    Rule(
+        'image-blank',
+        RuleSeverity.WARNING,
+        RuleScope.FILE,
+        'Images are not of a single colour (with --decode)',
+        'check the camera, or the program that wrote the image',
+        _find_blank,
+    ),
+)
+
+
+# Rules about the values of a scan.
+#
+# Limits, from KITTI's scans (object 000000..2, raw 0052, odometry 00, semantickitti): coordinates
+# are within 80 m, reflectances 0..0.99, no point is at the origin. Scanners of others reach 250 m.
+
+
+_FARTHEST_POINT_M = 250.0
+_NOT_METRES = 10_000.0
+_COLUMNS = 4
+_LOOKED_AT = HEAD_BYTES // 16
+_FOLDED = 4096
+"""Values that are reduced side by side: numpy reduces columns of four ten times slower."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanFile:
+    """A parsed scan.
+
+    Attributes:
+        path: The file.
+        points: (N, 4) float32, at least one.
+        missing: Why labels of points are missing.
+    """
+
+    path: Path
+    points: Float32Array
+    missing: str = ''
+
+    @cached_property
+    def bounds(self) -> tuple[list[float], list[float]]:
+        """The least and the greatest x, y, z and reflectance; NaN if a value of the column is."""
+        flat = self.points.reshape(-1)
+        return _reduce(np.minimum, flat), _reduce(np.maximum, flat)
+
+    @cached_property
+    def reach(self) -> float:
+        """The greatest absolute coordinate, metres; NaN or infinite if any is."""
+        low, high = self.bounds
+        ends = [*low[:3], *high[:3]]
+        return math.nan if any(map(math.isnan, ends)) else max(map(abs, ends))
+
+
+def _reduce(ufunc: np.ufunc, flat: Float32Array) -> list[float]:
+    """Return the least or greatest value of each column of points in a row."""
+    if len(flat) > _FOLDED:
+        rows = flat[: len(flat) // _FOLDED * _FOLDED].reshape(-1, _FOLDED)
+        flat = ufunc(ufunc.reduce(rows), flat[-_FOLDED:])  # values may be seen twice
+    columns: list[float] = ufunc.reduce(flat.reshape(-1, _COLUMNS).T.copy(), axis=1).tolist()
+    return columns
+
+
+def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
+    low, high = scan.bounds
+    if not (scan.reach < _NOT_METRES and math.isfinite(low[3]) and math.isfinite(high[3])):
+        wrong = np.logical_not((np.abs(scan.points) < _NOT_METRES).all(axis=1))
+        first = int(np.argmax(wrong))
+        values = ' '.join(f'{value:g}' for value in scan.points[first])
+        text = f'{int(wrong.sum())} of {len(wrong)} points, the first is {first}: {values}'
+        yield Breach(text, scan.path)
+
+
+def _find_far(scan: ScanFile) -> Iterator[Breach]:
+    if _FARTHEST_POINT_M < scan.reach < _NOT_METRES:
+        yield Breach(f'coordinates up to {scan.reach:.0f} m', scan.path)
+
+
+def _find_constant(scan: ScanFile) -> Iterator[Breach]:
+    low, high = scan.bounds
+    if len(scan.points) > 1 and low[:3] == high[:3]:
+        place = ' '.join(f'{value:g}' for value in low[:3])
+        yield Breach(f'all {len(scan.points)} points are at {place}', scan.path)
+
+
+def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
+    low, high = (ends[3] for ends in scan.bounds)
+    if low < 0 or 1 < high < _NOT_METRES:
+        found = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
+        text = found.found if found else f'reflectances from {low:g} to {high:g}'
+        yield Breach(text, scan.path)
+
+
+def _find_point_labels(scan: ScanFile) -> Iterator[Breach]:
+    if scan.missing:
+        yield breach_in(scan.missing.partition('; its points')[0], scan.path.parent.parent)
+
+
+_FILE = RuleScope.FILE
+
+SCAN_RULES: tuple[Rule[ScanFile], ...] = (
+    Rule(
+        'scan-finite',
+        RuleSeverity.ERROR,
+        _FILE,
+        'Coordinates and reflectances are finite numbers, below 10 km',
+        'copy the file again; check that it has float32 x y z reflectance',
+        _find_nonsense,
+    ),
+    Rule(
+        'scan-constant',
+        RuleSeverity.ERROR,
+        _FILE,
+        'Points of a scan are at different places',
+        'copy the file again: an interrupted download leaves zeros',
+        _find_constant,
+    ),
+    Rule(
+        'scan-range',
+        RuleSeverity.WARNING,
+        _FILE,
+        'Points are within 250 m',
+        'check the unit (metres) and the four columns',
+        _find_far,
+    ),
+    Rule(
+        'scan-reflectance',
+        RuleSeverity.WARNING,
+        _FILE,
+        'Reflectances are 0 to 1',
+        'divide intensities by their full scale, such as 255; check the columns of the scan',
+        _find_reflectance,
+    ),
+    Rule(
+        'scan-labels',
+        RuleSeverity.ERROR,
+        _FILE,
+        'Labels of points (SemanticKITTI) exist for each scan, one for each point',
+        'copy the .label file again; labels and scans must be of one sequence',
+        _find_point_labels,
+    ),
+)
+
+
+# Rules about the tracklets of a raw drive.
+
+
+@dataclass(frozen=True, eq=False)
+class TrackletFrame:
+    """The tracklets of a frame, and their file."""
+
+    path: Path
+    labels: FrameLabels
+
+
+def _find_sizes(frame: TrackletFrame) -> Iterator[Breach]:
+    for reason in frame.labels.missing.values():
+        yield breach_in(reason.partition('; it gets no')[0], frame.path)
+
+
+TRACKLET_RULES: tuple[Rule[TrackletFrame], ...] = (
+    Rule(
+        'tracklet-size',
+        RuleSeverity.ERROR,
+        RuleScope.FRAME,
+        'Tracklets have positive heights, widths and lengths',
+        'correct the item of tracklet_labels.xml',
+        _find_sizes,
     ),
 )

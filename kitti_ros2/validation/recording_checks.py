@@ -4,33 +4,461 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from ..files.image_files import parse_image
 from ..files.processes import can_fork, forked_map
-from ..files.workers import ordered_map, worker_count
+from ..files.threads import ordered_map, worker_count
 from ..kitti import names
-from ..model.errors import KittiRos2Error
-from .frame_checks import FrameChecks
-from .recording_rules import RECORDING_RULES, RecordingFacts
-from .results import CheckedSource
-from .rule import find_breaches
-from .sequence_checks import SequenceChecks
-from .source_rules import SOURCE_RULES, Unopened
+from ..kitti.calib_file import parse_calibration
+from ..kitti.kitti_recording import no_calibration
+from ..kitti.scan_file import POINT_BYTES
+from ..kitti.store import STORE
+from ..kitti.text_file import parse_poses, parse_times, parse_timestamps
+from ..model.boxes import DONT_CARE
+from ..model.errors import BadFileError, KittiRos2Error, describe_error
+from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
+from ..model.streams import KITTI_COLUMNS, Stream
+from .file_rules import (
+    CALIBRATION_RULES,
+    FILE_RULES,
+    LABEL_RULES,
+    CalibrationFile,
+    DataFile,
+    LabelFile,
+    LabelLine,
+)
+from .frame_rules import (
+    FRAME_RULES,
+    IMAGE_RULES,
+    LABEL_FRAME_RULES,
+    SCAN_FRAME_RULES,
+    SCAN_RULES,
+    TRACKLET_RULES,
+    FrameFiles,
+    ImageFile,
+    LabelledScan,
+    ScanFile,
+    TrackletFrame,
+    near_boxes,
+)
+from .recording_rules import (
+    OXTS_RULES,
+    POSE_RULES,
+    RECORDING_RULES,
+    STAMP_RULES,
+    PacketTrack,
+    PosesFile,
+    RecordingFacts,
+    StampsFile,
+)
+from .rule import SOURCE_RULES, CheckedSource, Unopened, find_breaches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from ..kitti.find import Candidate
-    from ..kitti.recording import KittiRecording
-    from ..model.layouts import Layout
-    from ..options.read import ReadOptions
-    from ..options.validating import ValidateOptions
-    from .frame_checks import FrameResult
-    from .results import FindingTally
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.boxes import Cuboid
+    from ..model.streams import Layout
+    from ..options.read import ReadOptions, ValidateOptions
+    from .frame_rules import NearBox
+    from .recording_rules import ImageShape
+    from .rule import Breach, FindingTally
+
+
+# Checks of the files of one frame: each is read once, and checked alone and with the others.
+
+
+T = TypeVar('T')
+_MOST_KNOWN = 64
+"""Calibrations that are kept for frames with equal files."""
+
+
+@dataclass
+class FrameResult:
+    """What was found in the files of a frame.
+
+    Attributes:
+        number: Of the frame.
+        found: Breaches, each with the id of its rule.
+        files, size_bytes: Of the frame.
+        points: Number of points of the scan.
+        images: Shapes of the images, by stream.
+        packet: Its packet.
+        occlusions: Those of its labels but DontCare.
+    """
+
+    number: int
+    found: list[tuple[str, Breach]] = field(default_factory=list)
+    files: int = 0
+    size_bytes: int = 0
+    points: int | None = None
+    images: dict[Stream, ImageShape] = field(default_factory=dict)
+    packet: OxtsPacket | None = None
+    occlusions: Sequence[int] = ()
+
+    def look(self, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile | None:
+        """Count a file and check its size; None if it is not worth reading."""
+        file = DataFile.look(stream, path, point_bytes)
+        self.files += 1
+        if file.is_worth_reading:
+            self.size_bytes += file.size
+            return file
+        self.found += find_breaches(FILE_RULES, file)
+        return None
+
+    def try_read(self, stream: Stream, path: Path, read: Callable[[], T]) -> T | None:
+        """Return what a reader returns; None if it fails, which is a breach."""
+        try:
+            return read()
+        except (BadFileError, OSError) as error:
+            self.found += find_breaches(FILE_RULES, DataFile(stream, path, 0, error))
+        return None
+
+
+class FrameChecks:
+    """Checks frames of a recording; called by several threads.
+
+    Args:
+        recording: The recording.
+        options: What is read.
+        calibration_path: The file of a calibration for all frames, or the folder of several.
+        tracking: The labels of all frames, where they are in one file.
+    """
+
+    def __init__(
+        self,
+        recording: KittiRecording,
+        options: ValidateOptions,
+        calibration_path: Path,
+        tracking: LabelFile | None,
+    ) -> None:
+        self._recording = recording
+        self._options = options
+        self._calibration_path = calibration_path
+        self._tracking = tracking
+        self._numbers = {
+            stream: frozenset(listing.numbers.tolist())
+            for stream, listing in recording.listings.items()
+        }
+        self._cameras = {
+            stream: stream.camera for stream in self._numbers if stream.camera is not None
+        }
+        self._known: dict[str, Calibration] = {}
+        self._point_bytes = (recording.options.columns or KITTI_COLUMNS).point_bytes
+
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of all frames, ascending."""
+        in_lines = [] if self._tracking is None else self._tracking.by_frame
+        labelled = {number for number in in_lines if number is not None}
+        return sorted(labelled.union(*self._numbers.values(), self._tracklet_numbers))
+
+    @cached_property
+    def _tracklet_numbers(self) -> frozenset[int]:
+        labels = self._recording.streams.get(Stream.LABELS)
+        if labels is None or not self._recording.layout.traits.tracklets or self._options.quick:
+            return frozenset()
+        return frozenset(labels.numbers.tolist())
+
+    def __call__(self, numbers: Sequence[int]) -> list[FrameResult]:
+        """Check some frames, one after the other, and their labels together."""
+        with np.errstate(all='ignore'):  # files may hold any numbers
+            checked = [self._check_others(number) for number in numbers]
+            frames = {frame.number: frame for _, frame in checked if frame is not None}
+            near = near_boxes([*frames.values()])
+            for result, frame in checked:
+                others, result.found = result.found, []
+                self._check_scan(result, frame, near.get(result.number, []))
+                result.found += others
+            results = [result for result, _ in checked]
+            results[-1].found += find_breaches(LABEL_FRAME_RULES, [*frames.values()])
+        return results
+
+    def _check_others(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
+        """Check the files of a frame but for its scan."""
+        result = FrameResult(number)
+        for stream in self._cameras:
+            self._check_image(stream, number, result)
+        self._check_packet(number, result)
+        calibration, calibration_path = self._check_calibration(number, result)
+        lines, cuboids, label_path = self._check_labels(number, result)
+        result.occlusions = [
+            line.box.occluded for line in lines if line.box.class_name != DONT_CARE
+        ]
+        if calibration is None or not self._recording.common_numbers:
+            return result, None
+        sizes = {self._cameras[stream]: shape[:2] for stream, shape in result.images.items()}
+        frame = FrameFiles(number, calibration, sizes, calibration_path, label_path, lines, cuboids)
+        result.found += find_breaches(FRAME_RULES, frame)
+        return result, frame
+
+    def _path(self, stream: Stream, number: int, result: FrameResult) -> Path | None:
+        """Return the file of a stream if it is there and is to be read."""
+        if number not in self._numbers.get(stream, ()):
+            return None
+        path = self._recording.path(stream, number)
+        file = result.look(stream, path, self._point_bytes)
+        return None if file is None or self._options.quick else path
+
+    def _check_scan(
+        self, result: FrameResult, frame: FrameFiles | None, boxes: Sequence[NearBox]
+    ) -> None:
+        number = result.number
+        if self._recording.scan_error is not None:
+            return
+        path = self._path(Stream.SCAN, number, result)
+        if path is None:
+            return
+        scan = result.try_read(Stream.SCAN, path, lambda: self._recording.read(Stream.SCAN, number))
+        if not isinstance(scan, Scan):
+            return
+        result.points = len(scan.points)
+        file = ScanFile(path, scan.points, next(iter(scan.missing.values()), ''))
+        result.found += find_breaches(SCAN_RULES, file)
+        if frame is not None:
+            labelled = LabelledScan(frame, scan.points, boxes)
+            result.found += find_breaches(SCAN_FRAME_RULES, labelled)
+
+    def _check_image(self, stream: Stream, number: int, result: FrameResult) -> None:
+        path = self._path(stream, number, result)
+        if path is None:
+            return
+        image = result.try_read(stream, path, lambda: parse_image(STORE.read(path), path))
+        if image is None:
+            return
+        result.images[stream] = image.width, image.height, image.channels
+        if self._options.decode:
+            result.found += find_breaches(IMAGE_RULES, ImageFile(path, image))
+
+    def _check_packet(self, number: int, result: FrameResult) -> None:
+        path = self._path(Stream.OXTS, number, result)
+        if path is not None:
+            packet = result.try_read(
+                Stream.OXTS, path, lambda: self._recording.read(Stream.OXTS, number)
+            )
+            result.packet = packet if isinstance(packet, OxtsPacket) else None
+
+    def _check_calibration(
+        self, number: int, result: FrameResult
+    ) -> tuple[Calibration | None, Path]:
+        if self._options.quick:
+            self._path(Stream.CALIBRATION, number, result)
+            return None, self._calibration_path
+        if not self._recording.layout.traits.calibration_per_frame:
+            return self._recording.calibration(number), self._calibration_path
+        path = self._path(Stream.CALIBRATION, number, result)
+        if path is None:
+            return None, self._calibration_path
+        text = result.try_read(Stream.CALIBRATION, path, lambda: STORE.read_text(path))
+        # The frames of a day have equal files.
+        known = self._known.get(text or '')
+        if known is not None or text is None:
+            return known, path
+        cameras = [
+            camera for stream, camera in self._cameras.items() if number in self._numbers[stream]
+        ]
+        try:
+            calibration = parse_calibration(text, path, path.name)
+        except BadFileError as error:
+            calibration = no_calibration(str(error))
+        file = CalibrationFile(calibration, path, cameras)
+        breaches = list(find_breaches(CALIBRATION_RULES, file))
+        result.found += breaches
+        if not breaches and len(self._known) < _MOST_KNOWN:
+            self._known[text] = calibration
+        return calibration, path
+
+    def _check_labels(
+        self, number: int, result: FrameResult
+    ) -> tuple[list[LabelLine], list[Cuboid], Path]:
+        if self._tracking is not None:
+            return self._tracking.by_frame.get(number, []), [], self._tracking.path
+        if number in self._tracklet_numbers:
+            return self._check_tracklets(number, result)
+        path = self._path(Stream.LABELS, number, result)
+        if path is None:
+            return [], [], self._calibration_path
+        file = result.try_read(
+            Stream.LABELS, path, lambda: LabelFile.parse(STORE.read_text(path), path)
+        ) or LabelFile.parse('', path)
+        result.found += find_breaches(LABEL_RULES, file)
+        return list(file.lines), [], path
+
+    def _check_tracklets(
+        self, number: int, result: FrameResult
+    ) -> tuple[list[LabelLine], list[Cuboid], Path]:
+        path = self._recording.path(Stream.LABELS, number)
+        labels = self._recording.read(Stream.LABELS, number)
+        if not isinstance(labels, FrameLabels):
+            return [], [], path
+        result.found += find_breaches(TRACKLET_RULES, TrackletFrame(path, labels))
+        return [], list(labels.cuboids), path
+
+
+# Checks of the text files of a whole recording: stamps, poses, packets, labels, calibration.
+
+
+class SequenceChecks:
+    """Checks of a recording's own text files.
+
+    Args:
+        facts: What is said by its rules is entered there as reported.
+
+    Attributes:
+        found: Breaches, each with the id of its rule.
+        files, size_bytes: Of the files.
+        labels: The labels of all frames, where they are in one file.
+        packets: The packets by number, where they are in one file.
+    """
+
+    def __init__(self, facts: RecordingFacts) -> None:
+        self._facts = facts
+        self._recording: KittiRecording = facts.recording
+        self.found: list[tuple[str, Breach]] = []
+        self.files = 0
+        self.size_bytes = 0
+        self.labels: LabelFile | None = None
+        self.packets: dict[int, OxtsPacket] = {}
+
+    @property
+    def calibration_path(self) -> Path:
+        """The file of the calibration, or the folder of several."""
+        return self._recording.path(Stream.CALIBRATION, 0)
+
+    def run(self, *, quick: bool) -> None:
+        """Check the files; with quick their sizes only."""
+        texts = {}
+        of_set = self._recording.layout.traits.frame_set  # lists of frames: see set_rules
+        for path in () if of_set else self._recording.text_paths():
+            text = self._read(path, quick=quick)
+            if text is not None:
+                texts[path] = text
+        if quick:
+            return
+        self._check_stamps(texts)
+        for path, text in texts.items():
+            if _is_poses(path):
+                poses = self._parsed(path, text, parse_poses)
+                self._report(poses.errors)
+                self.found += find_breaches(POSE_RULES, PosesFile(path, poses))
+            elif path.parent.name == names.TRACKING_LABELS:
+                self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
+                self._report({each.line: each for each in self.labels.errors})
+                self.found += find_breaches(LABEL_RULES, self.labels)
+        if self._recording.layout.traits.line_streams >= {Stream.OXTS}:
+            self._read_packets()
+        self._check_calibration()
+
+    def check_packets(self) -> None:
+        """Check the packets, which may have been read with their frames, against each other."""
+        index = self._recording.streams.get(Stream.OXTS)
+        if index is None:
+            return
+        stamps = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
+        known = sorted(number for number in self.packets if number in stamps)
+        in_lines = Stream.OXTS in self._recording.layout.traits.line_streams
+
+        def place(number: int) -> tuple[Path, int]:
+            line = number + 1 if in_lines else 1
+            return self._recording.path(Stream.OXTS, number), line
+
+        first = self._recording.path(Stream.OXTS, 0)
+        track = PacketTrack(
+            first if in_lines else first.parent,
+            place,
+            known,
+            [stamps[number] for number in known],
+            [self.packets[number] for number in known],
+        )
+        self.found += find_breaches(OXTS_RULES, track)
+
+    def _read(self, path: Path, *, quick: bool) -> str | None:
+        """Read a text file; None if that is impossible, which is a breach."""
+        file = DataFile.look(Stream.RECORDING, path)
+        self.files += 1
+        self.size_bytes += file.size
+        text = None
+        if file.is_worth_reading and not quick and path.suffix == names.TXT:
+            try:
+                text = self._recording.common_files.take_text(path)
+            except (BadFileError, OSError) as error:
+                file = replace(file, error=error)
+                self._facts.reported.add(describe_error(error))
+        self.found += find_breaches(FILE_RULES, file)
+        return text
+
+    def _parsed(self, path: Path, text: str, parse: Callable[[str, Path], T]) -> T:
+        """Parse a text; if that is impossible it is a breach, and empty."""
+        try:
+            return parse(text, path)
+        except BadFileError as error:
+            self._facts.reported.add(str(error))
+            file = replace(DataFile.look(Stream.RECORDING, path), error=error)
+            self.found += find_breaches(FILE_RULES, file)
+            return parse('', path)
+
+    def _report(
+        self, errors: Mapping[int, BadFileError] | Mapping[int | None, BadFileError]
+    ) -> None:
+        self._facts.reported.update(map(str, errors.values()))
+
+    def _check_stamps(self, texts: Mapping[Path, str]) -> None:
+        files = {}
+        for path, text in texts.items():
+            if path.name in {names.TIMESTAMPS, names.TIMESTAMPS_START, names.TIMESTAMPS_END}:
+                files[path] = StampsFile(path, self._parsed(path, text, parse_timestamps))
+            elif path.name == names.TIMES:
+                files[path] = StampsFile(path, self._parsed(path, text, parse_times), relative=True)
+        scans = next((files[path].lines.values for path in files if _is_of_scans(path)), None)
+        paired = scans if self._recording.common_numbers else None
+        for path, file in files.items():
+            self._report(file.lines.errors)
+            ends = files.get(path.with_name(names.TIMESTAMPS_END))
+            if path.name == names.TIMESTAMPS_START and ends is not None:
+                checked = replace(file, scans=paired, ends=ends.lines.values)
+            elif path.name == names.TIMESTAMPS:
+                checked = replace(file, scans=paired)
+            else:
+                checked = file
+            self.found += find_breaches(STAMP_RULES, checked)
+
+    def _read_packets(self) -> None:
+        index = self._recording.streams.get(Stream.OXTS)
+        for number in () if index is None else index.numbers.tolist():
+            path = self._recording.path(Stream.OXTS, number)
+            try:
+                packet = self._recording.read(Stream.OXTS, number)
+            except (BadFileError, OSError) as error:
+                self.found += find_breaches(FILE_RULES, DataFile(Stream.OXTS, path, 0, error))
+                continue
+            if isinstance(packet, OxtsPacket):
+                self.packets[number] = packet
+
+    def _check_calibration(self) -> None:
+        if self._recording.layout.traits.calibration_per_frame:
+            return
+        cameras = [
+            stream.camera for stream in self._recording.listings if stream.camera is not None
+        ]
+        calibration = self._recording.calibration(0)
+        file = CalibrationFile(calibration, self.calibration_path, cameras)
+        self.found += find_breaches(CALIBRATION_RULES, file)
+
+
+def _is_poses(path: Path) -> bool:
+    return path.parent.name == names.POSES or path.name == f'{names.POSES}{names.TXT}'
+
+
+def _is_of_scans(path: Path) -> bool:
+    return path.name == names.TIMESTAMPS and path.parent.name == names.RAW_SCANS
+
 
 _BATCH = 50
 """Frames that are checked at a time."""

@@ -5,32 +5,336 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..bags.locate import METADATA, bags_among, is_bag_name
 from ..files.remote import as_path
-from ..model.errors import UsageError
-from ..options.dataset_tables import make_validation_options
+from ..kitti import names
+from ..kitti.find import absolute
+from ..kitti.opening import data_sets_at, data_sets_below, explain, not_of_layout
+from ..kitti.store import STORE
+from ..kitti.text_file import Lines, parse_lines
+from ..model.bag_formats import CONTAINERS
+from ..model.errors import BadFileError, UsageError, format_numbers, naming
+from ..options.datasets import make_validation_options
+from .file_rules import CALIBRATION_RULES, FILE_RULES, LABEL_RULES
+from .frame_rules import (
+    FRAME_RULES,
+    IMAGE_RULES,
+    LABEL_FRAME_RULES,
+    SCAN_FRAME_RULES,
+    SCAN_RULES,
+    TRACKLET_RULES,
+)
 from .recording_checks import check_recording
-from .results import FindingTally
-from .rule import find_breaches
-from .rule_table import rules_by_id
-from .set_rules import SET_RULES, SplitLists
-from .source_rules import SOURCE_RULES, Unopened
-from .sources import find_sources
+from .recording_rules import OXTS_RULES, POSE_RULES, RECORDING_RULES, STAMP_RULES
+from .rule import (
+    SOURCE_RULES,
+    Breach,
+    FindingTally,
+    Rule,
+    RuleScope,
+    RuleSeverity,
+    Unopened,
+    breach_of,
+    find_breaches,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
     from typing import TypedDict
 
     from typing_extensions import Unpack
 
     from ..kitti.names import FileNames
-    from ..kitti.nearby import DataSet
-    from ..options.read import ReadOptions
-    from ..options.validating import ValidateOptions
-    from .results import CheckedSource, ValidationReport
+    from ..kitti.opening import DataSet
+    from ..model.errors import KittiRos2Error
+    from ..options.read import ReadOptions, ValidateOptions
+    from .rule import CheckedSource, ValidationReport
 
+
+# Finds what there is to check at a path: data sets with their recordings, and bags.
+
+
+class Found(NamedTuple):
+    """What there is at a path.
+
+    Attributes:
+        data_sets: Folders with recordings.
+        bags: Files and folders.
+        complete: Whether all folders below were searched.
+    """
+
+    data_sets: list[DataSet]
+    bags: list[Path]
+    complete: bool = True
+
+
+def find_sources(path: Path, options: ReadOptions) -> Found:
+    """Find the data sets and bags at a path, or below a folder that is none itself.
+
+    Args:
+        path: A KITTI folder, a folder of several, a bag, or a folder of bags.
+        options: A layout and a sequence, if only those are to be checked.
+
+    Raises:
+        KittiRos2Error: There is nothing to check; or the layout is ambiguous.
+        OSError: The folder cannot be read.
+    """
+    if not path.is_dir():
+        if path.is_file() and _is_bag_file(path):  # opening a pipe would wait
+            return Found([], [path])
+        raise _explain_file(path) if path.is_file() else explain(path)
+    if (path / METADATA).is_file():
+        return Found([], [path])
+    data_sets = [each._replace(folder=absolute(path)) for each in data_sets_at(path, options)]
+    bags = list(_bags_in(path)) if options.layout is None else []
+    if options.layout is not None and not data_sets:
+        raise not_of_layout(path, options.layout)
+    if data_sets:
+        return Found(data_sets, bags)
+    below, complete = data_sets_below(path)
+    if not below and not bags:
+        raise explain(path)
+    return Found(below, bags, complete)
+
+
+def _explain_file(path: Path) -> KittiRos2Error:
+    from ..bags.bag_files import explain_file  # noqa: PLC0415 - readers of bags, for errors only
+
+    return explain_file(path)
+
+
+def _is_bag_file(path: Path) -> bool:
+    with naming(path), path.open('rb') as file:
+        head = file.read(16)
+    known = any(head.startswith(each.magic) for each in CONTAINERS.values())
+    return known or is_bag_name(path)
+
+
+def _bags_in(folder: Path) -> Iterator[Path]:
+    """Yield the bags in a folder: files of their own, and rosbag2 directories."""
+    names = STORE.names(folder)
+    yield from (each for each in bags_among(folder, names) if each == folder or each.is_file())
+    for name in names:
+        if (folder / name / METADATA).is_file():
+            yield folder / name
+
+
+# Rules about the lists of frames of an object set, ImageSets/*.txt.
+
+
+_DISJOINT = frozenset({'train', 'val', 'test'})
+_WHOLE = 'trainval'
+_TEST = 'test'
+
+
+@dataclass(frozen=True, eq=False)
+class SplitLists:
+    """The lists of frames of a set.
+
+    Attributes:
+        folder: ImageSets.
+        lists: The frame numbers by name of the list, without suffix; an error if it is unreadable.
+        frames: The numbers of the frames by split (training, testing).
+    """
+
+    folder: Path
+    lists: Mapping[str, Lines[int] | BadFileError | OSError]
+    frames: Mapping[str, frozenset[int]]
+
+    @classmethod
+    def read(
+        cls,
+        root: Path,
+        frames: Mapping[str, frozenset[int]],
+        known: Mapping[str, names.FileNames] | None = None,
+    ) -> SplitLists:
+        """Read the lists of a set.
+
+        Args:
+            root: The set.
+            frames: The numbers of the frames by split.
+            known: How they are named, by split.
+        """
+        ways = [*(known or {}).values()] or [names.SIX_DIGITS]
+        folder = root / names.IMAGE_SETS
+        found: dict[str, Lines[int] | BadFileError | OSError] = {}
+        for name in STORE.names(folder):
+            if name.endswith(names.TXT):
+                path = folder / name
+                try:
+                    text = STORE.read_text(path)
+                    found[path.stem] = _parse(text, path, ways)
+                except (BadFileError, OSError) as error:
+                    found[path.stem] = error
+        return cls(folder, found, frames)
+
+    def path(self, name: str) -> Path:
+        """Return the file of a list."""
+        return self.folder / f'{name}{names.TXT}'
+
+    def numbers(self) -> dict[str, dict[int, int]]:
+        """Return by list the first line of each number, from 1."""
+        found: dict[str, dict[int, int]] = {}
+        for name, lines in self.lists.items():
+            first = found.setdefault(name, {})
+            for line, number in lines.sound().items() if isinstance(lines, Lines) else ():
+                first.setdefault(number, line + 1)
+        return found
+
+    def frames_of(self, name: str) -> frozenset[int] | None:
+        """Return the frames that a list chooses from; None if the split is not there."""
+        training, testing = (self.frames.get(split) for split in names.SPLITS)
+        if name == _TEST:
+            return testing if testing is not None else None
+        return training if name in {*_DISJOINT, _WHOLE} else (training or testing)
+
+
+def _parse(text: str, path: Path, ways: Sequence[names.FileNames]) -> Lines[int]:
+    """Parse a list; its frames are of one split, training first."""
+    found = [parse_lines(text, path, 'a frame number', partial(_parse_number, way)) for way in ways]
+    return min(found, key=lambda lines: len(lines.errors))
+
+
+def _parse_number(known: names.FileNames, line: str) -> int:
+    number = known.number(line.strip())
+    if number is None:
+        raise ValueError(f'{line.strip()[:40]!r}')
+    return number
+
+
+def _find_invalid(splits: SplitLists) -> Iterator[Breach]:
+    for name, lines in splits.lists.items():
+        errors = lines.errors.values() if isinstance(lines, Lines) else [lines]
+        for error in errors:
+            yield breach_of(error, splits.path(name))
+
+
+def _find_absent(splits: SplitLists) -> Iterator[Breach]:
+    for name, lines in splits.numbers().items():
+        frames = splits.frames_of(name)
+        absent = [] if frames is None else sorted(lines.keys() - frames)
+        if absent:
+            text = f'{len(absent)} of {len(lines)} frames do not exist: {format_numbers(absent)}'
+            yield Breach(text, splits.path(name), min(lines[number] for number in absent))
+
+
+def _find_repeated(splits: SplitLists) -> Iterator[Breach]:
+    for name, lines in splits.lists.items():
+        first: dict[int, int] = {}
+        for line, number in lines.sound().items() if isinstance(lines, Lines) else ():
+            if first.setdefault(number, line + 1) != line + 1:
+                text = f'frame {number} again, first in line {first[number]}'
+                yield Breach(text, splits.path(name), line + 1)
+
+
+def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
+    numbers = splits.numbers()
+    chosen = [name for name in numbers if name in _DISJOINT]
+    for one, other in combinations(chosen, 2):
+        # The frames of testing have numbers of their own.
+        separate = _TEST in (one, other) and 'testing' in splits.frames
+        common = [] if separate else sorted(numbers[one].keys() & numbers[other].keys())
+        if common:
+            text = f'{len(common)} frames are in {other}.txt, too: {format_numbers(common)}'
+            yield Breach(text, splits.path(one), min(numbers[one][each] for each in common))
+
+
+def _find_unlike_whole(splits: SplitLists) -> Iterator[Breach]:
+    numbers = splits.numbers()
+    if {'train', 'val', _WHOLE} <= numbers.keys():
+        parts = numbers['train'].keys() | numbers['val'].keys()
+        differing = sorted(parts ^ numbers[_WHOLE].keys())
+        if differing:
+            text = f'frames {format_numbers(differing)} are not both here and in train or val'
+            yield Breach(text, splits.path(_WHOLE))
+
+
+_SET, _ERROR, _WARNING = RuleScope.SET, RuleSeverity.ERROR, RuleSeverity.WARNING
+
+SET_RULES: tuple[Rule[SplitLists], ...] = (
+    Rule(
+        'split-line',
+        _ERROR,
+        _SET,
+        'Lists of frames (ImageSets) have a frame number a line',
+        'correct the line',
+        _find_invalid,
+    ),
+    Rule(
+        'split-frame',
+        _ERROR,
+        _SET,
+        'Frames of the lists exist',
+        'remove them from the list, or copy the missing frames',
+        _find_absent,
+    ),
+    Rule(
+        'split-overlap',
+        _ERROR,
+        _SET,
+        'train, val and test have no frame in common',
+        'remove the frames from one list: results on them mean nothing',
+        _find_overlap,
+    ),
+    Rule(
+        'split-repeated',
+        _WARNING,
+        _SET,
+        'Lists have each frame once',
+        'remove the second line',
+        _find_repeated,
+    ),
+    Rule(
+        'split-whole',
+        _WARNING,
+        _SET,
+        'trainval has the frames of train and val',
+        'write the list again from the two others',
+        _find_unlike_whole,
+    ),
+)
+
+
+# All rules, in the order of the documentation.
+
+
+FOLDER_RULES: tuple[Rule[Any], ...] = (
+    *SOURCE_RULES,
+    *FILE_RULES,
+    *SCAN_RULES,
+    *IMAGE_RULES,
+    *CALIBRATION_RULES,
+    *LABEL_RULES,
+    *TRACKLET_RULES,
+    *LABEL_FRAME_RULES,
+    *SCAN_FRAME_RULES,
+    *FRAME_RULES,
+    *STAMP_RULES,
+    *OXTS_RULES,
+    *POSE_RULES,
+    *RECORDING_RULES,
+    *SET_RULES,
+)
+"""Rules about KITTI folders, and about what is given."""
+
+
+def rules_by_id(*, bags: bool) -> dict[str, Rule[Any]]:
+    """Return the rules by id; those about bags only if they are needed: messages take 0.1 s."""
+    rules: Sequence[Rule[Any]] = FOLDER_RULES
+    if bags:
+        from .bag_rules import BAG_RULES, MESSAGE_RULES, TOPIC_RULES  # noqa: PLC0415 - see above
+
+        rules = (*FOLDER_RULES, *BAG_RULES, *TOPIC_RULES, *MESSAGE_RULES)
+    return {each.id: each for each in rules}
+
+
+if TYPE_CHECKING:
     AnyPath = str | os.PathLike[str]
     Progress = Callable[[int, int], None]
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import kitti_ros2
-from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import CameraCalibration
+from kitti_ros2.model.streams import Layout
 
 P2 = np.array([[721.5, 0, 609.6, 44.9], [0, 721.5, 172.9, 0.2], [0, 0, 1, 0.003]])
 RECT_T_VELO = np.array([[0, -1, 0, 0.01], [0, 0, -1, -0.07], [1, 0, 0, -0.27], [0, 0, 0, 1.0]])

@@ -13,8 +13,7 @@ import pytest
 from folder_and_bag import make_holes
 
 import kitti_ros2
-from kitti_ros2.api.draw import DRAW
-from kitti_ros2.api.keywords import (
+from kitti_ros2.api.arguments import (
     CropKeywords,
     DrawKeywords,
     LiveKeywords,
@@ -25,12 +24,14 @@ from kitti_ros2.api.keywords import (
     ToKittiKeywords,
     keyword_of,
 )
-from kitti_ros2.bags.reader import OpenBag, open_messages
+from kitti_ros2.api.draw import DRAW
+from kitti_ros2.bags.bag_files import OpenBag
+from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.dataset_tables import CROP, SPLIT
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.datasets import CROP, SPLIT
 from kitti_ros2.options.declare import options_of
-from kitti_ros2.options.evaluation_tables import LIVE, ODOMETRY
+from kitti_ros2.options.evaluation import LIVE, ODOMETRY
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import TO_BAG, TO_KITTI
 

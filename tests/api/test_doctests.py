@@ -13,7 +13,7 @@ import pytest
 
 import kitti_ros2
 from kitti_ros2 import api, datasets, evaluation, fetch, validation
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 NAMES = (
     'kitti_ros2',

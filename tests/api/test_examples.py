@@ -19,12 +19,11 @@ import ros_domain  # noqa: F401 - sets the environment, before anything imports 
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.evaluation import live
-from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.messages.cdr import deserialize, stamp_ns_of, transform_of
 from kitti_ros2.messages.detections import cuboids_of_detections
-from kitti_ros2.messages.header import stamp_ns_of, transform_of
+from kitti_ros2.model.bag_formats import DETECTIONS_3D, ODOMETRY
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import DETECTIONS_3D, ODOMETRY
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from shared_files import made_once  # isort: skip

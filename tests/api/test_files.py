@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 import kitti_ros2
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 SUFFIXES = {
     'scan': '*.bin',

@@ -23,9 +23,8 @@ from folder_and_bag import BAGS, make_bag, make_holes
 
 import kitti_ros2
 from kitti_ros2 import datasets, evaluation
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout, Stream
 
 # Sets with holes warn of them when they are opened.
 pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')

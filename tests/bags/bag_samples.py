@@ -14,14 +14,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from vision_types import DETECTIONS_3D
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rosbags.typesys.store import Typestore
 
-    from kitti_ros2.options.bag import BagOptions
+    from kitti_ros2.options.outputs import BagOptions
 
 CHANNELS = (
     Channel('/kitti/velo/points', 'sensor_msgs/msg/PointCloud2'),

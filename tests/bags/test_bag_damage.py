@@ -24,13 +24,13 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader as Ros1Reader
 
-from kitti_ros2.bags import mcap_chunk
+from kitti_ros2.bags import mcap_writer
+from kitti_ros2.bags.container_file import FileBytes
 from kitti_ros2.bags.locate import reindex_advice
-from kitti_ros2.bags.open_bytes import FileBytes
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import BadBagError
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 CASES = {
     'mcap': ('bag.mcap', BagOptions()),
@@ -77,7 +77,7 @@ def made(tmp_path_factory):
         if case not in paths:
             name, options = CASES[case]
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(mcap_chunk, 'TARGET_SIZE', 8_000)
+                patch.setattr(mcap_writer, 'TARGET_SIZE', 8_000)
                 folder = tmp_path_factory.mktemp('made')
                 paths[case] = write_bag(folder / name, options, samples())
         return paths[case]
@@ -732,6 +732,6 @@ def test_chunks_without_content_are_passed_over_once(tmp_path, monkeypatch):
             amounts.append(len(data))
             return data
 
-    monkeypatch.setattr('kitti_ros2.bags.ros1_file.open_bytes', Counted)
+    monkeypatch.setattr('kitti_ros2.bags.ros1_bag.open_bytes', Counted)
     summarize_bag(path)
     assert 0 < sum(amounts) < 40 * path.stat().st_size

@@ -11,9 +11,14 @@ from hypothesis import strategies as st
 from rosbags.rosbag2.metadata import parse_qos
 from ruamel.yaml import YAML
 
-from kitti_ros2.bags.contract import Tally
-from kitti_ros2.bags.metadata import bag_information, information_text, metadata_yaml, qos_text
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.bags.segment_writer import (
+    Tally,
+    bag_information,
+    information_text,
+    metadata_yaml,
+    qos_text,
+)
+from kitti_ros2.options.outputs import BagOptions
 
 texts = st.text(st.characters(exclude_categories=['Cs']), max_size=12)
 words = st.sampled_from(

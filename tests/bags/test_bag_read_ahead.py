@@ -9,7 +9,7 @@ import os
 import foreign
 import pytest
 
-from kitti_ros2.bags.pieces import FileBytes, NamedFile
+from kitti_ros2.bags.container_file import FileBytes, NamedFile
 from kitti_ros2.bags.reader import open_messages
 
 

@@ -16,12 +16,12 @@ import zstandard
 from bag_samples import CHANNELS, START_NS, jazzy, make_samples, write_bag
 from mcap.writer import CompressionType, IndexType, Writer
 
-from kitti_ros2.bags.decompressors import decompress_file
+from kitti_ros2.bags.decompression import decompress_file
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import BadBagError
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 
 @pytest.fixture(scope='module')

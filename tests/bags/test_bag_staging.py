@@ -17,11 +17,11 @@ from bag_samples import CHANNELS, jazzy, make_samples, write_bag
 
 from kitti_ros2.bags.reader import summarize_bag
 from kitti_ros2.bags.writer import guess_storage, open_bag, output_path
-from kitti_ros2.files import exchange as exchange_module
 from kitti_ros2.files import local_staging
-from kitti_ros2.files.staging import Staging
+from kitti_ros2.files import local_staging as exchange_module
+from kitti_ros2.files.local_staging import Staging
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 OUTPUTS = {
     'mcap file': ('bag.mcap', BagOptions()),

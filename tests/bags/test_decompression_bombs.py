@@ -17,13 +17,14 @@ from hypothesis import strategies as st
 from lz4 import frame as lz4_frame
 from mcap.writer import CompressionType, Writer
 
-from kitti_ros2.bags.decompressors import (
+from kitti_ros2.bags.decompression import (
+    LARGEST_BLOCK,
+    FileLimits,
     decompress,
     decompress_beginning,
     decompress_file,
     decompress_message,
 )
-from kitti_ros2.bags.limits import LARGEST_BLOCK, FileLimits
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.model.errors import UsageError
 
@@ -105,7 +106,7 @@ def test_no_memory_is_asked_for_that_a_beginning_does_not_need(monkeypatch):
 GROWS = """
 import re, sys
 from pathlib import Path
-from kitti_ros2.bags.decompressors import decompress_beginning
+from kitti_ros2.bags.decompression import decompress_beginning
 
 def kilobytes(name):
     return int(re.search(name + r':\\s+(\\d+) kB', Path('/proc/self/status').read_text())[1])
@@ -172,7 +173,7 @@ def test_a_block_that_lies_about_its_size_is_decompressed_to_that(size, allocate
 
 @pytest.mark.parametrize('kind', ['zstd', 'zstd without a size'])
 def test_a_file_is_bounded(kind, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.bags.limits._FILE_ALWAYS', 20 * MB)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._FILE_ALWAYS', 20 * MB)
     target = io.BytesIO()
     with pytest.raises(ValueError, match='expected at most'):
         target.writelines(decompress_file(io.BytesIO(COMPRESS[kind](BOMB))))

@@ -11,7 +11,7 @@ import pytest
 from fuzz.database_inputs import endless
 
 from kitti_ros2.bags.reader import open_messages, summarize_bag
-from kitti_ros2.bags.sqlite_connection import GuardedConnection
+from kitti_ros2.bags.sqlite_reader import GuardedConnection
 from kitti_ros2.model.errors import BadBagError
 
 TOPICS = (

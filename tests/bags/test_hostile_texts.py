@@ -5,10 +5,10 @@
 import pytest
 from mcap.writer import IndexType, Writer
 
-from kitti_ros2.bags import offered_qos as offered_qos_module
-from kitti_ros2.bags.definitions import parse_definition
-from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
+from kitti_ros2.bags import container_file as offered_qos_module
+from kitti_ros2.bags.container_file import offered_qos, qos_faults
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
+from kitti_ros2.bags.stored_messages import parse_definition
 from kitti_ros2.datasets import validate
 
 METADATA = """rosbag2_bagfile_information:

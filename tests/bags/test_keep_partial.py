@@ -17,7 +17,7 @@ from kitti_ros2.bags.recover import recover
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.model.errors import OutputError, UsageError, notes_of
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 CASES = {
     'mcap': ('bag.mcap', 'bag.partial.mcap', {}),

@@ -12,11 +12,9 @@ import pytest
 from bag_samples import make_samples, write_bag
 
 import kitti_ros2
-from kitti_ros2.bags.decoding import Decoder
-from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.reading import LENT_FROM
-from kitti_ros2.model.msgtypes import CLOUD
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.bags.reader import LENT_FROM, Decoder, open_messages
+from kitti_ros2.model.bag_formats import CLOUD
+from kitti_ros2.options.outputs import BagOptions
 
 PACKAGE = Path(kitti_ros2.__file__).parent
 OPTIONS = {
@@ -52,7 +50,7 @@ def test_arrays_of_a_large_message_are_views_only_if_they_are_lent(tmp_path, len
 
 
 # Texts and numbers are taken out of each message, and it is dropped.
-DROPPED = {'own_bags/numbering.py', 'report/glances.py', 'rerun_view/program_survey.py',
+DROPPED = {'own_bags/numbering.py', 'report/overview.py', 'rerun_view/program_survey.py',
            'rerun_view/show.py'}  # fmt: skip
 
 

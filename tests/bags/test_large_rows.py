@@ -14,12 +14,11 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import zstandard
 
-from kitti_ros2.bags import sqlite_rows, sqlite_tree
-from kitti_ros2.bags.pieces import FileBytes, MessageStart, NamedFile, size_of
+from kitti_ros2.bags import sqlite_pages, sqlite_reader
+from kitti_ros2.bags.container_file import FileBytes, MessageStart, NamedFile, size_of
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.sqlite_scan import Pages
-from kitti_ros2.bags.sqlite_tree import TableTree
-from kitti_ros2.files import workers as workers_module
+from kitti_ros2.bags.sqlite_pages import Pages, TableTree
+from kitti_ros2.files import threads as workers_module
 
 TABLES = """
 CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
@@ -38,8 +37,8 @@ SIZES = (0, 1, 500, 4000, 4061, 4062, 65535, 65536, 65537, 80_000, 4092 * 40, 1_
 def workers(request, monkeypatch):
     """Read in turn, and by threads in small batches."""
     monkeypatch.setattr(workers_module, 'worker_count', lambda: request.param)
-    monkeypatch.setattr(sqlite_rows, '_LEAST_AHEAD', 2**16)
-    monkeypatch.setattr(sqlite_rows, '_BATCH_BYTES', 2**18)
+    monkeypatch.setattr(sqlite_reader, '_LEAST_AHEAD', 2**16)
+    monkeypatch.setattr(sqlite_reader, '_BATCH_BYTES', 2**18)
     return request.param
 
 
@@ -137,9 +136,9 @@ def test_rows_in_pieces_are_read_whole(tmp_path, outcomes):
 
 
 def test_small_blocks_change_nothing(tmp_path, outcomes, monkeypatch):
-    monkeypatch.setattr(sqlite_tree, '_BLOCK', 3 * 4096)
-    monkeypatch.setattr(sqlite_tree, '_SKIMMED_BLOCK', 3 * 4096)
-    monkeypatch.setattr(sqlite_tree, '_KEPT', 1)
+    monkeypatch.setattr(sqlite_pages, '_BLOCK', 3 * 4096)
+    monkeypatch.setattr(sqlite_pages, '_SKIMMED_BLOCK', 3 * 4096)
+    monkeypatch.setattr(sqlite_pages, '_KEPT', 1)
     test_rows_in_pieces_are_read_whole(tmp_path, outcomes)
 
 

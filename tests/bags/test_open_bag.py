@@ -12,19 +12,20 @@ from contextlib import closing
 import pytest
 
 from kitti_ros2.bags import bag_files
-from kitti_ros2.bags.reader import OpenBag, bag_stamps, open_messages
+from kitti_ros2.bags.bag_files import OpenBag
+from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer import guess, survey
 from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.own_bags import recorded_layout
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 
 import foreign  # isort: skip
 

@@ -16,15 +16,15 @@ import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from kitti_ros2.bags import sqlite_scan
+from kitti_ros2.bags import sqlite_pages
 from kitti_ros2.bags.bag_files import OpenBag
-from kitti_ros2.bags.limits import LARGEST_BLOCK
-from kitti_ros2.bags.mcap_records import McapFormat
-from kitti_ros2.bags.mcap_summary import MAGIC
-from kitti_ros2.bags.pieces import FileBytes
+from kitti_ros2.bags.container_file import FileBytes
+from kitti_ros2.bags.decompression import LARGEST_BLOCK
+from kitti_ros2.bags.mcap_reader import McapFormat
+from kitti_ros2.bags.mcap_writer import MAGIC
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.sqlite_rows import QueriedRows
-from kitti_ros2.bags.sqlite_scan import LEAF
+from kitti_ros2.bags.sqlite_pages import LEAF
+from kitti_ros2.bags.sqlite_reader import QueriedRows
 from kitti_ros2.model.errors import BadBagError
 from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 
@@ -65,8 +65,8 @@ def results_of(owner, name):
 @pytest.mark.parametrize('is_packed', [False, True], ids=['as it is', 'compressed as a whole'])
 @pytest.mark.parametrize('suffix', WRITERS)
 def test_topics_are_bounded(suffix, is_packed, tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.bags.limits._DESCRIPTIONS_ALWAYS', MOST)
-    monkeypatch.setattr('kitti_ros2.bags.limits._BYTES_PER_DESCRIPTION', 10**9)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._DESCRIPTIONS_ALWAYS', MOST)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._BYTES_PER_DESCRIPTION', 10**9)
     path = tmp_path / f'bag{suffix}'
     WRITERS[suffix](path, MORE)
     if is_packed:
@@ -115,7 +115,7 @@ def cut(path):
 
 @pytest.mark.parametrize('make', ['mcap', 'rows', 'pages'])
 def test_messages_are_bounded_by_the_size_on_the_disk(make, tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.bags.limits._RECORDS_ALWAYS', MOST)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._RECORDS_ALWAYS', MOST)
     if make == 'mcap':
         path = tmp_path / 'a.mcap'
         write_plain_mcap(path, 30_000)
@@ -178,8 +178,8 @@ def test_the_texts_of_types_are_bounded(suffix, tmp_path):
 
 
 def test_a_log_beside_a_small_database_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.bags.limits._RECORDS_ALWAYS', MOST)
-    monkeypatch.setattr('kitti_ros2.bags.limits._DESCRIPTIONS_ALWAYS', MOST)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._RECORDS_ALWAYS', MOST)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._DESCRIPTIONS_ALWAYS', MOST)
     path = tmp_path / 'a.db3'
     with closing(sqlite3.connect(path)) as database:
         database.execute('PRAGMA journal_mode = WAL')
@@ -242,13 +242,13 @@ def test_cells_that_lead_to_the_same_long_row_are_bounded(tmp_path):
     page[at : at + 7] = long + b'\1' + long
     path = tmp_path / 'a.db3'
     path.write_bytes(page)
-    with results_of(sqlite_scan, 'parse_varint') as parsed, pytest.raises(BadBagError):
+    with results_of(sqlite_pages, 'parse_varint') as parsed, pytest.raises(BadBagError):
         open_messages(path)
     assert len(parsed) <= 10 * count
 
 
 def test_pages_are_searched_for_single_rows_within_the_limits(tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.bags.limits._RECORDS_ALWAYS', MOST)
+    monkeypatch.setattr('kitti_ros2.bags.decompression._RECORDS_ALWAYS', MOST)
     monkeypatch.setattr(QueriedRows, 'read', lambda *_: iter(()))
     path = tmp_path / 'a.db3'
     write_rows(path, MOST - 1)

@@ -15,7 +15,7 @@ from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import BadBagError, OutputExistsError, UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
 

@@ -16,9 +16,9 @@ import pytest
 from lz4 import frame
 from rosbags.rosbag1 import Reader
 
-from kitti_ros2.bags.compressors import ros1_lz4
+from kitti_ros2.bags.segment_writer import ros1_lz4
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 DEBIAN = Path('/usr/bin/python3')
 SCRIPT = Path(__file__).with_name('ros1_itself.py')

@@ -8,7 +8,7 @@ import pytest
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.bags.ros1_messages import ros1_to_cdr
+from kitti_ros2.bags.stored_messages import ros1_to_cdr
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 HEADER = struct.pack('<III', 1, 2, 3) + struct.pack('<I', 1) + b'a'

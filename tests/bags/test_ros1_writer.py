@@ -7,8 +7,8 @@ from __future__ import annotations
 import pytest
 from rosbags.rosbag1.writer import WriterError
 
-from kitti_ros2.bags.ros1_writer import Ros1Writer
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.bags.ros1_bag import Ros1Writer
+from kitti_ros2.model.bag_formats import Channel
 
 TEXT = 'string data\n', '992ce8a1687cec8c8bd883ec73ca41d1', None
 

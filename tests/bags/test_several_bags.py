@@ -11,9 +11,8 @@ from bag_samples import make_samples, write_bag
 from mcap.writer import Writer
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
-from kitti_ros2.model.errors import BadBagError
-from kitti_ros2.model.losses import Loss
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.errors import BadBagError, Loss
+from kitti_ros2.options.outputs import BagOptions
 
 POINT = 'geometry_msgs/msg/Point'
 FOREIGN = 'my_msgs/msg/Wheel'

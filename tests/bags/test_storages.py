@@ -4,7 +4,7 @@
 
 import pytest
 
-from kitti_ros2.model.containers import CONTAINERS, container_of
+from kitti_ros2.model.bag_formats import CONTAINERS, container_of
 
 
 def test_containers_differ_in_their_suffix_and_their_first_bytes():

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from kitti_ros2.bags import chunked_file
 from kitti_ros2.bags.chunked_file import ChunkedFile
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.files import workers as workers_module
+from kitti_ros2.files import threads as workers_module
 
 COUNT = 14
 SIZE = 700_000

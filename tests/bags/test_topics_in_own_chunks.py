@@ -6,7 +6,7 @@ import pytest
 from counted_calls import calls_of
 from mcap.writer import Writer
 
-from kitti_ros2.bags.message_source import BagMessages
+from kitti_ros2.bags.reader import BagMessages
 
 FEW = 200
 START_NS = 10**18

@@ -12,9 +12,8 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from kitti_ros2.bags.definitions import Definitions
-from kitti_ros2.bags.findings import Findings
-from kitti_ros2.bags.pieces import StoredChannel
+from kitti_ros2.bags.container_file import Findings, StoredChannel
+from kitti_ros2.bags.stored_messages import Definitions
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 

@@ -8,7 +8,7 @@ import os
 import signal
 from pathlib import Path
 
-from kitti_ros2.batch.bag_unit import run_bag_unit
+from kitti_ros2.batch.unit_functions import run_bag_unit
 
 FOLDER = 'KITTI_ROS2_TEST_BLOCK'
 BLOCK_AT = 6

@@ -20,7 +20,7 @@ PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 import blocking_unit, spinning_unit
-import kitti_ros2.batch.bag_unit as bag_unit
+import kitti_ros2.batch.unit_functions as bag_unit
 bag_unit.run_bag_unit = {run}
 from kitti_ros2.cli import main
 if __name__ == '__main__':

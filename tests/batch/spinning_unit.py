@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from kitti_ros2.batch.bag_unit import run_bag_unit
+from kitti_ros2.batch.unit_functions import run_bag_unit
 
 from blocking_unit import BLOCK_AT, FOLDER, _take  # isort: skip
 

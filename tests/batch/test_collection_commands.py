@@ -12,7 +12,7 @@ import pytest
 
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import files_of  # isort: skip
 

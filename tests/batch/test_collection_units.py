@@ -9,12 +9,11 @@ import shutil
 
 import pytest
 
-from kitti_ros2.batch.fingerprint import _files_of, fingerprint
-from kitti_ros2.batch.folders import find_roots
-from kitti_ros2.batch.units import find_units
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.batch.collection import _files_of, fingerprint
+from kitti_ros2.batch.units import find_roots, find_units
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip

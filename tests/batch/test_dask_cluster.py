@@ -13,14 +13,13 @@ import cv2
 import pytest
 from dask_processes import Processes, end
 
-from kitti_ros2.batch.dask_unit import UnitTask, run_task
-from kitti_ros2.batch.dask_workers import DaskCluster
+from kitti_ros2.batch.dask_cluster import DaskCluster, UnitTask, run_task
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
-from kitti_ros2.batch.results import UnitJob, UnitResult
+from kitti_ros2.batch.pool import UnitJob, UnitResult
 from kitti_ros2.batch.units import WorkUnit
 from kitti_ros2.cli import main
-from kitti_ros2.files.workers import worker_count
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.files.threads import worker_count
+from kitti_ros2.model.streams import Layout
 
 from builders import copied_drives, files_of, one_line  # isort: skip
 
@@ -259,7 +258,7 @@ def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, proc
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(root, out, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.dask_connection._CONNECT_S', 0.5)
+    monkeypatch.setattr('kitti_ros2.batch.dask_cluster._CONNECT_S', 0.5)
     with socket.create_server(('127.0.0.1', 0)) as silent:
         address = f'tcp://127.0.0.1:{silent.getsockname()[1]}'
         assert to_bag(root, out, '--scheduler', address) == 2
@@ -268,7 +267,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(root, out, capsys, monkeyp
 
 
 def test_without_dask_the_extra_is_named(root, out, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.dask_connection.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.batch.dask_cluster.find_spec', lambda _: None)
     assert to_bag(root, out, '--scheduler', 'local') == 2
     assert "pip install 'kitti_ros2[cluster]'" in one_line(capsys.readouterr().err)
 

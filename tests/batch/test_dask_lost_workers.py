@@ -12,7 +12,7 @@ from dask_processes import SPINNING, Processes, end, end_quietly
 
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import copied_drives, files_of  # isort: skip
 from waiting import PATIENCE_S, wait_until  # isort: skip

@@ -12,10 +12,16 @@ from contextlib import closing
 import pytest
 from faulty_runs import Faulty, build_faults, outputs
 
-from kitti_ros2.batch.manifest import DONE, MANIFEST, CollectionRun, Identity, UnitRecord
-from kitti_ros2.batch.pace import measure_pace
+from kitti_ros2.batch.manifest import (
+    DONE,
+    MANIFEST,
+    CollectionRun,
+    Identity,
+    UnitRecord,
+    measure_pace,
+)
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 TINY = SyntheticOptions(frames=1, image_size=(62, 20), lidar_columns=20)
@@ -92,7 +98,7 @@ def test_a_manifest_of_another_version_is_kept(root, out, finished, capsys):
 
 
 def test_a_locked_manifest_is_one_line(root, out, finished, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.manifest_file._BUSY_S', 0.01)
+    monkeypatch.setattr('kitti_ros2.batch.manifest._BUSY_S', 0.01)
     with closing(sqlite3.connect(out / MANIFEST, isolation_level=None)) as database:
         database.execute('BEGIN EXCLUSIVE')
         assert main(['status', str(out)]) == 2

@@ -16,7 +16,7 @@ from blocking_unit import FOLDER, arm
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.batch.pool import run_on_processes
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import copied_drives, files_of  # isort: skip
 from waiting import PATIENCE_S, is_running, wait_until  # isort: skip
@@ -26,7 +26,7 @@ PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 import blocking_unit
-import kitti_ros2.batch.bag_unit as bag_unit
+import kitti_ros2.batch.unit_functions as bag_unit
 bag_unit.run_bag_unit = blocking_unit.run_blocking
 from kitti_ros2.cli import main
 sys.exit(main(sys.argv[1:]))
@@ -227,7 +227,7 @@ def test_a_second_signal_at_any_moment_of_the_end_kills_all_workers(monkeypatch,
 
 
 def test_a_second_run_to_the_same_output_is_refused(start, root, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.batch.place._LOCK_WAIT_S', 0.0)
+    monkeypatch.setattr('kitti_ros2.batch.manifest._LOCK_WAIT_S', 0.0)
     running = start('2')
     running.blocked()
     assert main(['to-bag', str(root), str(running.out), '--all', '-q']) == 2

@@ -13,7 +13,7 @@ import pytest
 from faulty_runs import Faulty, build_faults, check_completed, check_left, outputs, states
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 UNITS = 4

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from broken_lock import break_a_lock
 
-from kitti_ros2.batch.results import UnitJob
-from kitti_ros2.batch.unit_function import run_guarded
+from kitti_ros2.batch.pool import UnitJob
+from kitti_ros2.batch.unit_functions import run_guarded
 from kitti_ros2.batch.units import WorkUnit
 
 JOB = UnitJob(WorkUnit('a', Path('a')), Path('out'), {})

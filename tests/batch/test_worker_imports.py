@@ -11,13 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.batch.dask_unit import own_version
-from kitti_ros2.batch.dask_workers import open_cluster
-from kitti_ros2.batch.pool import prepare_workers, run_on_processes
-from kitti_ros2.batch.results import UnitJob, UnitResult
+from kitti_ros2.batch.dask_cluster import open_cluster, own_version
+from kitti_ros2.batch.pool import UnitJob, UnitResult, prepare_workers, run_on_processes
 from kitti_ros2.batch.units import WorkUnit
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.batch import LOCAL
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.table import LOCAL
 
 from builders import copied_drives  # isort: skip
 

@@ -4,8 +4,8 @@
 
 import pytest
 
-from kitti_ros2.bridge.admission import Admission, is_loopback, parse_origin
 from kitti_ros2.bridge.gate import exposure
+from kitti_ros2.bridge.websocket import Admission, is_loopback, parse_origin
 from kitti_ros2.model.errors import UsageError
 
 LOCAL = '127.0.0.1'

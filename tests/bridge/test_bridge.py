@@ -16,18 +16,18 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.messages.diagnostics import WARN
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions, Objects
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
+from kitti_ros2.player.session import WARN
 
 pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
 
-from kitti_ros2.bridge.admission import Admission
 from kitti_ros2.bridge.server import ViewerServer
+from kitti_ros2.bridge.websocket import Admission
 
 from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
 
@@ -383,7 +383,7 @@ def test_no_number_of_times_disconnects_a_viewer(raw):
 
 def test_a_viewer_that_does_not_read_harms_nobody(raw, monkeypatch):
     """It loses its oldest messages, but no control; the other one misses nothing."""
-    monkeypatch.setattr('kitti_ros2.bridge.outbox.MESSAGE_LIMIT', 1 << 18)
+    monkeypatch.setattr('kitti_ros2.bridge.gate.MESSAGE_LIMIT', 1 << 18)
     server = raw(loop=0, rate=20, clock=1000)  # so that much news waits for it
     with Viewer(server.url, queue=16) as asleep, Viewer(server.url) as awake:
         asleep.subscribe()

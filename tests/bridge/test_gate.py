@@ -12,10 +12,9 @@ from contextlib import suppress
 import pytest
 
 from kitti_ros2.bridge import gate as gates
-from kitti_ros2.bridge import relay as relays
-from kitti_ros2.bridge.admission import Admission
+from kitti_ros2.bridge import gate as relays
 from kitti_ros2.bridge.gate import Gate, hidden_address
-from kitti_ros2.bridge.handshake import HEAD_LIMIT
+from kitti_ros2.bridge.websocket import HEAD_LIMIT, Admission
 
 from waiting import PATIENCE_S  # isort: skip
 

@@ -11,7 +11,7 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.play import complete_port
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ros2[test])')
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from kitti_ros2.bridge.sdk_log import LEVEL_VARIABLE, few_lines
+from kitti_ros2.bridge.server import LEVEL_VARIABLE, few_lines
 
 
 @pytest.fixture(autouse=True)

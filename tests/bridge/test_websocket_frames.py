@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.bridge import outbox
-from kitti_ros2.bridge.frames import FrameError, FrameKind, FrameReader, kind_of
-from kitti_ros2.bridge.outbox import Outbox
+from kitti_ros2.bridge import gate
+from kitti_ros2.bridge.gate import Outbox
+from kitti_ros2.bridge.websocket import FrameError, FrameKind, FrameReader, kind_of
 
 from waiting import PATIENCE_S  # isort: skip
 
@@ -133,7 +133,7 @@ def test_everything_is_sent_in_order_while_there_is_room():
 
 
 def test_the_oldest_messages_are_dropped_and_no_control(monkeypatch):
-    monkeypatch.setattr(outbox, 'MESSAGE_LIMIT', 3 * len(message(0)))
+    monkeypatch.setattr(gate, 'MESSAGE_LIMIT', 3 * len(message(0)))
     controls = [frame(b'{"n": %d}' % number, TEXT) for number in range(50)]
     box = Outbox()
     for number, control in enumerate(controls):
@@ -154,7 +154,7 @@ def test_of_times_the_newest_is_sent():
 
 
 def test_a_message_larger_than_the_limit_is_sent_alone(monkeypatch):
-    monkeypatch.setattr(outbox, 'MESSAGE_LIMIT', 50)
+    monkeypatch.setattr(gate, 'MESSAGE_LIMIT', 50)
     box = Outbox()
     box.put(message(1))
     box.put(message(2))
@@ -163,7 +163,7 @@ def test_a_message_larger_than_the_limit_is_sent_alone(monkeypatch):
 
 def test_what_is_being_sent_is_sent_to_its_end(monkeypatch):
     """A viewer that has read half of a message gets the other half, not the next one."""
-    monkeypatch.setattr(outbox, 'MESSAGE_LIMIT', 100)
+    monkeypatch.setattr(gate, 'MESSAGE_LIMIT', 100)
     large, newest = message(1, 8 << 20), message(3)
     box = Outbox()
     box.put(large)
@@ -182,7 +182,7 @@ def test_what_is_being_sent_is_sent_to_its_end(monkeypatch):
 
 
 def test_controls_that_nobody_reads_end_it(monkeypatch):
-    monkeypatch.setattr(outbox, 'CONTROL_LIMIT', 1000)
+    monkeypatch.setattr(gate, 'CONTROL_LIMIT', 1000)
     box = Outbox()
     for _ in range(9):
         box.put(frame(bytes(100), TEXT))

@@ -23,15 +23,15 @@ from folder_and_bag import make_holes
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.cli.config_file import load_config
-from kitti_ros2.files.staging import Staging
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.cli.command import load_config
+from kitti_ros2.files.local_staging import Staging
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.text import one_line as as_shown
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.quantity_parsers import parse_bytes
+from kitti_ros2.model.errors import one_line as as_shown
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.declare import parse_bytes
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
 
 from builders import SMALL, one_line  # isort: skip

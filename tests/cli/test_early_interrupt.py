@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.cli.exit_codes import EXIT_INTERRUPTED
+from kitti_ros2.cli.exits import EXIT_INTERRUPTED
 
 from waiting import PATIENCE_S  # isort: skip
 

@@ -18,7 +18,7 @@ BLOCKED_IN = Path(f'/proc/self/task/{os.getpid()}/wchan')
 PROGRAM = """
 import signal, sys, threading
 from pathlib import Path
-from kitti_ros2.cli.ending import end_by_signal
+from kitti_ros2.cli.exits import end_by_signal
 
 number = signal.Signals[sys.argv[1]]
 blocked_in = Path(f'/proc/self/task/{threading.get_native_id()}/wchan')
@@ -51,7 +51,7 @@ def test_a_signal_that_another_thread_takes_ends_the_wait(name):
 
 ABANDONED = """
 import threading
-from kitti_ros2.cli.ending import end_by_signal
+from kitti_ros2.cli.exits import end_by_signal
 
 threading.Thread(target=threading.Event().wait).start()
 ending = end_by_signal()

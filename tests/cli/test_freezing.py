@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip

@@ -15,8 +15,8 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import find_command
-from kitti_ros2.options import batch, dataset_tables, evaluation_tables, table
-from kitti_ros2.pictures.modes import MODES
+from kitti_ros2.options import datasets, evaluation, table
+from kitti_ros2.pictures.panel import MODES
 
 from terminals import read_to_the_end  # isort: skip
 
@@ -43,22 +43,22 @@ COMMANDS = {
     'eval live': 'SRC',
 }
 TABLES = {
-    'to-bag': batch.TO_BAG_ALL,
-    'to-kitti': batch.TO_KITTI_ALL,
+    'to-bag': table.TO_BAG_ALL,
+    'to-kitti': table.TO_KITTI_ALL,
     'view': table.VIEW,
-    'crop': dataset_tables.CROP,
-    'download': dataset_tables.DOWNLOAD,
-    'extract': dataset_tables.EXTRACT,
+    'crop': datasets.CROP,
+    'download': datasets.DOWNLOAD,
+    'extract': datasets.EXTRACT,
     'play': table.PLAY,
     'info': table.SOURCE,
-    'validate': dataset_tables.VALIDATE_ALL,
-    'report': batch.REPORT_ALL,
-    'stats': dataset_tables.STATS_ALL,
-    'split': dataset_tables.SPLIT,
-    'eval detection': evaluation_tables.DETECTION_ALL,
-    'eval odometry': evaluation_tables.ODOMETRY_ALL,
-    'eval tracking': evaluation_tables.TRACKING_ALL,
-    'eval live': evaluation_tables.LIVE,
+    'validate': datasets.VALIDATE_ALL,
+    'report': table.REPORT_ALL,
+    'stats': datasets.STATS_ALL,
+    'split': datasets.SPLIT,
+    'eval detection': evaluation.DETECTION_ALL,
+    'eval odometry': evaluation.ODOMETRY_ALL,
+    'eval tracking': evaluation.TRACKING_ALL,
+    'eval live': evaluation.LIVE,
 }
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from kitti_ros2.bags.reader import summarize_bag
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import one_line  # isort: skip
 

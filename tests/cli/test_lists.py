@@ -10,9 +10,9 @@ import re
 import pytest
 from builders import one_line
 
-from kitti_ros2.bags.reader import OpenBag
+from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 POINTS, IMU, FIX = '/kitti/velo/points', '/kitti/oxts/imu', '/kitti/oxts/fix'
 

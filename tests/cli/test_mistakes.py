@@ -16,9 +16,9 @@ from folder_and_bag import make_bag, make_holes
 
 from kitti_ros2.bags.reader import summarize_bag
 from kitti_ros2.cli import main
-from kitti_ros2.cli.remedies import format_remedies
+from kitti_ros2.cli.app import format_remedies
 from kitti_ros2.model.errors import Remedy
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import SMALL, one_line  # isort: skip
 

@@ -12,7 +12,7 @@ import hostile_files as hostile
 import pytest
 from foreign_output import run_apart
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from builders import SHARED  # isort: skip

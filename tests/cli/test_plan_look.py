@@ -22,7 +22,7 @@ from builders import files_of, one_line
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.app import find_command
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from terminals import read_to_the_end  # isort: skip
@@ -360,7 +360,7 @@ def test_a_plan_without_calibration_is_drawn_as_far_as_it_goes(write, tmp_path, 
 
 
 def test_many_topics_that_are_passed_over_are_counted(bag, on_terminal, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.plan_table._MOST_PASSED_OVER', 1)
+    monkeypatch.setattr('kitti_ros2.cli.to_kitti._MOST_PASSED_OVER', 1)
     _, out, _ = on_terminal(bag)
     assert len([topic for topic, row in rows_of(out).items() if row[0] == '-']) == 1
     assert '3 more; all with --json' in out

@@ -18,8 +18,8 @@ from html_page import Page
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import BagOptions
 
 
 def test_a_page_is_made(recording_path, tmp_path, capsys):

@@ -15,10 +15,10 @@ from builders import one_line
 from label_set import FRAMES, TRAINING, write_labels
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.stats_comparison import titles_of
+from kitti_ros2.cli.stats_tables import titles_of
 from kitti_ros2.datasets import statistics_plot
-from kitti_ros2.drawing import plot_style
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.drawing import drawn_objects
+from kitti_ros2.model.streams import Layout
 
 needs_matplotlib = pytest.mark.skipif(
     find_spec('matplotlib') is None, reason='matplotlib is not installed'
@@ -29,7 +29,7 @@ CAR = 'Car 0.00 0 -1.5 600 100 650 150 1.5 1.6 4.0 3.0 1.7 4.0 0.0\n'
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(plot_style, '_DPI', 60)
+    monkeypatch.setattr(drawn_objects, '_DPI', 60)
 
 
 @pytest.fixture(scope='session')
@@ -225,7 +225,7 @@ def test_a_full_disk_leaves_nothing(recordings, tmp_path, capsys, monkeypatch):
 
 
 def test_without_matplotlib_the_extra_is_named(recordings, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.plot_output.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.cli.output.find_spec', lambda _: None)
     assert main(['stats', str(recordings[Layout.RAW]), '-o', str(tmp_path / 'o.png')]) == 2
     assert "pip install 'kitti_ros2[plot]'" in one_line(capsys.readouterr().err)
 

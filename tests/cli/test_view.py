@@ -13,9 +13,9 @@ from builders import one_line
 from prediction_set import RESULTS, line, track_lines, write_prediction_set
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.pictures import movie
-from kitti_ros2.pictures.modes import MODES
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.pictures import series
+from kitti_ros2.pictures.panel import MODES
 
 NEEDS = {
     'camera': 'image',
@@ -70,7 +70,7 @@ def test_the_ending_tells_the_format(recordings, tmp_path, suffix):
 def test_a_film(recordings, tmp_path, monkeypatch, h264, capsys):
     if h264:
         pytest.importorskip('av', reason='PyAV, the extra video, is not installed')
-    monkeypatch.setattr(movie, 'has_h264', lambda: h264)
+    monkeypatch.setattr(series, 'has_h264', lambda: h264)
     out = tmp_path / 'out.mp4'
     words = ['view', str(recordings[Layout.RAW]), '-o', str(out), '--mode', 'camera']
     assert main([*words, '--frames', '1:3']) == 0
@@ -273,8 +273,8 @@ def test_a_pace_that_no_film_has(recordings, tmp_path, fps, capsys):
 
 
 def test_a_film_that_is_not_whole_is_no_film(recordings, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(movie, 'has_h264', lambda: False)
-    monkeypatch.setattr(movie._Mpeg4, 'write', lambda self, _: setattr(self, '_written', 1))
+    monkeypatch.setattr(series, 'has_h264', lambda: False)
+    monkeypatch.setattr(series._Mpeg4, 'write', lambda self, _: setattr(self, '_written', 1))
     out = tmp_path / 'out.mp4'
     assert main(['view', str(recordings[Layout.RAW]), '-o', str(out), '--mode', 'bev']) == 2
     assert 'only 0 of 1 pictures could be written' in one_line(capsys.readouterr().err)

@@ -16,14 +16,14 @@ import pytest
 from prediction_set import write_prediction_set
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.view_rerun import run_rerun
+from kitti_ros2.cli.view import run_rerun
 from kitti_ros2.model.errors import OutputError, OutputExistsError, UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
 
 needs_sdk = pytest.mark.skipif(find_spec('rerun') is None, reason='rerun-sdk is not installed')
-RUN = 'import sys; from pathlib import Path; from kitti_ros2.cli.view_rerun import run_rerun;'
+RUN = 'import sys; from pathlib import Path; from kitti_ros2.cli.view import run_rerun;'
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def raw(recordings):
 
 
 def test_without_the_sdk_it_says_what_to_install(raw, tmp_path, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.view_rerun.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.cli.view.find_spec', lambda _: None)
     with pytest.raises(UsageError, match=r"pip install 'kitti_ros2\[rerun\]'") as caught:
         run_rerun(raw, {}, save=tmp_path / 'o.rrd')
     assert '\n' not in str(caught.value)

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.options.dataset_tables import make_crop_options
+from kitti_ros2.options.datasets import make_crop_options
 
 
 def files(root):

@@ -15,8 +15,8 @@ from scans import files
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import crop, cropping
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.dataset_tables import make_crop_options
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.datasets import make_crop_options
 
 from builders import one_line  # isort: skip
 

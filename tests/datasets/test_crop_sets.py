@@ -19,12 +19,11 @@ from scans import files, spans
 import kitti_ros2
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import crop
-from kitti_ros2.kitti.layouts import open_recording, open_recordings
 from kitti_ros2.kitti.names import parse_drive
+from kitti_ros2.kitti.opening import open_recording, open_recordings
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UnreadableFileError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 
 from builders import SMALL  # isort: skip
 
@@ -677,7 +676,7 @@ def test_a_file_that_cannot_be_copied_is_left_out(recordings, tmp_path, monkeypa
     def refuse(source, _):
         raise UnreadableFileError(source, OSError(errno.EIO, 'Input/output error'))
 
-    monkeypatch.setattr('kitti_ros2.files.hard_links._copy', refuse)
+    monkeypatch.setattr('kitti_ros2.files.local_files._copy', refuse)
     root = recordings[Layout.OBJECT]
     report = cut(root, tmp_path / 'out', range=':30', copy=True)
     texts = {loss.text() for loss in report.losses}

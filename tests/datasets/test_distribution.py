@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.datasets.distribution import Distribution
+from kitti_ros2.datasets.recording_statistics import Distribution
 
 EDGES = (0.0, 1.0, 5.0, 20.0)
 VALUES = st.lists(st.floats(-10, 1e4), max_size=60)

@@ -8,7 +8,7 @@ from itertools import combinations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.datasets.dividing import divide, seeded_order
+from kitti_ros2.datasets.splitting import divide, seeded_order
 
 HALVES = (Fraction(1, 2), Fraction(1, 2))
 

@@ -10,12 +10,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scans import clouds, filters, whole_scan
 
-from kitti_ros2.datasets.camera_view import CameraView
-from kitti_ros2.datasets.point_filters import first_of_each_voxel, kept_points
-from kitti_ros2.drawing.projection import Projection
+from kitti_ros2.datasets.scan_crop import CameraView, first_of_each_voxel, kept_points
+from kitti_ros2.drawing.annotate import Projection
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.crop import View
-from kitti_ros2.options.dataset_tables import make_crop_options
+from kitti_ros2.options.datasets import View, make_crop_options
 
 FORWARD = np.array([[50.0, -100, 0, 0], [50, 0, -100, 0], [1, 0, 0, 0]])
 """A camera of 100 x 100 pixels at the scanner: u is to the right, v down, depth forward."""

@@ -10,10 +10,10 @@ import pytest
 
 from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.datasets import crop
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.point_values import rings
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.scan import rings
 from kitti_ros2.model.boxes import count_points
-from kitti_ros2.model.labels import cuboids_of
+from kitti_ros2.model.samples import cuboids_of
 from kitti_ros2.model.streams import Stream
 
 OBJECT = 'object/training'

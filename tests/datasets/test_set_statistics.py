@@ -17,18 +17,16 @@ import pytest
 from folder_and_bag import make_bag, make_holes
 
 from kitti_ros2 import KittiRos2Error, KittiRos2Warning, datasets, to_bag
-from kitti_ros2.api.keywords import StatisticsKeywords, keyword_of
+from kitti_ros2.api.arguments import StatisticsKeywords, keyword_of
 from kitti_ros2.datasets import recording_statistics
 from kitti_ros2.datasets.set_statistics import find_sources
-from kitti_ros2.files.workers import worker_count
-from kitti_ros2.kitti.label_file import parse_box
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.tracklet_file import Tracklet, TrackletPose, format_tracklets
+from kitti_ros2.files.threads import worker_count
+from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, format_tracklets, parse_box
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.boxes import DONT_CARE
-from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import Scan
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.dataset_tables import STATS
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.datasets import STATS
 from kitti_ros2.options.read import ReadOptions
 
 CAR = 'Car 0.00 0 -1.5 600 100 650 150 1.5 1.6 4.0 3.0 1.7 4.0 0.0\n'

@@ -11,15 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mapped_set import ROWS, A, B, C, make_mapped_set, write_mapping
 
-from kitti_ros2.api.source import KittiRos2Warning
+from kitti_ros2.api.arguments import KittiRos2Warning
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import split
-from kitti_ros2.datasets.comparing import compare_lists
-from kitti_ros2.datasets.units import Unit
-from kitti_ros2.kitti.image_set import format_image_set, parse_image_set
-from kitti_ros2.kitti.object_mapping import find_mapping
+from kitti_ros2.datasets.splitting import Unit, compare_lists
+from kitti_ros2.kitti.names import format_image_set, parse_image_set
+from kitti_ros2.kitti.object_set import find_mapping
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError, UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
 LISTS = ('train', 'val')

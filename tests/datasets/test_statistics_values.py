@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.datasets.object_statistics import ObjectStatistics
-from kitti_ros2.datasets.recording_statistics import RecordingStatistics
-from kitti_ros2.datasets.route_statistics import RouteStatistics
-from kitti_ros2.datasets.set_statistics import SetStatistics
-from kitti_ros2.datasets.statistics_rows import plain_values, read_values
-from kitti_ros2.files.json_text import json_text
-from kitti_ros2.model.losses import Loss
+from kitti_ros2.datasets.recording_statistics import (
+    ObjectStatistics,
+    RecordingStatistics,
+    RouteStatistics,
+)
+from kitti_ros2.datasets.set_statistics import SetStatistics, plain_values, read_values
+from kitti_ros2.files.staging import json_text
+from kitti_ros2.model.errors import Loss
 
 NUMBERS = st.lists(st.floats(0, 1000), max_size=20)
 

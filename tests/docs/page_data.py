@@ -15,9 +15,9 @@ from zipfile import ZipFile
 import foreign
 from mapped_set import write_mapping
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
-from kitti_ros2.synthetic.write import extract_of, write_extract
+from kitti_ros2.synthetic.drive import extract_of, write_extract
 
 from builders import convert_recording  # isort: skip
 

@@ -23,7 +23,7 @@ from code_blocks import PAGES, ROOT, Block, blocks_in, page_name
 from page_data import BAGS, bags_needed, write_sets
 from shared_files import made_once
 
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan import parse_plan
 from kitti_ros2.options.table import make_settings
 
 if TYPE_CHECKING:
@@ -118,10 +118,10 @@ def read_yaml(text: str, path: Path) -> None:
     if 'reference' in values:
         parse_plan(text, path)
     elif next(iter(values)).startswith('/'):
-        qos = pytest.importorskip('kitti_ros2.node.qos', exc_type=ImportError)
+        qos = pytest.importorskip('kitti_ros2.node.outlets', exc_type=ImportError)
         qos.load_overrides(path)
     elif 'kitti_player' in values:
-        parameters = pytest.importorskip('kitti_ros2.node.parameters', exc_type=ImportError)
+        parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
         parameters.to_parameters(values['kitti_player']['ros__parameters'])
     else:
         make_settings(values)

@@ -13,17 +13,17 @@ import pytest
 from code_blocks import PAGES, ROOT, page_name
 
 import kitti_ros2
-from kitti_ros2.cli import exit_codes
+from kitti_ros2.cli import exits
 from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table, own_topics
-from kitti_ros2.model.autoware_labels import LABEL_OF_CLASS
-from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.options import dataset_tables, evaluation_tables
+from kitti_ros2.model.bag_formats import CONTAINERS
+from kitti_ros2.model.classes import LABEL_OF_CLASS
+from kitti_ros2.options import datasets, evaluation
 from kitti_ros2.options import table as declared
-from kitti_ros2.stacks.catalogue import STACKS
-from kitti_ros2.validation.rule_table import rules_by_id
+from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.validation.validate import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
 import tables
@@ -76,15 +76,15 @@ def test_a_command_has_each_option_with_its_default(name):
         'play': declared.PLAY,
         'to-kitti': declared.TO_KITTI,
         'view': declared.VIEW,
-        'crop': dataset_tables.CROP,
+        'crop': datasets.CROP,
         'info': declared.SOURCE,
-        'validate': dataset_tables.VALIDATE,
+        'validate': datasets.VALIDATE,
         'report': declared.SOURCE,
-        'stats': dataset_tables.STATS,
-        'eval detection': evaluation_tables.DETECTION,
-        'eval odometry': evaluation_tables.ODOMETRY,
-        'eval tracking': evaluation_tables.TRACKING,
-        'eval live': evaluation_tables.LIVE,
+        'stats': datasets.STATS,
+        'eval detection': evaluation.DETECTION,
+        'eval odometry': evaluation.ODOMETRY,
+        'eval tracking': evaluation.TRACKING,
+        'eval live': evaluation.LIVE,
         'stacks': declared.SOURCE,
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
@@ -108,7 +108,7 @@ def test_every_public_name_is_in_the_reference():
 
 
 def test_exit_codes_are_all_there():
-    values = {str(value) for name, value in vars(exit_codes).items() if name.startswith('EXIT_')}
+    values = {str(value) for name, value in vars(exits).items() if name.startswith('EXIT_')}
     assert {row[0] for row in rows_of(tables.exit_codes())[2:]} == values
 
 
@@ -168,7 +168,7 @@ def test_rules_are_those_of_the_table():
 
 
 def test_parameters_services_and_policies_are_those_of_the_node():
-    parameters = pytest.importorskip('kitti_ros2.node.parameters', exc_type=ImportError)
+    parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
     rows = rows_of(tables.parameters())[2:]
     assert [row[0] for row in rows] == [f'`{each.name}`' for each in parameters.PARAMETERS]
     assert [row[4] == 'yes' for row in rows] == [each.live for each in parameters.PARAMETERS]

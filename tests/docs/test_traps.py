@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.oxts_file import COLUMNS
+from kitti_ros2.kitti.text_file import COLUMNS
 
 if TYPE_CHECKING:
     from pathlib import Path

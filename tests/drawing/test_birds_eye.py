@@ -10,11 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import bounds_of, canvas, drawn, flat, solid
 
-from kitti_ros2.drawing.birds_eye import BACKGROUND, birds_eye, draw_points_from_above
-from kitti_ros2.drawing.footprints import BirdView, draw_footprints, left_out
+from kitti_ros2.drawing.birds_eye import (
+    BACKGROUND,
+    BirdView,
+    birds_eye,
+    draw_footprints,
+    draw_points_from_above,
+    left_out,
+)
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.pictures import BirdOptions
+from kitti_ros2.options.outputs import BirdOptions
 
 OPTIONS = BirdOptions((-5.0, 25.0), (-10.0, 10.0), 10.0)
 VIEW = BirdView.of(OPTIONS)

@@ -12,17 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, project, solid
 
-from kitti_ros2.drawing.annotate import annotate
-from kitti_ros2.drawing.boxes_2d import draw_boxes_2d, projected_bounds
-from kitti_ros2.drawing.looks import box_color, caption_2d, caption_3d, class_color
-from kitti_ros2.drawing.objects import resized
-from kitti_ros2.drawing.palette import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS
-from kitti_ros2.drawing.projection import Projection
-from kitti_ros2.drawing.wireframes import draw_wireframes
-from kitti_ros2.model.boxes import DONT_CARE, clip_bounds, cuboid_corners
-from kitti_ros2.model.matching import Match, Verdict
+from kitti_ros2.drawing.annotate import (
+    Projection,
+    annotate,
+    draw_boxes_2d,
+    draw_wireframes,
+    projected_bounds,
+)
+from kitti_ros2.drawing.drawn_objects import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS, resized
+from kitti_ros2.drawing.strokes import box_color, caption_2d, caption_3d, class_color
+from kitti_ros2.model.boxes import DONT_CARE, Match, Verdict, clip_bounds, cuboid_corners
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.pictures.bag_frames import open_frames
 
 EXPECTED_IOU = {
     0: {'Pedestrian': 0.889},

@@ -11,18 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scenes import camera, canvas, flat, solid
 
-from kitti_ros2.drawing.annotate import annotate
-from kitti_ros2.drawing.birds_eye import birds_eye
-from kitti_ros2.drawing.boxes_2d import draw_boxes_2d
-from kitti_ros2.drawing.footprints import BirdView, draw_footprints
-from kitti_ros2.drawing.objects import LabelledObject
-from kitti_ros2.drawing.point_colors import PointColors
-from kitti_ros2.drawing.points import draw_points
-from kitti_ros2.drawing.projection import Projection
-from kitti_ros2.drawing.range_maps import range_maps
-from kitti_ros2.drawing.wireframes import draw_wireframes
+from kitti_ros2.drawing.annotate import Projection, annotate, draw_boxes_2d, draw_wireframes
+from kitti_ros2.drawing.birds_eye import BirdView, birds_eye, draw_footprints
+from kitti_ros2.drawing.drawn_objects import LabelledObject
+from kitti_ros2.drawing.points import PointColors, draw_points, range_maps
 from kitti_ros2.model.boxes import DONT_CARE
-from kitti_ros2.options.pictures import BirdOptions, ColorBy
+from kitti_ros2.options.outputs import BirdOptions, ColorBy
 
 ANY = st.floats() | st.sampled_from([0.0, -1.0, 1e9, -1e9, 1e300])
 SCANS = arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=st.floats(width=32))

@@ -12,14 +12,14 @@ import pytest
 from color_difference import ciede2000, contrast, deuteranope, lab, linear
 
 from kitti_ros2.drawing.birds_eye import BACKGROUND
-from kitti_ros2.drawing.palette import (
+from kitti_ros2.drawing.drawn_objects import (
     CLASS_COLORS,
     NEUTRAL_COLOR,
     PREDICTION_COLOR,
     VERDICT_COLORS,
 )
-from kitti_ros2.drawing.scales import color_table
-from kitti_ros2.options.pictures import ColorMap, PictureOptions
+from kitti_ros2.drawing.points import color_table
+from kitti_ros2.options.outputs import ColorMap, PictureOptions
 
 COLORS = {**CLASS_COLORS, 'prediction': PREDICTION_COLOR}
 PAIRS = [pair for pair in combinations(COLORS, 2) if COLORS[pair[0]] != COLORS[pair[1]]]

@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import project, solid
 
-from kitti_ros2.drawing.birds_eye import BACKGROUND
-from kitti_ros2.drawing.perspective import SIZE, draw_perspective, view_from_behind
-from kitti_ros2.drawing.point_colors import PointColors
-from kitti_ros2.drawing.scales import SCALES, color_table
-from kitti_ros2.options.pictures import ColorBy, ColorMap
+from kitti_ros2.drawing.birds_eye import BACKGROUND, SIZE, draw_perspective, view_from_behind
+from kitti_ros2.drawing.points import SCALES, PointColors, color_table
+from kitti_ros2.options.outputs import ColorBy, ColorMap
 
 VIEW = view_from_behind()
 EMPTY = draw_perspective(None, [], [])

@@ -10,11 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import SIZE, camera, canvas
 
-from kitti_ros2.drawing.point_colors import PointColors
-from kitti_ros2.drawing.points import draw_points, scatter
-from kitti_ros2.drawing.range_maps import range_maps
-from kitti_ros2.drawing.scales import EMPTY, SCALES, color_table
-from kitti_ros2.options.pictures import ColorBy, ColorMap
+from kitti_ros2.drawing.points import (
+    EMPTY,
+    SCALES,
+    PointColors,
+    color_table,
+    draw_points,
+    range_maps,
+    scatter,
+)
+from kitti_ros2.options.outputs import ColorBy, ColorMap
 
 MIDDLE = (SIZE[1] // 2, SIZE[0] // 2)
 

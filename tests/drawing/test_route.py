@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import canvas
 
-from kitti_ros2.drawing.route import draw_route
+from kitti_ros2.drawing.birds_eye import draw_route
 
 SIZE = (500, 400)
 

@@ -7,18 +7,15 @@ from __future__ import annotations
 import numpy as np
 from scenes import camera, canvas
 
-from kitti_ros2.drawing.birds_eye import draw_points_from_above
-from kitti_ros2.drawing.footprints import BirdView
-from kitti_ros2.drawing.point_colors import PointColors
-from kitti_ros2.drawing.points import draw_points
-from kitti_ros2.drawing.scales import EMPTY
-from kitti_ros2.drawing.semantic import (
+from kitti_ros2.drawing.birds_eye import BirdView, draw_points_from_above
+from kitti_ros2.drawing.drawn_objects import (
     SEMANTIC_COLORS,
     semantic_names,
     semantic_shades,
     semantic_table,
 )
-from kitti_ros2.options.pictures import ColorBy
+from kitti_ros2.drawing.points import EMPTY, PointColors, draw_points
+from kitti_ros2.options.outputs import ColorBy
 
 CAR, ROAD, OTHER = 10, 40, 12345
 

@@ -15,12 +15,12 @@ from contextlib import suppress
 import rclpy
 from rclpy.executors import ExternalShutdownException
 
+from kitti_ros2.messages.cdr import peek_header
 from kitti_ros2.messages.detections import encode_detections
-from kitti_ros2.messages.header import peek_header
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.bag_formats import CLOUD, DETECTIONS_3D
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.msgtypes import CLOUD, DETECTIONS_3D
 from kitti_ros2.node.message_types import message_class
 
 BOX = Cuboid('Car', '0', Transform.from_translation((10, 2, -0.9)), (4.0, 1.6, 1.5), 0.9)

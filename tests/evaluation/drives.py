@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.messages.cdr import join, serialize
-from kitti_ros2.messages.header import make_header, make_pose, make_vector3
+from kitti_ros2.messages.camera_info import encode_static, make_transform
+from kitti_ros2.messages.cdr import join, make_header, make_pose, make_vector3, serialize
 from kitti_ros2.messages.ros_types import (
     TYPESTORE,
     Odometry,
@@ -22,10 +22,9 @@ from kitti_ros2.messages.ros_types import (
     TwistWithCovariance,
 )
 from kitti_ros2.messages.ros_types import Path as PathMessage
-from kitti_ros2.messages.transforms import encode_static, make_transform
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import DEFAULT_EPOCH_NS
 
 if TYPE_CHECKING:

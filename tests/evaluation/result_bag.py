@@ -10,33 +10,34 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.messages.autoware_objects import (
+from kitti_ros2.messages.cdr import join, serialize
+from kitti_ros2.messages.detections import (
     ObjectFrame,
+    encode_boxes_2d,
     encode_detected_objects,
+    encode_detections,
     encode_tracked_objects,
 )
-from kitti_ros2.messages.cdr import join, serialize
-from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.boxes import DONT_CARE, Box, Cuboid
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.labels import cuboids_of
-from kitti_ros2.model.msgtypes import (
+from kitti_ros2.model.bag_formats import (
     DETECTED_OBJECTS,
     DETECTIONS_2D,
     DETECTIONS_3D,
     TRACKED_OBJECTS,
+    Channel,
 )
+from kitti_ros2.model.boxes import DONT_CARE, Box, Cuboid
+from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.samples import cuboids_of
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
 from kitti_ros2.options.messages import BASE_T_IMU
+from kitti_ros2.options.outputs import BagOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from kitti_ros2.kitti.recording import KittiRecording
+    from kitti_ros2.kitti.kitti_recording import KittiRecording
 
 TOPIC = '/my/detections'
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -10,21 +10,20 @@ import numpy as np
 import pytest
 
 from kitti_ros2.evaluation import read_bag_results
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import encode_static
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
-from kitti_ros2.messages.transforms import encode_static
-from kitti_ros2.model.autoware_labels import class_of, label_of
+from kitti_ros2.model.bag_formats import CLOCK, MARKERS, TF
 from kitti_ros2.model.boxes import Cuboid
+from kitti_ros2.model.classes import class_of, label_of
 from kitti_ros2.model.errors import BadBagError, UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.labels import cuboids_of, rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import CLOCK, MARKERS, TF
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.markers import MarkerOptions
+from kitti_ros2.model.samples import cuboids_of, rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import MarkerOptions
 
 from builders import convert_recording  # isort: skip
 from folder_and_bag import make_holes  # isort: skip

@@ -12,12 +12,11 @@ import pytest
 from result_folders import line, write_frames
 
 from kitti_ros2 import evaluation
-from kitti_ros2.api.keywords import DetectionKeywords, keyword_of
-from kitti_ros2.api.source import KittiRos2Warning
+from kitti_ros2.api.arguments import DetectionKeywords, KittiRos2Warning, keyword_of
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.evaluation_tables import DETECTION
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import DETECTION
 
 CAR = line()
 FOUND = line(score=0.9)

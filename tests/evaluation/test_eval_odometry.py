@@ -29,19 +29,19 @@ from drives import (
 
 from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.cli import main
-from kitti_ros2.drawing import plot_style
+from kitti_ros2.drawing import drawn_objects
 from kitti_ros2.evaluation import evaluate_odometry
 from kitti_ros2.kitti.calib_file import parse_calibration
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.poses import rect_from_imu
-from kitti_ros2.messages.header import make_header
+from kitti_ros2.kitti.kitti_recording import rect_from_imu
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.cdr import make_header
 from kitti_ros2.messages.naming import base_t_imu
 from kitti_ros2.messages.ros_types import Path as PathMessage
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 
 pytestmark = pytest.mark.skipif(find_spec('evo') is None, reason='evo is not installed')
 needs_matplotlib = pytest.mark.skipif(
@@ -56,7 +56,7 @@ RESULT = shaken(TRUTH)
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(plot_style, '_DPI', 60)
+    monkeypatch.setattr(drawn_objects, '_DPI', 60)
 
 
 @pytest.fixture
@@ -586,7 +586,7 @@ def test_a_short_way_has_a_plot_which_overwrite_replaces(tmp_path, run):
 
 
 def test_without_evo_the_error_says_how_to_install_it(root, monkeypatch, run):
-    monkeypatch.setattr('kitti_ros2.evaluation.pose_errors.find_spec', lambda _: None)
+    monkeypatch.setattr('kitti_ros2.evaluation.trajectories.find_spec', lambda _: None)
     code, _, err = run(gt(root), gt(root))
     assert code == 2
     assert "pip install 'kitti_ros2[eval]'" in err

@@ -15,11 +15,11 @@ from result_folders import write_frames
 
 from kitti_ros2 import evaluation
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.palette import VERDICT_COLORS
+from kitti_ros2.drawing.drawn_objects import VERDICT_COLORS
 from kitti_ros2.evaluation import worst_pictures
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.detections import encode_detections
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
 from folder_and_bag import make_holes  # isort: skip

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.evaluation.frame_stamps import PlayedTime, frames_of
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.evaluation.ground_truth import PlayedTime, frames_of
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout, Stream
 
 from folder_and_bag import make_holes  # isort: skip
 

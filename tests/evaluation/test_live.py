@@ -16,19 +16,16 @@ import pytest
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.evaluation import live, live_losses, live_run
-from kitti_ros2.evaluation.node_process import NodeProcess, StackError
-from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.header import peek_header
+from kitti_ros2.evaluation import live
+from kitti_ros2.evaluation.live import NodeProcess, StackError
+from kitti_ros2.messages.cdr import deserialize, peek_header
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.losses import Loss
-from kitti_ros2.model.msgtypes import CLOUD, DETECTIONS_3D, TF
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.evaluation_tables import make_live_options
-from kitti_ros2.player.answers import Answers
+from kitti_ros2.model.bag_formats import CLOUD, DETECTIONS_3D, TF, Channel
+from kitti_ros2.model.errors import Loss, UsageError
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import make_live_options
+from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.player.playback import Answers
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -194,7 +191,7 @@ class Waiting:
 )
 def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monkeypatch):
     clock = SimpleNamespace(monotonic=count().__next__, sleep=lambda _: None)
-    monkeypatch.setattr(live_run, 'time', clock)
+    monkeypatch.setattr(live, 'time', clock)
     named = pytest.raises(StackError, match=re.escape(complaint))
     with new_stage(tmp_path, Waiting(heard), Answers(1)) as stage, named:
         stage.wait_until_ready()
@@ -204,7 +201,7 @@ def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monke
 def new_stage(folder, player, answers):
     options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
     with open_bag(folder / 'a.mcap', BagOptions(), TYPESTORE) as bag:
-        yield live_run._Stage(player, None, options, bag, answers, options.task_of)
+        yield live._Stage(player, None, options, bag, answers, options.task_of)
 
 
 def test_a_flood_is_stopped(tmp_path):
@@ -224,7 +221,7 @@ def test_answers_with_the_current_time_are_explained(tmp_path):
     answers.sent(0, 1_317_000_000 * 10**9, scan=True)
     answers.received(1_700_000_000 * 10**9)
     with new_stage(tmp_path, Waiting(True), answers) as stage:
-        assert live_losses.why_nothing(stage.run, 'no answer within 30 s') == (
+        assert live.why_nothing(stage.run, 'no answer within 30 s') == (
             '/answering/bxes: no frame was answered (1 frame sent); no answer within 30 s; 1'
             ' message with the stamp of no frame, the first 2023-11-14 22:13:20.000000000; a result'
             ' must have the stamp of the scan or image that it was made from'

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from builders import convert_recording  # isort: skip

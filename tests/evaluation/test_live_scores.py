@@ -10,17 +10,15 @@ from types import SimpleNamespace
 import pytest
 from builders import convert_recording
 
-from kitti_ros2.evaluation import live, live_run, live_scores, pose_errors, track_metrics
-from kitti_ros2.evaluation.live_losses import LiveRun
-from kitti_ros2.evaluation.track_boxes import TrackBox, TrackBoxes
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.errors import KittiRos2Error, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.losses import Loss
-from kitti_ros2.model.msgtypes import DETECTIONS_3D, ODOMETRY
-from kitti_ros2.options.eval_odometry import Alignment
-from kitti_ros2.options.evaluation_tables import make_live_options
-from kitti_ros2.player.answers import Answers
+from kitti_ros2.evaluation import live, track_metrics, trajectories
+from kitti_ros2.evaluation.live import LiveRun
+from kitti_ros2.evaluation.track_metrics import TrackBox, TrackBoxes
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.bag_formats import DETECTIONS_3D, ODOMETRY
+from kitti_ros2.model.errors import KittiRos2Error, Loss, UsageError
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import Alignment, make_live_options
+from kitti_ros2.player.playback import Answers
 
 from result_bag import TOPIC, answers, write_bag  # isort: skip
 
@@ -30,9 +28,9 @@ def refusal(monkeypatch):
     """A function that returns the error of a run, which ends before anything is started."""
     monkeypatch.setattr(live, 'check_installed', lambda: None)
     monkeypatch.setattr(live, 'record_run', pytest.fail)
-    for module in (live_scores, pose_errors):
+    for module in (live, trajectories):
         monkeypatch.setattr(module, 'check_evo', lambda: None)
-    monkeypatch.setattr(live_scores, 'check_trackeval', lambda: None)
+    monkeypatch.setattr(live, 'check_trackeval', lambda: None)
 
     def refusal(source, **options):
         with pytest.raises(KittiRos2Error) as error:
@@ -75,7 +73,7 @@ def test_tracks_are_of_one_sequence(refusal, recordings, tmp_path):
 
 @pytest.mark.parametrize(
     ('task', 'module', 'package'),
-    [('odometry', pose_errors, 'evo'), ('tracking', track_metrics, 'trackeval')],
+    [('odometry', trajectories, 'evo'), ('tracking', track_metrics, 'trackeval')],
 )
 def test_what_is_not_installed_is_named_first(task, module, package, monkeypatch, recordings):
     monkeypatch.setattr(live, 'check_installed', lambda: None)
@@ -114,7 +112,7 @@ def test_a_bag_that_cannot_be_written_is_refused(
     name, complaint, monkeypatch, recordings, tmp_path
 ):
     pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
-    monkeypatch.setattr(live_run, 'NodeProcess', pytest.fail)
+    monkeypatch.setattr(live, 'NodeProcess', pytest.fail)
     for taken in ('taken.mcap', 'file'):
         (tmp_path / taken).touch()
     with pytest.raises(KittiRos2Error, match=re.escape(complaint)):
@@ -139,7 +137,7 @@ def test_frames_without_an_answer_are_lost_once_and_others_not(recordings, tmp_p
     bag = write_bag(tmp_path / 'boxes.mcap', [messages[1], messages[3]])
     frames = [SimpleNamespace(number=number) for number in range(5)]
     run = run_of(frames, played={1, 2, 3}, answered={1, 3})
-    found = live_scores.score_results('detection', source, bag, {}, run)
+    found = live.score_results('detection', source, bag, {}, run)
     assert found.frames == 2
     assert found.losses == ()
     assert run.missing == (2,)
@@ -151,7 +149,7 @@ def test_a_result_in_an_unknown_frame_says_why_nothing_is_scored(recordings, tmp
     frames = [SimpleNamespace(number=number) for number in range(5)]
     run = run_of(frames, played={*range(5)}, answered={*range(5)})
     with pytest.raises(KittiRos2Error, match="no transform at its stamp joins frame 'nowhere'"):
-        live_scores.score_results('detection', source, bag, {}, run)
+        live.score_results('detection', source, bag, {}, run)
 
 
 def test_tracks_of_frames_that_were_not_played_are_not_scored():
@@ -168,7 +166,7 @@ def test_tracking_scores_the_frames_that_were_played(recordings, tmp_path):
     bag = write_bag(tmp_path / 'boxes.mcap', answers(recording)[1:4])
     frames = [SimpleNamespace(number=number) for number in range(5)]
     run = run_of(frames, played={1, 2, 3}, answered={1, 2, 3})
-    found = live_scores.score_results('tracking', source, bag, {}, run)
+    found = live.score_results('tracking', source, bag, {}, run)
     assert (found.frames, found.losses) == (3, ())
     assert found.classes['car']['MOTA'] == 100
 
@@ -192,11 +190,11 @@ def test_poses_are_aligned_as_the_options_say(monkeypatch):
         aligned.append(chosen.align)
         raise UsageError('scored')
 
-    monkeypatch.setattr(live_scores, 'score_trajectory', score)
+    monkeypatch.setattr(live, 'score_trajectory', score)
     for align in (None, options.align.value):
         run = run_of([], played=set(), answered=set())
         with pytest.raises(UsageError, match='scored'):
-            live_scores.score_results('odometry', Path('gt'), Path('bag'), {}, run, align)
+            live.score_results('odometry', Path('gt'), Path('bag'), {}, run, align)
     assert aligned == [Alignment.FIRST, Alignment.SIM3]
 
 

@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from kitti_ros2.evaluation import node_process
-from kitti_ros2.evaluation.node_process import NodeProcess
+from kitti_ros2.evaluation import live
+from kitti_ros2.evaluation.live import NodeProcess
 from kitti_ros2.model.errors import UsageError
 
 from waiting import is_running, wait_until  # isort: skip
@@ -96,7 +96,7 @@ def test_it_is_stopped_by_ctrl_c_with_all_its_processes():
 
 
 def test_one_that_ignores_signals_is_killed(monkeypatch):
-    monkeypatch.setattr(node_process, '_STOPS', SHORT_STOPS)
+    monkeypatch.setattr(live, '_STOPS', SHORT_STOPS)
     code = (
         'import signal\n'
         'for each in (signal.SIGINT, signal.SIGTERM):\n'

@@ -13,7 +13,7 @@ from random_results import make_frames
 from result_folders import dont_care, line, write_frames
 
 from kitti_ros2.evaluation import evaluate_detection
-from kitti_ros2.model.difficulty import Difficulty
+from kitti_ros2.model.boxes import Difficulty
 
 LEVELS = ('easy', 'moderate', 'hard')
 SAMPLES = 41

@@ -13,19 +13,17 @@ from drives import odometry, offsets_ns, write_bag, write_poses, write_sequence,
 
 from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.evaluation import evaluate_odometry
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import NS_PER_S
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import NS_PER_S, Layout, Stream
 from kitti_ros2.options.read import (
     DEFAULT_EPOCH_NS,
     NOMINAL_PERIOD_NS,
     ReadOptions,
     ScanStamp,
+    SelectionOptions,
 )
-from kitti_ros2.options.selection import SelectionOptions
-from kitti_ros2.synthetic.path import motion_at
+from kitti_ros2.synthetic.scene import motion_at
 
 from folder_and_bag import make_holes  # isort: skip
 

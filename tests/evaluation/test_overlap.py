@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from devkit_rules import clip, shoelace
 
-from kitti_ros2.evaluation.object_table import pairs_by_frame
-from kitti_ros2.evaluation.overlap import intersect_rectangles
+from kitti_ros2.evaluation.object_benchmark import intersect_rectangles, pairs_by_frame
 
 
 def outline(rectangle):

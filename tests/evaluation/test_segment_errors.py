@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from drives import drifted, drive, shaken
 
-from kitti_ros2.evaluation.segment_errors import segment_errors
+from kitti_ros2.evaluation.trajectories import segment_errors
 
-from kitti_ros2.kitti.poses_file import parse_poses  # isort: skip
+from kitti_ros2.kitti.text_file import parse_poses  # isort: skip
 
 
 def brute_force(numbers, truth, result):

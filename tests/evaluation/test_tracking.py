@@ -15,23 +15,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.api.keywords import TrackingKeywords, keyword_of
+from kitti_ros2.api.arguments import TrackingKeywords, keyword_of
 from kitti_ros2.cli import main
 from kitti_ros2.evaluation import evaluate_tracking
 from kitti_ros2.evaluation.track_metrics import load_trackeval
 from kitti_ros2.kitti.label_file import format_tracking_labels
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.boxes import Box
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.evaluation_tables import TRACKING
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import TRACKING
 
 from result_bag import answers, answers_2d, stamps_of, write_bag  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.api.source.KittiRos2Warning')
+pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.api.arguments.KittiRos2Warning')
 needs_trackeval = pytest.mark.skipif(
     importlib.util.find_spec('trackeval') is None,
     reason="trackeval is not installed; pip install 'kitti_ros2[eval]'",

@@ -18,22 +18,21 @@ from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.autoware_objects import cuboids_of_objects
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import decode_static
+from kitti_ros2.messages.detections import cuboids_of_objects
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.model.autoware_labels import class_of, label_of
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.boxes import count_points
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.classes import class_of, label_of
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.labels import cuboids_of
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.samples import cuboids_of
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions, Objects
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 
 from builders import SMALL, convert_recording  # isort: skip
 

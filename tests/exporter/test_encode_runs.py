@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.exporter import encode_runs
+from kitti_ros2.exporter import to_bag
 from kitti_ros2.exporter.encode import Encoder
-from kitti_ros2.exporter.encode_runs import RunEncoder
 from kitti_ros2.exporter.schedule import make_schedule
-from kitti_ros2.files.shared_slots import SharedSlots
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.exporter.to_bag import RunEncoder
+from kitti_ros2.files.processes import SharedSlots
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.batch import split_batch_options
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.options.table import split_batch_options
 
 from builders import convert_recording, files_of  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
@@ -50,11 +50,9 @@ def forks(monkeypatch):
     """The starts of processes; they are started although a test runner may have threads."""
     started = []
     before = set(multiprocessing.active_children())
-    forked = encode_runs.forked
-    monkeypatch.setattr(
-        encode_runs, 'forked', lambda *given: (started.append(given), forked(*given))[1]
-    )
-    monkeypatch.setattr(encode_runs, 'can_fork', lambda: True)
+    forked = to_bag.forked
+    monkeypatch.setattr(to_bag, 'forked', lambda *given: (started.append(given), forked(*given))[1])
+    monkeypatch.setattr(to_bag, 'can_fork', lambda: True)
     yield started
     assert set(multiprocessing.active_children()) <= before
 
@@ -118,13 +116,13 @@ def test_with_strict_the_same_loss_stops(drive, tmp_path):
 
 
 def test_a_run_that_does_not_fit_into_shared_memory(recordings, tmp_path, monkeypatch):
-    monkeypatch.setattr(encode_runs, '_SLOT_BYTES', 100_000)
+    monkeypatch.setattr(to_bag, '_SLOT_BYTES', 100_000)
     messages = MessageOptions(images=Images.BOTH)
     same_for_any_number_of_jobs(recordings[Layout.RAW], tmp_path, 'out.mcap', messages)
 
 
 def test_a_run_is_pickled_and_its_large_buffers_are_not(recordings, monkeypatch):
-    monkeypatch.setattr(encode_runs, 'hold_to_one_thread', lambda: None)  # this is no worker
+    monkeypatch.setattr(to_bag, 'hold_to_one_thread', lambda: None)  # this is no worker
     recording = open_recording(recordings[Layout.RAW])
     schedule = make_schedule(recording, SelectionOptions())
     encoder = Encoder(recording, schedule, MessageOptions(), SelectionOptions())
@@ -209,7 +207,7 @@ def test_an_interrupt_is_one_line_and_leaves_nothing(recordings, tmp_path):
 def test_a_program_with_threads_converts_without_processes(
     recordings, tmp_path, monkeypatch, forks
 ):
-    monkeypatch.setattr(encode_runs, 'can_fork', lambda: False)
+    monkeypatch.setattr(to_bag, 'can_fork', lambda: False)
     assert convert_recording(recordings[Layout.RAW], tmp_path / 'out.mcap', jobs=4).counts
     assert not forks
 

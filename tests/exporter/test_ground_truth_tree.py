@@ -14,11 +14,8 @@ from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.naming import naming_of, with_ground_truth_tree
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import CAMERA_NAMES
-from kitti_ros2.options.ground_truth import GroundTruthOptions
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import MessageOptions, Preset
+from kitti_ros2.model.streams import CAMERA_NAMES, Layout
+from kitti_ros2.options.messages import GroundTruthOptions, MarkerOptions, MessageOptions, Preset
 from kitti_ros2.stacks.stack_names import StackName
 
 from builders import convert_recording, files_of, one_line  # isort: skip

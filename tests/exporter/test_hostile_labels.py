@@ -10,11 +10,11 @@ from collections import Counter
 
 import pytest
 
-from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.kitti.tracklet_file import parse_tracklets
+from kitti_ros2.drawing.drawn_objects import color_of
+from kitti_ros2.kitti.label_file import parse_tracklets
 from kitti_ros2.model.errors import BadFileError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.markers import MarkerColors, MarkerOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.messages import MarkerColors, MarkerOptions
 
 from builders import SMALL  # isort: skip
 from test_labels import DETECTIONS, MARKERS, POINTS, read, run  # isort: skip

@@ -11,18 +11,17 @@ import pytest
 from extract_drive import FAST, copy_extract, fast_drive, open_with
 
 import kitti_ros2
-from kitti_ros2.api.source import KittiRos2Warning
+from kitti_ros2.api.arguments import KittiRos2Warning
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.header import stamp_ns_of
+from kitti_ros2.messages.cdr import deserialize, stamp_ns_of
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
-from kitti_ros2.player.source import open_program
-from kitti_ros2.synthetic.write import extract_of
+from kitti_ros2.player.bag_program import open_program
+from kitti_ros2.synthetic.drive import extract_of
 
 IMU, FIX, VEL = '/kitti/oxts/imu', '/kitti/oxts/fix', '/kitti/oxts/vel'
 VEL_COVARIANCE = '/kitti/oxts/vel_with_covariance'

@@ -14,26 +14,21 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
-from kitti_ros2.messages.cdr import deserialize, join, serialize
+from kitti_ros2.kitti.label_file import format_tracklets, parse_tracklets
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import decode_static
+from kitti_ros2.messages.cdr import deserialize, join, serialize, stamp_ns_of, transform_of
 from kitti_ros2.messages.detections import cuboids_of_detections
-from kitti_ros2.messages.header import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
-from kitti_ros2.messages.naming import FrameNames
-from kitti_ros2.messages.source import decode_text
-from kitti_ros2.messages.transforms import decode_static
+from kitti_ros2.messages.naming import FrameNames, decode_text
 from kitti_ros2.model.boxes import Box, box_of, box_rotations
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.labels import Trails, cuboids_of, identified, rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.samples import FrameLabels
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.model.samples import FrameLabels, Trails, cuboids_of, identified, rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
-from kitti_ros2.synthetic.lidar import ELEVATIONS, MAX_RANGE, cast_scan
+from kitti_ros2.synthetic.sensors import ELEVATIONS, MAX_RANGE, cast_scan
 
 from builders import SMALL, boxes_2d_in, convert_recording, parse_boxes  # isort: skip
 

@@ -13,15 +13,14 @@ from prediction_set import LABELS, RESULTS, track_lines, write_prediction_set, w
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.palette import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.drawing.drawn_objects import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
+from kitti_ros2.model.boxes import Verdict
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.matching import Verdict
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
+from kitti_ros2.kitti.label_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.source import decode_text
+from kitti_ros2.messages.naming import decode_text
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 
 from builders import boxes_2d_in, convert_recording, seen_by  # isort: skip
 from test_labels import (  # isort: skip

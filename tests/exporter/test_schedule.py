@@ -8,13 +8,12 @@ import pytest
 from kitti_ros2.cli import main
 from kitti_ros2.exporter import schedule as schedules
 from kitti_ros2.exporter.schedule import make_schedule
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.read import Bound, SelectionOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 
 from builders import SMALL  # isort: skip
 

@@ -13,12 +13,10 @@ import pytest
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.header import stamp_ns_of
-from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import decode_static
+from kitti_ros2.messages.cdr import deserialize, stamp_ns_of
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions, StereoFrame
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.rig.tf_tree import FrameTree

@@ -12,16 +12,15 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.header import stamp_ns_of
+from kitti_ros2.files.image_files import decode_png
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.cdr import stamp_ns_of
+from kitti_ros2.messages.naming import decode_text
 from kitti_ros2.messages.scan import decode_scan
-from kitti_ros2.messages.source import decode_text
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.read import Bound, SelectionOptions
 
 from builders import SMALL, convert_recording as run  # isort: skip
 from typing import TYPE_CHECKING

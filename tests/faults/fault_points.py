@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from kitti_ros2.batch.manifest import MANIFEST
-from kitti_ros2.kitti.append_journal import FOLDER, JOURNAL
+from kitti_ros2.kitti.object_set import FOLDER, JOURNAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.kitti.archive_places import places, places_in
+from kitti_ros2.kitti.archives import places, places_in
 
 DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
 

@@ -19,19 +19,16 @@ from http_mirror import Mirror, serving
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
+from kitti_ros2.fetch import download, extract, transfer
 from kitti_ros2.fetch import download as download_module
-from kitti_ros2.fetch import finished, locking, transfer
-from kitti_ros2.fetch.catalogue import ENTRIES, KITTI_URL
-from kitti_ros2.fetch.keywords import DownloadKeywords, ExtractKeywords
-from kitti_ros2.fetch.locking import locked_folder
-from kitti_ros2.fetch.raw_drives import CATEGORIES, raw_drives
-from kitti_ros2.fetch.selection import RawKinds, select
-from kitti_ros2.fetch.sources import make_source
-from kitti_ros2.files import durability
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.fetch.catalogue import CATEGORIES, ENTRIES, KITTI_URL, RawKinds, raw_drives, select
+from kitti_ros2.fetch.download_sources import make_source
+from kitti_ros2.fetch.extract import DownloadKeywords, ExtractKeywords, locked_folder
+from kitti_ros2.files import local_files
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.dataset_tables import DOWNLOAD, EXTRACT
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.datasets import DOWNLOAD, EXTRACT
 
 DRIVE = '2011_09_26_drive_0048'
 SYNC = f'/raw_data/{DRIVE}/{DRIVE}_sync.zip'
@@ -252,9 +249,9 @@ def test_what_a_killed_run_left_of_a_complete_archive_is_removed(mirror, tmp_pat
 @pytest.mark.parametrize('fsync', [True, False])
 def test_no_file_is_synced_where_nobody_minds(mirror, tmp_path, monkeypatch, fsync):
     synced = []
-    sync = durability._sync
+    sync = local_files._sync
     monkeypatch.setattr(
-        durability, '_sync', lambda path, flags: synced.append(path.is_file()) or sync(path, flags)
+        local_files, '_sync', lambda path, flags: synced.append(path.is_file()) or sync(path, flags)
     )
     run('raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url, '--accept-license',
         '-q', '--fsync' if fsync else '--no-fsync')  # fmt: skip
@@ -270,13 +267,13 @@ def test_errors_after_a_download_say_what_is_kept(mirror, tmp_path, monkeypatch,
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with monkeypatch.context() as patched:
-        patched.setattr(finished, 'replace_file', refuse)
+        patched.setattr(download, 'replace_file', refuse)
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'extracted.json: cannot be written (Input/output error); what is complete is' in line
     (tmp_path / 'o' / 'archives' / 'extracted.json').unlink(missing_ok=True)
     with monkeypatch.context() as patched:
-        patched.setattr(locking, 'lock_exclusively', _refuse_after_the_first())
+        patched.setattr(extract, 'lock_exclusively', _refuse_after_the_first())
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'what was downloaded is kept' in line

@@ -23,11 +23,11 @@ from hypothesis import strategies as st
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
-from kitti_ros2.fetch import tree
-from kitti_ros2.fetch.errors import BadArchiveError, StoppedError
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.fetch import extract
+from kitti_ros2.fetch.archive_formats import BadArchiveError, StoppedError
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import KittiRos2Error, OutputError, UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 
 def set_of(layout, recordings):
@@ -162,7 +162,7 @@ def test_files_of_desktop_programs_are_left_out_and_counted(tmp_path):
 def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     files = {f'training/velodyne/{number:06d}.bin': bytes([number]) * 999 for number in (1, 4, 9)}
     archive = pack(tmp_path / 'a.zip', files)
-    write, calls = tree._write, []
+    write, calls = extract._write, []
 
     def interrupted(part, *rest):
         calls.append(part)
@@ -171,7 +171,7 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return write(part, *rest)
 
-    monkeypatch.setattr(tree, '_write', interrupted)
+    monkeypatch.setattr(extract, '_write', interrupted)
     with pytest.raises(KeyboardInterrupt):
         datasets.extract(archive, tmp_path / 'out')
     assert list(tree_of(tmp_path / 'out')) == ['training/velodyne/000001.bin']
@@ -191,7 +191,7 @@ def test_what_a_killed_run_left_is_replaced(tmp_path):
 
 def test_a_full_disk_is_one_line_and_keeps_what_is_complete(tmp_path, monkeypatch, capsys):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1', 'training/velodyne/000005.bin': b'2'})
-    write, calls = tree._write, []
+    write, calls = extract._write, []
 
     def full(*given):
         calls.append(given)
@@ -199,7 +199,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_is_complete(tmp_path, monkeypatc
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(*given)
 
-    monkeypatch.setattr(tree, '_write', full)
+    monkeypatch.setattr(extract, '_write', full)
     assert main(['extract', str(archive), str(tmp_path / 'out')]) == 2
     line = one_line(capsys.readouterr().err)
     assert 'the disk is full; what is complete is kept, run it again to go on' in line
@@ -217,7 +217,9 @@ def test_too_little_space_is_known_before(tmp_path, monkeypatch):
 
 def test_an_unwritable_folder(tmp_path, monkeypatch):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1'})
-    monkeypatch.setattr(tree, '_write', lambda *_: (_ for _ in ()).throw(PermissionError(13, 'no')))
+    monkeypatch.setattr(
+        extract, '_write', lambda *_: (_ for _ in ()).throw(PermissionError(13, 'no'))
+    )
     with pytest.raises(StoppedError, match='cannot be written'):
         datasets.extract(archive, tmp_path / 'out')
 

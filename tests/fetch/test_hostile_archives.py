@@ -24,8 +24,8 @@ from hypothesis import strategies as st
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
-from kitti_ros2.fetch import members
-from kitti_ros2.fetch.errors import BadArchiveError
+from kitti_ros2.fetch import archive_formats
+from kitti_ros2.fetch.archive_formats import BadArchiveError
 from kitti_ros2.model.errors import KittiRos2Error
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(autouse=True)
 def small_bombs(monkeypatch):
-    monkeypatch.setattr(members, '_LEAST_SUSPICIOUS_BYTES', 1_000_000)
+    monkeypatch.setattr(archive_formats, '_LEAST_SUSPICIOUS_BYTES', 1_000_000)
 
 
 NAMES = {
@@ -217,7 +217,7 @@ def test_archives(tmp_path, capsys, kind):
 
 
 def test_the_number_of_entries_is_limited(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(members, '_MOST_MEMBERS', 3)
+    monkeypatch.setattr(archive_formats, '_MOST_MEMBERS', 3)
     path = pack(tmp_path / 'a.zip', {f'training/calib/{n}.txt': b'' for n in range(4)})
     assert 'has over 3 entries' in refused(path, tmp_path / 'out', capsys)
 

@@ -17,8 +17,8 @@ import pytest
 from allocations import little_memory
 from http_mirror import Mirror, etag_of, serving
 
-from kitti_ros2.fetch import http_client
-from kitti_ros2.fetch.sources import (
+from kitti_ros2.fetch import download_sources
+from kitti_ros2.fetch.download_sources import (
     BrokenTransferError,
     DownloadError,
     FolderSource,
@@ -286,7 +286,7 @@ def test_a_server_that_stalls(tmp_path):
 @pytest.mark.parametrize('redirected', [False, True])
 def test_a_server_that_sends_its_header_by_and_by(tmp_path, redirected, monkeypatch):
     """It is never silent for as long as the time-out is."""
-    monkeypatch.setattr(http_client, '_HEADER_TIMEOUTS', 0.4 / PATIENCE_S)
+    monkeypatch.setattr(download_sources, '_HEADER_TIMEOUTS', 0.4 / PATIENCE_S)
     given_up, never = threading.Event(), threading.Event()
 
     def drip(handler):
@@ -326,7 +326,7 @@ def test_the_time_for_a_header_ends_with_it(monkeypatch):
         def cancel(self):
             """Come too late."""
 
-    monkeypatch.setattr(http_client, 'Timer', LateTimer)
+    monkeypatch.setattr(download_sources, 'Timer', LateTimer)
     begun = threading.Event()
 
     def drip(handler):
@@ -351,7 +351,7 @@ def test_the_time_for_a_header_ends_with_it(monkeypatch):
 
 def test_a_connection_that_is_made_too_late_is_ended():
     made, other = socket.socketpair()
-    connections = http_client._Connections()
+    connections = download_sources._Connections()
     stream = SimpleNamespace(get_extra_info=lambda _: made)
     with made, other, connections.ending_after(60.0) as ended:
         connections._end(0)

@@ -10,7 +10,7 @@ from itertools import count
 
 import pytest
 
-from kitti_ros2.files.signal_hold import SignalHold, deferred_signals
+from kitti_ros2.files.threads import SignalHold, deferred_signals
 
 
 @pytest.fixture

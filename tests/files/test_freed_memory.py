@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.files import freed_memory
-from kitti_ros2.files.freed_memory import FreeMemory
+from kitti_ros2.files import processes
+from kitti_ros2.files.processes import FreeMemory
 
 FREED = """
 import re
 from pathlib import Path
-from kitti_ros2.files import freed_memory
+from kitti_ros2.files import processes as freed_memory
 
 def megabytes():
     return int(re.search(r'RssAnon:\\s+(\\d+) kB', Path('/proc/self/status').read_text())[1]) >> 10
@@ -45,7 +45,7 @@ def test_free_pages_between_used_ones_are_given_back():
 
 def test_memory_is_given_back_once_a_minute(monkeypatch):
     now, given_back = [1000.0], []
-    monkeypatch.setattr(freed_memory.time, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(processes.time, 'monotonic', lambda: now[0])
     memory = FreeMemory()
     monkeypatch.setattr(memory, '_trim', lambda kept: given_back.append((now[0], kept)))
     for _ in range(1300):
@@ -55,6 +55,6 @@ def test_memory_is_given_back_once_a_minute(monkeypatch):
 
 
 def test_without_glibc_nothing_is_given_back(monkeypatch):
-    monkeypatch.setattr(freed_memory, '_GIVEN_BACK_EVERY_S', 0)
-    monkeypatch.setattr(freed_memory.ctypes, 'CDLL', lambda _: object())  # as musl's or macOS's
+    monkeypatch.setattr(processes, '_GIVEN_BACK_EVERY_S', 0)
+    monkeypatch.setattr(processes.ctypes, 'CDLL', lambda _: object())  # as musl's or macOS's
     FreeMemory().give_back()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.files.hard_links import FilePlacer, walk_files
+from kitti_ros2.files.local_files import FilePlacer, walk_files
 from kitti_ros2.model.errors import BadFileError, UnreadableFileError
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kitti_ros2.files.jpeg import decode_jpeg
+from kitti_ros2.files.image_files import decode_jpeg
 
 COLOUR = cv2.IMREAD_COLOR
 
@@ -80,7 +80,7 @@ def test_a_process_without_standard_error_decodes(tmp_path):
     path = tmp_path / 'image.jpg'
     jpeg().tofile(path)
     program = (
-        'import os, numpy, kitti_ros2.files.jpeg as jpeg; os.close(2);'
+        'import os, numpy, kitti_ros2.files.image_files as jpeg; os.close(2);'
         f'print(jpeg.decode_jpeg(numpy.fromfile({str(path)!r}, numpy.uint8), 1).shape)'
     )
     done = subprocess.run(

@@ -12,9 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.files import page_cache
-from kitti_ros2.files.page_cache import without_end, without_start, write_uncached
-from kitti_ros2.files.vectored import VectoredFile
+from kitti_ros2.files import local_files
+from kitti_ros2.files.local_files import VectoredFile, without_end, without_start, write_uncached
 from kitti_ros2.kitti.store import STORE
 
 SIZES = [0, 1, 4095, 4096, 65535, 65536, 65537, 3 * 2**20 + 5]
@@ -36,7 +35,7 @@ def kernel(request, monkeypatch) -> None:
         return pwritev(file, buffers, position)
 
     monkeypatch.setattr(os, 'pwritev', older)
-    monkeypatch.setattr(page_cache, '_KERNEL_DROPS_PAGES', True)
+    monkeypatch.setattr(local_files, '_KERNEL_DROPS_PAGES', True)
 
 
 def some_bytes(count: int) -> bytes:
@@ -83,7 +82,7 @@ def test_whole_pages_of_large_buffers_are_not_cached(tmp_path, monkeypatch, soun
         return asked[-1][2]
 
     monkeypatch.setattr(os, 'pwritev', pwritev)
-    monkeypatch.setattr(page_cache, '_KERNEL_DROPS_PAGES', sound)
+    monkeypatch.setattr(local_files, '_KERNEL_DROPS_PAGES', sound)
     STORE.write(tmp_path / 'small', bytes(65535))
     STORE.write(tmp_path / 'large', bytes(3 * 65536 + 5))
     large = [(0x80, 0, 3 * 65536), (0, 3 * 65536, 5)] if sound else [(0, 0, 3 * 65536 + 5)]
@@ -103,7 +102,7 @@ def test_whole_pages_of_large_buffers_are_not_cached(tmp_path, monkeypatch, soun
     ],
 )
 def test_kernels_that_are_trusted(platform, release, sound):
-    assert page_cache.kernel_drops_pages(platform, release) is sound
+    assert local_files.kernel_drops_pages(platform, release) is sound
 
 
 def test_what_the_disk_refuses_is_told(tmp_path, monkeypatch):

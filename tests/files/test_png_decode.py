@@ -13,9 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_png
-from kitti_ros2.files.png.inflate import inflated
+from kitti_ros2.files.image_files import decode_png, inflated, parse_png
 
 
 def noisy(shape, seed: int) -> np.ndarray:
@@ -70,7 +68,7 @@ GREY = image_data(b'\0\1\2\0\3\4')
 def library(request, monkeypatch):
     """What inflates: isal where it is installed, or zlib."""
     if request.param == 'zlib':
-        monkeypatch.setattr('kitti_ros2.files.png.inflate._LIBRARY', zlib)
+        monkeypatch.setattr('kitti_ros2.files.image_files._LIBRARY', zlib)
     else:
         pytest.importorskip('isal')
 

@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.files.png.header import parse_png
+from kitti_ros2.files.image_files import encode_png, parse_png
 
 
 def decoded(png: bytes) -> np.ndarray:

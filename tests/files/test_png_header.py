@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.cli import main
-from kitti_ros2.files.png.header import parse_png
+from kitti_ros2.files.image_files import parse_png
 from kitti_ros2.model.errors import BadFileError
 
 

@@ -13,18 +13,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.files import scattered
-from kitti_ros2.files.scattered import PageScatter
+from kitti_ros2.bags import container_file
+from kitti_ros2.bags.container_file import PageScatter
 
 PAGES = 40
-PREADV = scattered._preadv
+PREADV = container_file._preadv
 
 
 @pytest.fixture(params=['preadv', 'pread'], autouse=True)
 def way(request):
     with pytest.MonkeyPatch.context() as patch:
         if request.param == 'pread':
-            patch.setattr(scattered, '_preadv', lambda: None)
+            patch.setattr(container_file, '_preadv', lambda: None)
         yield
 
 
@@ -99,7 +99,7 @@ def test_an_interrupted_read_is_repeated(pages, monkeypatch):
             return -1
         return read(*given)
 
-    monkeypatch.setattr(scattered, '_preadv', lambda: interrupt)
+    monkeypatch.setattr(container_file, '_preadv', lambda: interrupt)
     target = np.zeros(508, np.uint8)
     assert PageScatter(512, 508, 4096).read(file, 512, 1, target) is not None
     assert (target == expected[1, 4:]).all()

@@ -9,7 +9,8 @@ import errno
 import pytest
 
 from kitti_ros2.files import local_staging
-from kitti_ros2.files.staging import Staging, staged, taking_over
+from kitti_ros2.files.local_staging import Staging, taking_over
+from kitti_ros2.files.staging import staged
 from kitti_ros2.model.errors import OutputError, OutputExistsError
 
 

@@ -9,8 +9,7 @@ from queue import SimpleQueue
 
 import pytest
 
-from kitti_ros2.files.threads import Threads, ThreadTask
-from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map
+from kitti_ros2.files.threads import OrderedPool, SpareThreads, Threads, ThreadTask, ordered_map
 
 from broken_lock import strike_each_lock  # isort: skip
 from waiting import PATIENCE_S, wait_until  # isort: skip

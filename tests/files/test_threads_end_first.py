@@ -9,7 +9,7 @@ import pytest
 import kitti_ros2
 from kitti_ros2.datasets import crop
 from kitti_ros2.files.local_staging import Staging
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
 from foreign import make_truth, write_foreign  # isort: skip

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.files.workers import OrderedPool, SpareThreads, ordered_map, worker_count
+from kitti_ros2.files.threads import OrderedPool, SpareThreads, ordered_map, worker_count
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 

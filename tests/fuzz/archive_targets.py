@@ -13,11 +13,9 @@ from contextlib import suppress
 from io import BytesIO
 from shutil import rmtree
 
-from kitti_ros2.fetch.errors import BadMemberError
+from kitti_ros2.fetch.archive_formats import BadMemberError, Limits, checked, open_archive
 from kitti_ros2.fetch.extract import extract, extract_all
-from kitti_ros2.fetch.members import Limits, checked
-from kitti_ros2.fetch.open_archive import open_archive
-from kitti_ros2.options.fetching import ExtractOptions
+from kitti_ros2.options.datasets import ExtractOptions
 
 from .target import Target, place, stored
 
@@ -141,11 +139,9 @@ _WORDS = (
 
 TARGETS = (
     Target('archive', _archive, _archives,
-           ('fetch/open_archive.py', 'fetch/members.py', 'fetch/zip_archive.py',
-            'fetch/tar_archive.py', 'fetch/xz_file.py'), _WORDS, mend=_summed, short=150),
+           ('fetch/archive_formats.py',), _WORDS, mend=_summed, short=150),
     Target('extract', _extract, _archives,
-           ('fetch/extract.py', 'fetch/placement.py', 'fetch/tree.py', 'fetch/members.py',
-            'fetch/open_archive.py'), _WORDS, mend=_summed,
+           ('fetch/extract.py', 'fetch/archive_formats.py'), _WORDS, mend=_summed,
            short=50),
 )  # fmt: skip
 """All of them."""

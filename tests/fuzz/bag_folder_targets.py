@@ -10,8 +10,7 @@ from pathlib import Path
 from shutil import rmtree
 
 from kitti_ros2.bags.locate import is_bag, looks_like_bag
-from kitti_ros2.bags.message_source import BagMessages
-from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.reader import BagMessages, open_messages
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.model.errors import KittiRos2Error
 
@@ -94,7 +93,7 @@ _FOLDERS = (
 
 TARGETS = (
     Target('several', _several, _pairs,
-           ('bags/recover.py', 'bags/definitions.py', *COMMON), RECORD_WORDS, short=20),
+           ('bags/recover.py', 'bags/stored_messages.py', *COMMON), RECORD_WORDS, short=20),
     Target('folder', _folder, lambda: _FOLDERS, ('bags/locate.py',), (b'.mcap', b'.bag', b'_0.'),
            is_text=True, short=30),
 )  # fmt: skip

@@ -14,7 +14,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from kitti_ros2.bags.bag_files import OpenBag
-from kitti_ros2.bags.pieces import size_of
+from kitti_ros2.bags.container_file import size_of
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -29,17 +29,11 @@ from bags.bag_samples import jazzy  # isort: skip
 if TYPE_CHECKING:
     from pathlib import Path
 
-_MCAP = ('bags/mcap_file.py', 'bags/mcap_scan.py', 'bags/mcap_records.py',
-         'bags/chunked_file.py', 'bags/chunk_scan.py',
-         'bags/record_walk.py')  # fmt: skip
-_SQLITE = ('bags/sqlite_file.py', 'bags/sqlite_scan.py', 'bags/sqlite_tree.py',
-           'bags/sqlite_rows.py', 'bags/sqlite_topics.py', 'bags/sqlite_connection.py')  # fmt: skip
-_ROS1 = ('bags/ros1_file.py', 'bags/ros1_scan.py', 'bags/ros1_records.py',
-         'bags/ros1_messages.py', 'bags/chunked_file.py', 'bags/chunk_scan.py',
-         'bags/record_walk.py')  # fmt: skip
-COMMON = ('bags/message_source.py', 'bags/summary.py', 'bags/pieces.py', 'bags/bag_files.py',
-           'bags/to_cdr.py', 'bags/offered_qos.py', 'bags/foxglove_channels.py',
-           'bags/decompressors.py')  # fmt: skip
+_MCAP = ('bags/mcap_reader.py', 'bags/chunked_file.py')  # fmt: skip
+_SQLITE = ('bags/sqlite_reader.py', 'bags/sqlite_pages.py')  # fmt: skip
+_ROS1 = ('bags/ros1_bag.py', 'bags/stored_messages.py', 'bags/chunked_file.py')  # fmt: skip
+COMMON = ('bags/reader.py', 'bags/container_file.py', 'bags/bag_files.py',
+          'bags/stored_messages.py', 'bags/decompression.py')  # fmt: skip
 
 
 def read_bag(path: Path) -> None:

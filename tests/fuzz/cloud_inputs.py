@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kitti_ros2.model import msgtypes as types
-from kitti_ros2.model.cloud_formats import FORMATS
+from kitti_ros2.model import bag_formats as types
+from kitti_ros2.model.bag_formats import FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from kitti_ros2.model.cloud_formats import CloudFormat
+    from kitti_ros2.model.bag_formats import CloudFormat
 
     from .message_inputs import Messages
 

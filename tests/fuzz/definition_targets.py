@@ -7,12 +7,9 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from kitti_ros2.bags.decoding import Decoder
-from kitti_ros2.bags.definitions import Definitions
-from kitti_ros2.bags.findings import Findings
-from kitti_ros2.bags.offered_qos import offered_qos, qos_faults
-from kitti_ros2.bags.pieces import StoredChannel
-from kitti_ros2.bags.reading import BagMessage
+from kitti_ros2.bags.container_file import Findings, StoredChannel, offered_qos, qos_faults
+from kitti_ros2.bags.reader import BagMessage, Decoder
+from kitti_ros2.bags.stored_messages import Definitions
 from kitti_ros2.kitti.store import decode_text
 from kitti_ros2.messages.ros_types import TYPESTORE
 
@@ -72,13 +69,13 @@ _TYPE_WORDS = (
     *(b'(', b'sequence<', b'/*', b'//', b'"', b'#', b'a/B'),
 )
 
-_MODULES = ('bags/definitions.py', 'bags/definition_texts.py', 'messages/plain_definitions.py')
+_MODULES = ('bags/stored_messages.py', 'messages/type_definitions.py')
 TARGETS = (
-    Target('qos', _qos, _qos_texts, ('bags/offered_qos.py',), YAML_WORDS, is_text=True,
+    Target('qos', _qos, _qos_texts, ('bags/container_file.py',), YAML_WORDS, is_text=True,
            long=100_000),
     Target('definition', _definition, _definition_texts,
            _MODULES, _TYPE_WORDS, is_text=True, long=100_000),
     Target('typestore', _typestore, _definition_texts,
-           (*_MODULES, 'bags/decoding.py'), _TYPE_WORDS, is_text=True, short=40),
+           (*_MODULES, 'bags/reader.py'), _TYPE_WORDS, is_text=True, short=40),
 )  # fmt: skip
 """All of them."""

@@ -10,17 +10,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from kitti_ros2.bags.foxglove_channels import FoxgloveChannel, appearing, stored, translator
-from kitti_ros2.bags.pieces import StoredChannel
-from kitti_ros2.messages.foxglove_messages import TRANSLATIONS
+from kitti_ros2.bags.container_file import StoredChannel
+from kitti_ros2.bags.stored_messages import FoxgloveChannel, appearing, stored, translator
+from kitti_ros2.messages.foxglove import TRANSLATIONS
 from kitti_ros2.messages.ros_types import TYPESTORE
 
 from .bag_targets import COMMON, RECORD_WORDS, reader
 from .target import Target, place
 
-_MODULES = ('messages/foxglove_fields.py', 'messages/foxglove_messages.py',
-            'messages/foxglove_clouds.py', 'messages/foxglove_scene.py',
-            'bags/foxglove_channels.py')  # fmt: skip
+_MODULES = ('messages/foxglove.py', 'bags/stored_messages.py')  # fmt: skip
 
 
 def _foxglove(data: bytes) -> None:

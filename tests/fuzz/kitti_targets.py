@@ -9,28 +9,32 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from kitti_ros2.kitti.append_journal import parse_journal
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
-from kitti_ros2.kitti.image_set import parse_image_set
-from kitti_ros2.kitti.label_file import labels_of_text
-from kitti_ros2.kitti.object_mapping import parse_mapping, parse_rand
-from kitti_ros2.kitti.oxts_file import packet_lines, parse_packet
-from kitti_ros2.kitti.poses import MercatorWorld, pose_from_odometry, pose_from_packet
-from kitti_ros2.kitti.poses_file import parse_poses
-from kitti_ros2.kitti.scan_file import parse_scan, parse_scan_text
-from kitti_ros2.kitti.semantic_file import parse_point_labels
-from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
+from kitti_ros2.kitti.kitti_recording import MercatorWorld, pose_from_odometry, pose_from_packet
+from kitti_ros2.kitti.label_file import (
+    TrackFile,
+    cuboids_by_frame,
+    labels_of_text,
+    labels_of_tracklets,
+    parse_tracklets,
+)
+from kitti_ros2.kitti.names import parse_image_set
+from kitti_ros2.kitti.object_set import parse_journal, parse_mapping, parse_rand
+from kitti_ros2.kitti.scan_file import parse_point_labels, parse_scan, parse_scan_text
 from kitti_ros2.kitti.store import decode_text
-from kitti_ros2.kitti.track_file import TrackFile
-from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
+from kitti_ros2.kitti.text_file import (
+    packet_lines,
+    parse_packet,
+    parse_poses,
+    parse_times,
+    parse_timestamps,
+)
 from kitti_ros2.messages.cdr import serialize
-from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity
-from kitti_ros2.messages.pose import encode_odometry
+from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_odometry, encode_velocity
 from kitti_ros2.model.errors import BadFileError
-from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
+from kitti_ros2.model.geometry import NOMINAL_VELO_T_IMU, Transform
 from kitti_ros2.model.samples import Calibration, TextFile
+from kitti_ros2.model.streams import Layout
 
 from .inputs import SEPARATOR, files, joined, parted, samples
 from .target import Target
@@ -184,11 +188,11 @@ def _raw_calibrations() -> list[bytes]:
 
 TARGETS = (
     Target('calibration', _calibration, _object_calibrations,
-           ('kitti/calib_file.py', 'kitti/calib_table.py', _TEXT_FILE),
+           ('kitti/calib_file.py', _TEXT_FILE),
            (b'P2:', b'Tr:', b'R0_rect:', b'R_rect ', b'Tr_velo_to_cam_0:', b'Tr_imu_to_velo:'),
            is_text=True, long=_MANY),
     Target('calibration_raw', _raw_calibration, _raw_calibrations,
-           ('kitti/calib_file.py', 'kitti/calib_table.py', _TEXT_FILE),
+           ('kitti/calib_file.py', _TEXT_FILE),
            (b'K_00:', b'D_02:', b'S_rect_02:', b'P_rect_00:', b'R:', b'T:', SEPARATOR),
            is_text=True, long=_MANY),
     Target('labels', _labels,
@@ -200,32 +204,32 @@ TARGETS = (
            lambda: [*files('label_02/*.txt'), b'0 1 ' + _LABEL, b'1.0 2 ' + _LABEL,
                     b'0 99999999999999999999 ' + _LABEL,
                     *samples('kitti/tracking/*/label_02/*.txt')],
-           ('kitti/track_file.py', 'kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1'),
+           ('kitti/label_file.py', _TEXT_FILE), (b'DontCare', b'-1'),
            is_text=True, long=_MANY),
     Target('semantic', _point_labels, lambda: [bytes(32), bytes(range(32))],
-           ('kitti/semantic_file.py',), long=_MANY),
+           ('kitti/scan_file.py',), long=_MANY),
     Target('tracklets', _tracklets,
            lambda: [*files('tracklet_labels.xml', Layout.RAW),
                     *_other_tracklets(), *samples('kitti/devkit/*tracklet*.xml', lines=90)],
-           ('kitti/tracklet_file.py',),
+           ('kitti/label_file.py',),
            (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
            is_text=True, long=_MANY),
     Target('oxts', _oxts,
            lambda: [*files('oxts/data/*.txt', Layout.RAW), *files('oxts/*.txt', Layout.TRACKING),
                     *samples('kitti/tracking/*/oxts/*.txt', lines=3)],
-           ('kitti/oxts_file.py', _TEXT_FILE), is_text=True, long=_MANY),
+           ('kitti/text_file.py', _TEXT_FILE), is_text=True, long=_MANY),
     Target('stamps', _timestamps,
            lambda: [*files('timestamps.txt', Layout.RAW, most=1), _NO_DATE,
                     *samples('kitti/raw/*/*/image_02/timestamps.txt', lines=9)],
-           ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE),
+           ('kitti/text_file.py', 'model/streams.py', _TEXT_FILE),
            (b'2011-09-26 13:02:25.951199337', b'1969-12-31', b'9999-99-99', b'2262-04-11'),
            is_text=True, long=_MANY),
     Target('times', _times, lambda: [*files('times.txt', Layout.ODOMETRY), b'0.0\n1.037359e-01\n'],
-           ('kitti/stamps_file.py', 'model/stamps.py', _TEXT_FILE), is_text=True, long=_MANY),
+           ('kitti/text_file.py', 'model/streams.py', _TEXT_FILE), is_text=True, long=_MANY),
     Target('poses', _poses,
            lambda: [*files('poses/*.txt', Layout.ODOMETRY), b'1 0 0 0 0 1 0 0 0 0 1 0\n' * 2,
                     *samples('kitti/odometry/dataset/poses/*.txt', lines=3)],
-           ('kitti/poses_file.py', _TEXT_FILE), is_text=True, long=_MANY),
+           ('kitti/text_file.py', _TEXT_FILE), is_text=True, long=_MANY),
     Target('scan', _scan, lambda: [*files('velodyne/*.bin', Layout.OBJECT, most=1), b''],
            ('kitti/scan_file.py',), long=_MANY),
     Target('scan_text', _scan_text,
@@ -234,10 +238,10 @@ TARGETS = (
     Target('image_set', _image_set,
            lambda: [*files('ImageSets/*.txt', Layout.OBJECT), b'000000\n000001\n', b'a\r\nb\r\n',
                     b'\xef\xbb\xbf000000\n', b'1\n1\n', b''],
-           ('kitti/image_set.py',), is_text=True, long=_MANY),
-    Target('mapping', _mapping, _mappings, ('kitti/object_mapping.py',), (SEPARATOR,),
+           ('kitti/names.py',), is_text=True, long=_MANY),
+    Target('mapping', _mapping, _mappings, ('kitti/object_set.py',), (SEPARATOR,),
            is_text=True, long=_MANY),
-    Target('journal', _journal, _journals, ('kitti/append_journal.py',),
+    Target('journal', _journal, _journals, ('kitti/object_set.py',),
            (b'..', b'"\\ud800"', b'null', b'[]', b'{}', b'NaN'), is_text=True, long=_MANY),
 )  # fmt: skip
 """All of them."""

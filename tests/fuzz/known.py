@@ -18,8 +18,8 @@ import zstandard
 from lz4 import frame as lz4_frame
 from mcap.writer import CompressionType, Writer
 
-from kitti_ros2.bags.message_source import BagMessages
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.bags.reader import BagMessages
+from kitti_ros2.model.streams import Layout
 
 from .database_inputs import endless
 from .inputs import files, own_bag

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.model import bag_formats as types
 
 from .cloud_inputs import clouds, packets
 

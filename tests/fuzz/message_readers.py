@@ -13,26 +13,45 @@ from typing import TYPE_CHECKING, Any
 import foreign
 import numpy as np
 
-from kitti_ros2.bags.forward_stamps import ForwardStamps
-from kitti_ros2.messages.camera_info import camera_model
-from kitti_ros2.messages.clouds import decode_cloud, file_order
-from kitti_ros2.messages.detections import boxes_of_detections_2d, has_scores
-from kitti_ros2.messages.image import decode_compressed, decode_image
-from kitti_ros2.messages.oxts import has_fix, has_orientation
-from kitti_ros2.messages.pixels import picture_kind, pixels_of, png_of, size_of
-from kitti_ros2.messages.point_spans import TurnTimes
-from kitti_ros2.messages.pose import decode_odometry, poses_of, poses_of_link
+from kitti_ros2.bags.reader import ForwardStamps
+from kitti_ros2.messages.camera_info import camera_model, decode_static
+from kitti_ros2.messages.clouds import TurnTimes, decode_cloud, file_order
+from kitti_ros2.messages.detections import (
+    boxes_in,
+    boxes_of_detections_2d,
+    cuboids_in,
+    frames_in,
+    has_scores,
+)
+from kitti_ros2.messages.images import (
+    decode_compressed,
+    decode_image,
+    picture_kind,
+    pixels_of,
+    png_of,
+    size_of,
+)
+from kitti_ros2.messages.naming import decode_text
+from kitti_ros2.messages.oxts import (
+    decode_odometry,
+    has_fix,
+    has_orientation,
+    poses_of,
+    poses_of_link,
+)
 from kitti_ros2.messages.scan import decode_scan
-from kitti_ros2.messages.scan_sources import SCAN_SOURCES, ScanNeeds
-from kitti_ros2.messages.solid_boxes import boxes_in, cuboids_in, frames_in
-from kitti_ros2.messages.source import decode_text
-from kitti_ros2.messages.transforms import decode_static
-from kitti_ros2.messages.velodyne_models import MODELS, nominal_lasers, parse_lasers
-from kitti_ros2.messages.velodyne_packets import find_model
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.messages.scan_sources import (
+    MODELS,
+    SCAN_SOURCES,
+    ScanNeeds,
+    find_model,
+    nominal_lasers,
+    parse_lasers,
+)
+from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.own_bags.description import parse_description
+from kitti_ros2.own_bags.recorded_layout import parse_description
 
 from .message_inputs import SIZE
 
@@ -40,8 +59,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from kitti_ros2.messages.camera_info import CameraModel
-    from kitti_ros2.messages.scan_sources import ScanSource
-    from kitti_ros2.messages.velodyne_models import Lasers
+    from kitti_ros2.messages.scan_sources import Lasers, ScanSource
 
 PATH = Path('folder/image.png')
 

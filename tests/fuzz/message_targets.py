@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 import foreign
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.bags.decoding import Decoder
-from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.reading import BagMessage
-from kitti_ros2.importer.motion import LinkTracks
-from kitti_ros2.messages.header import body_after_header, peek_first_stamp, peek_header
+from kitti_ros2.bags.reader import BagMessage, Decoder, open_messages
+from kitti_ros2.importer.bag_poses import LinkTracks
+from kitti_ros2.messages.cdr import body_after_header, peek_first_stamp, peek_header
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model import msgtypes as types
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model import bag_formats as types
+from kitti_ros2.model.streams import Layout
 
 from .inputs import own_bag
 from .message_inputs import Messages
@@ -86,28 +84,17 @@ def _seeds(msgtype: str) -> list[bytes]:
 
 
 _MODULES = (
-    'bags/forward_stamps.py',
-    'messages/autoware_objects.py',
+    'bags/reader.py',
+    'messages/detections.py',
     'messages/camera_info.py',
     'messages/clouds.py',
-    'messages/depth_images.py',
-    'messages/detections.py',
-    'messages/image.py',
-    'files/jpeg.py',
-    'messages/laser_scan.py',
-    'messages/livox_points.py',
-    'messages/marker_boxes.py',
-    'messages/pixels.py',
-    'messages/point_spans.py',
-    'messages/pose.py',
+    'messages/scan_sources.py',
+    'messages/images.py',
+    'files/image_files.py',
+    'messages/oxts.py',
     'messages/scan.py',
-    'messages/solid_boxes.py',
-    'messages/source.py',
-    'messages/transform_numbers.py',
-    'messages/transforms.py',
-    'messages/velodyne_models.py',
-    'messages/velodyne_packets.py',
-    'own_bags/description.py',
+    'messages/naming.py',
+    'own_bags/recorded_layout.py',
 )
 _WORDS = (
     *(b'rgb8', b'bgra8', b'mono16', b'16UC1', b'32FC1', b'bayer_rggb8', b'yuv422', b'png', b'jpeg'),

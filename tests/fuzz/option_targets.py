@@ -8,12 +8,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kitti_ros2.cli.config_file import load_config
+from kitti_ros2.cli.command import load_config
 from kitti_ros2.kitti.store import decode_text
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.yaml_text import load_yaml
-from kitti_ros2.options import dataset_tables as sets
-from kitti_ros2.options import evaluation_tables as evaluations
+from kitti_ros2.options import datasets as sets
+from kitti_ros2.options import evaluation as evaluations
 from kitti_ros2.options import table
 
 from .inputs import found
@@ -107,11 +107,10 @@ _VALUES = (
 )
 TARGETS = (
     Target('config', _config, _configs,
-           ('model/yaml_text.py', 'cli/config_file.py', 'options/parsers.py', 'options/declare.py',
-            'options/quantity_parsers.py'),
+           ('model/yaml_text.py', 'cli/command.py', 'options/declare.py'),
            YAML_WORDS, is_text=True, short=50, long=100_000),
     Target('option_text', _option_text, _option_texts,
-           ('options/parsers.py', 'options/declare.py', 'options/quantity_parsers.py'),
+           ('options/declare.py',),
            (b'GB', b'min', b':', b',', b'x', b'off', b'/kitti/*', b'2/3'),
            is_text=True, long=100_000),
 )  # fmt: skip

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from kitti_ros2.api.conversions import to_bag
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.messages.source import CALIBRATION, FILES, POINTS, RECORDING
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.messages.naming import CALIBRATION, FILES, POINTS, RECORDING
+from kitti_ros2.model.streams import Layout
 
 from .bag_targets import Stored, make_mcap
 from .inputs import own_bag, recording

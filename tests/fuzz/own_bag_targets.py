@@ -11,18 +11,17 @@ from shutil import rmtree
 
 from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.bag_files import OpenBag
-from kitti_ros2.bags.forward_stamps import read_lead_ns
-from kitti_ros2.bags.reader import bag_stamps, summarize_bag
+from kitti_ros2.bags.reader import bag_stamps, read_lead_ns, summarize_bag
 from kitti_ros2.importer.survey import look
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.validating import ValidateOptions
+from kitti_ros2.options.read import ValidateOptions
 from kitti_ros2.own_bags.numbering import number_bag
 from kitti_ros2.own_bags.recorded_layout import read_blueprint
-from kitti_ros2.pictures.sources import open_own_recording
+from kitti_ros2.pictures.bag_frames import open_own_recording
 from kitti_ros2.validation.bag_checks import check_bag
-from kitti_ros2.validation.results import FindingTally
-from kitti_ros2.validation.rule_table import rules_by_id
+from kitti_ros2.validation.rule import FindingTally
+from kitti_ros2.validation.validate import rules_by_id
 
 from .own_bag_inputs import odd_bags, own_bags
 from .target import Target, place, stored
@@ -82,16 +81,14 @@ def _to_check() -> list[bytes]:
     return [*own_bags(), *odd_bags()[-14:], b'', b'no bag']
 
 
-_MODULES = ('own_bags/description.py', 'own_bags/blueprint.py', 'own_bags/recorded_layout.py',
-            'own_bags/stamp_numbers.py', 'own_bags/earlier_descriptions.py',
-            'own_bags/source_texts.py', 'own_bags/numbering.py')  # fmt: skip
+_MODULES = ('own_bags/recorded_layout.py', 'own_bags/numbering.py')  # fmt: skip
 _WORDS = (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null')
 
 TARGETS = (
     Target('restore', _restore, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'own_bags/restore.py'), _WORDS, short=10),
+           (*_MODULES, 'own_bags/to_kitti.py'), _WORDS, short=10),
     Target('own_numbers', _numbers, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'bags/forward_stamps.py'), _WORDS, short=10),
+           (*_MODULES, 'bags/reader.py'), _WORDS, short=10),
     Target('own_recording', _recording, lambda: [*own_bags(), *odd_bags()],
            (*_MODULES, 'own_bags/recording.py'), _WORDS, short=10),
     Target('check_bag', _checked, _to_check, ('validation/bag_checks.py',), short=5),

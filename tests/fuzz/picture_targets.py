@@ -12,17 +12,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from kitti_ros2.files.picture_headers import (
+from kitti_ros2.files.image_files import (
+    decode_png,
+    inflated,
     is_webp,
     is_whole_webp,
     jpeg_size,
+    parse_png,
     png_chunks,
     png_size,
     webp_size,
 )
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_png
-from kitti_ros2.files.png.inflate import inflated
 
 from .inputs import files, found
 from .target import Target
@@ -78,8 +78,7 @@ def _pictures() -> list[bytes]:
 
 TARGETS = (
     Target('png', _png, _pngs,
-           ('files/png/header.py', 'files/png/decode.py', 'files/png/inflate.py',
-            'files/picture_headers.py'),
+           ('files/image_files.py',),
            (b'IHDR', b'IDAT', b'IEND', b'PLTE', b'tRNS', b'\xff\xd8\xff\xc0', b'RIFF', b'WEBP'),
            mend=_checksummed, long=100_000),
 )  # fmt: skip

@@ -16,14 +16,14 @@ import numpy as np
 import yaml
 
 from kitti_ros2.importer.apply_plan import adapt, convert, guess
-from kitti_ros2.importer.passed_over import passed_over
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.guess import passed_over
+from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import glance, look
 from kitti_ros2.kitti.store import decode_text
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 from .bag_targets import RECORD_WORDS, Stored, make_mcap
 from .inputs import found
@@ -178,11 +178,11 @@ def _plan_inputs() -> list[bytes]:
 
 TARGETS = (
     Target('survey', _survey, _surveyed,
-           ('importer/survey.py', 'importer/topic_survey.py', 'importer/guess.py',
-            'importer/apply_plan.py'), RECORD_WORDS, short=5),
+           ('importer/survey.py', 'importer/guess.py', 'importer/apply_plan.py'),
+           RECORD_WORDS, short=5),
     Target('plan', _plan, _plan_inputs,
-           ('importer/plan_text.py', 'importer/plan_classes.py', 'importer/plan_numbers.py',
-            'importer/apply_plan.py'), YAML_WORDS, is_text=True, short=90, long=100_000),
+           ('importer/plan.py', 'importer/apply_plan.py'),
+           YAML_WORDS, is_text=True, short=90, long=100_000),
     Target('plan_applied', _plan_applied, _plan_inputs,
            ('importer/apply_plan.py', 'importer/set_builder.py'),
            YAML_WORDS, is_text=True, short=15),

@@ -10,16 +10,15 @@ from zlib import crc32
 
 import numpy as np
 
-from kitti_ros2.evaluation.class_map import ClassMap
-from kitti_ros2.evaluation.detection_inputs import read_frames
-from kitti_ros2.evaluation.track_boxes import read_tracks, read_truth, tracks_of_frames
+from kitti_ros2.evaluation.detection import read_frames
+from kitti_ros2.evaluation.track_metrics import ClassMap, read_tracks, read_truth, tracks_of_frames
 from kitti_ros2.evaluation.trajectories import read_trajectory
-from kitti_ros2.fetch.checksums import read_checksums
-from kitti_ros2.kitti.result_files import ResultFiles
+from kitti_ros2.fetch.transfer import read_checksums
+from kitti_ros2.kitti.label_file import ResultFiles
+from kitti_ros2.model.bag_formats import DETECTIONS_2D, DETECTIONS_3D, MARKERS
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import DETECTIONS_2D, DETECTIONS_3D, MARKERS
-from kitti_ros2.options.bag_results import BagResultsOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import BagResultsOptions
 from kitti_ros2.options.read import ReadOptions
 
 from .bag_targets import RECORD_WORDS, make_mcap
@@ -167,7 +166,7 @@ _MOST_NAMES = 8
 _TRUTH_BAGS = 4
 """One in so many bags is also scored against a bag, whose survey costs more than all the rest."""
 _LABELS = 'kitti/label_file.py'
-_TRACKS = ('evaluation/track_boxes.py', 'evaluation/class_map.py', 'kitti/result_files.py', _LABELS)
+_TRACKS = ('evaluation/track_metrics.py', 'kitti/label_file.py', _LABELS)
 TARGETS = (
     Target('trajectory', _trajectory, _trajectories, ('evaluation/trajectories.py',),
            (b'#', b',', b'0 0 0 0'), is_text=True, long=100_000),
@@ -175,18 +174,17 @@ TARGETS = (
            _tracker_files,
            _TRACKS, (b'DontCare', b'Cyclist'), is_text=True, long=100_000),
     Target('detections', _detections, _result_texts,
-           ('evaluation/detection_inputs.py', 'evaluation/frame_boxes.py',
-            'kitti/result_files.py'),
+           ('evaluation/detection.py', 'evaluation/ground_truth.py',
+            'kitti/label_file.py'),
            (SEPARATOR, b'DontCare'), is_text=True, short=100, long=100_000),
     Target('result_folder', _result_folder, _result_folders,
-           ('evaluation/frame_boxes.py', 'kitti/result_files.py', _LABELS), (SEPARATOR, b'data/'),
+           ('evaluation/ground_truth.py', 'kitti/label_file.py', _LABELS), (SEPARATOR, b'data/'),
            is_text=True, short=100),
     Target('result_bag', _result_bag, _result_bags,
-           ('evaluation/detection_inputs.py', 'evaluation/bag_results.py',
-            'evaluation/result_boxes.py', 'evaluation/result_messages.py',
-            'evaluation/class_map.py'),
+           ('evaluation/detection.py', 'evaluation/bag_results.py',
+            'evaluation/track_metrics.py'),
            RECORD_WORDS, short=5),
     Target('checksums', _checksums, lambda: [b'a' * 64 + b'  a.zip\n# b\n' + b'0' * 64 + b' *b\n'],
-           ('fetch/checksums.py',), is_text=True, long=100_000),
+           ('fetch/transfer.py',), is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""

@@ -16,7 +16,7 @@ from fuzz.loop import fuzz, run_input
 from fuzz.target import Target
 from fuzz.targets import TARGETS
 
-from kitti_ros2.bags.definitions import parse_definition
+from kitti_ros2.bags.stored_messages import parse_definition
 from kitti_ros2.model.errors import KittiRos2Error
 
 
@@ -104,7 +104,7 @@ def test_the_same_seed_gives_the_same_inputs():
 
 
 def test_new_lines_are_seen_once():
-    lines = Lines(['kitti/oxts_file.py'])
+    lines = Lines(['kitti/text_file.py'])
     for seen in (True, False):
         lines.new = False
         with lines.recorded():

@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from kitti_ros2.kitti.store import decode_text
-from kitti_ros2.messages.velodyne_models import parse_lasers
-from kitti_ros2.model.text import shown
+from kitti_ros2.messages.scan_sources import parse_lasers
+from kitti_ros2.model.errors import shown
 from kitti_ros2.model.yaml_text import YamlTextError, load_yaml
 
 from .inputs import found
@@ -60,7 +60,7 @@ TARGETS = (
     Target('yaml', _yaml,
            lambda: [*BOMBS, *found('bombs/*.yaml'), b'', _LASERS],
            (_TEXT,), YAML_WORDS, is_text=True, short=25, long=100_000),
-    Target('lasers', _lasers, _laser_texts, ('messages/velodyne_models.py',), YAML_WORDS,
+    Target('lasers', _lasers, _laser_texts, ('messages/scan_sources.py',), YAML_WORDS,
            is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""

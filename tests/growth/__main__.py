@@ -33,7 +33,7 @@ from larger_sets import enlarge, kinds_of, write_small  # noqa: E402
 from marks import judge  # noqa: E402
 from peaks import PeakCase, peak_cases  # noqa: E402
 
-from kitti_ros2.model.layouts import Layout  # noqa: E402
+from kitti_ros2.model.streams import Layout  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -20,13 +20,13 @@ from foreign import (
     write_foreign,
 )
 
+from kitti_ros2.messages.camera_info import encode_static
+from kitti_ros2.messages.cdr import make_header, make_pose
 from kitti_ros2.messages.detections import encode_detections
-from kitti_ros2.messages.header import make_header, make_pose
 from kitti_ros2.messages.ros_types import TYPESTORE, Path, PointField, PoseStamped, String
-from kitti_ros2.messages.transforms import encode_static
+from kitti_ros2.model.bag_formats import MARKERS
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.msgtypes import MARKERS
 
 if TYPE_CHECKING:
     import pathlib

@@ -11,7 +11,7 @@ from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from kitti_ros2.model.layouts import Layout
+    from kitti_ros2.model.streams import Layout
 
 _TEXTS = frozenset({'.txt'})
 _REPEATED = _TEXTS | {'.bin', '.label'}

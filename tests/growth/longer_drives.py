@@ -8,8 +8,8 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import kitti_ros2
-from kitti_ros2.kitti.stamps_file import format_timestamps, parse_timestamps
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.text_file import format_timestamps, parse_timestamps
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 if TYPE_CHECKING:

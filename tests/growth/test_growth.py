@@ -19,11 +19,10 @@ import kitti_ros2
 from kitti_ros2 import datasets
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.evaluation.odometry import score_trajectory
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.eval_odometry import OdometryOptions
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import SelectionOptions
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.evaluation import OdometryOptions
+from kitti_ros2.options.read import ReadOptions, SelectionOptions
+from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.report.gather import gather
 

@@ -21,14 +21,8 @@ import pytest
 from kitti_ros2.cli import main
 from kitti_ros2.files.staging import staged
 from kitti_ros2.importer.append import appended, mend, next_number
-from kitti_ros2.kitti.append_journal import (
-    COMMITTED,
-    FOLDER,
-    JOURNAL,
-    find_journal,
-    parse_journal,
-)
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.object_set import COMMITTED, FOLDER, JOURNAL, find_journal, parse_journal
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import (
     BadFileError,

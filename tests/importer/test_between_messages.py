@@ -13,14 +13,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.between_messages import fix_between, imu_between, velocity_between
+from kitti_ros2.importer.oxts_packets import fix_between, imu_between, velocity_between
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.messages.header import make_header, make_quaternion, make_vector3, vector_of
+from kitti_ros2.kitti.text_file import parse_packet
+from kitti_ros2.messages.cdr import make_header, make_quaternion, make_vector3, vector_of
 from kitti_ros2.messages.ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
 from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 SHARES = st.floats(0, 1)
 YAWS = st.floats(-3, 3)

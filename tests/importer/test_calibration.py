@@ -15,26 +15,30 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.calibration import make_calibration, rect_in_frame
+from kitti_ros2.importer.bag_calibration import make_calibration, rect_in_frame
 from kitti_ros2.kitti.calib_file import format_raw, parse_calibration, parse_raw_calibration
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import (
     CameraModel,
     camera_model,
+    decode_static,
     encode_camera_info,
+    encode_static,
     image_frame_camera,
+    static_links,
 )
-from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.header import make_header
+from kitti_ros2.messages.cdr import deserialize, join, make_header, serialize
 from kitti_ros2.messages.naming import make_frames
 from kitti_ros2.messages.ros_types import CameraInfo, RegionOfInterest
-from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
 from kitti_ros2.model.errors import MissingDataError
-from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.nominal import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
-from kitti_ros2.model.samples import Calibration, CameraCalibration
+from kitti_ros2.model.geometry import (
+    NOMINAL_CAM0_T_VELO,
+    NOMINAL_VELO_T_IMU,
+    Transform,
+    rotation_from_rpy,
+)
+from kitti_ros2.model.samples import Calibration, CameraCalibration, rect_from_velo
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Preset
 from kitti_ros2.rig.tf_tree import FrameTree
 
@@ -484,7 +488,7 @@ def test_cameras_of_any_rig_see_what_the_tree_and_their_info_say(base_t_lidar, m
         p = np.column_stack([pinhole(focal, focal + 1), np.zeros(3)])
         cameras[index] = model(f'camera {index}', p, r=r)
     places = [np.array(place) for _, place, _ in mounted]
-    # Parallel frames with different R are rectified frames, see rig/stereo.py.
+    # Parallel frames with different R are rectified frames, see rig/rectified_cameras.py.
     assume(all(abs(a - b).max() > 1e-3 for a, b in combinations(places, 2)))
     made, _ = make(links, cameras)
     for index, each in cameras.items():

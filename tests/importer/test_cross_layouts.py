@@ -14,16 +14,14 @@ from folder_and_bag import rerecord
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import TF as FROM_TF
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.camera_info import decode_static, encode_static
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.transforms import decode_static, encode_static
-from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.labels import cuboids_of, rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import TF
-from kitti_ros2.model.nominal import NOMINAL_VELO_T_IMU
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.bag_formats import TF
+from kitti_ros2.model.geometry import NOMINAL_VELO_T_IMU, Transform, rotation_from_rpy
+from kitti_ros2.model.samples import cuboids_of, rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 from builders import convert_recording  # isort: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.derived_velocity import SLOWEST_FIX_M_S, DerivedVelocities
+from kitti_ros2.importer.bag_poses import SLOWEST_FIX_M_S, DerivedVelocities
 
 SECONDS, START_NS = 12, 1_690_000_000_000_000_000
 MOST_NS = 2_500_000_000

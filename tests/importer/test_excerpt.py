@@ -11,16 +11,13 @@ from builders import files_of
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.convert import build
-from kitti_ros2.importer.excerpt import Excerpt, numbered
-from kitti_ros2.importer.frames import Frames, choose_frames, frame_topics
-from kitti_ros2.importer.set_builder import Target
+from kitti_ros2.importer.kitti_frames import Excerpt, Frames, choose_frames, frame_topics, numbered
+from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import look
 from kitti_ros2.importer.sync import NONE
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.options.read import Bound, SelectionOptions
 
 OBJECT = ImportOptions(layout=Layout.OBJECT)
 

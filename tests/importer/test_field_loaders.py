@@ -30,8 +30,8 @@ from field_readers import (
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti import names
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 TRUTH = foreign.make_truth()
 

@@ -14,21 +14,19 @@ import pytest
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.files.png.decode import decode_png
+from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import Incomplete
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.poses_file import parse_poses
-from kitti_ros2.messages.header import stamp_ns_of
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import parse_poses
+from kitti_ros2.messages.cdr import stamp_ns_of
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.boxes import box_corners, box_of, project_corners
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.errors import BadFileError, MissingDataError, UsageError
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.samples import rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import BagOptions, ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 TRUTH = foreign.make_truth()

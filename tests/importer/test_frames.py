@@ -7,16 +7,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.frames import choose_frames
+from kitti_ros2.importer.kitti_frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
-from kitti_ros2.importer.survey import Survey
-from kitti_ros2.importer.topic_survey import TopicSurvey
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.rig.pose_track import PoseTrack
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.rig.moving_tree import PoseTrack
 
 MS = 1_000_000
 

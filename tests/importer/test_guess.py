@@ -13,19 +13,18 @@ import pytest
 from surveyed import at, cloud, compressed, image, info, topic
 
 from kitti_ros2.importer import apply_plan
-from kitti_ros2.importer.guess import guess_plan
-from kitti_ros2.importer.passed_over import passed_over
+from kitti_ros2.importer.guess import guess_plan, passed_over
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
+from kitti_ros2.messages.camera_info import make_transform
 from kitti_ros2.messages.oxts import place_of
 from kitti_ros2.messages.ros_types import TFMessage
-from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.rig.link_tally import LinkTally
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.rig.tf_tree import LinkTally
 
 PATH = Path('bag.mcap')
 

@@ -16,20 +16,17 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan import parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.messages.cdr import join, serialize
-from kitti_ros2.messages.header import make_header
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import parse_packet
+from kitti_ros2.messages.camera_info import make_transform
+from kitti_ros2.messages.cdr import join, make_header, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
-from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import KittiRos2Error, MissingDataError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import BagOptions, ImportOptions
 
 TRUTH = foreign.make_truth()
 POINTS = '/sensors/ouster/points'

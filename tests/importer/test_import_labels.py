@@ -14,17 +14,17 @@ from counted_calls import calls_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.labels import ImageOf, TrackIds, class_name, leans, make_boxes
+from kitti_ros2.importer.box_labels import ImageOf, TrackIds, class_name, leans, make_boxes
 from kitti_ros2.kitti.label_file import format_object_labels
-from kitti_ros2.messages.cdr import deserialize, join
+from kitti_ros2.messages.cdr import deserialize, join, make_header
 from kitti_ros2.messages.detections import (
     ABSURD,
+    AS_LINES,
     cuboids_of_detections,
+    cuboids_of_markers,
     encode_detections,
     has_scores,
 )
-from kitti_ros2.messages.header import make_header
-from kitti_ros2.messages.marker_boxes import AS_LINES, cuboids_of_markers
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import Marker, Point, Pose, Quaternion, Vector3
@@ -39,10 +39,9 @@ from kitti_ros2.model.boxes import (
     unit_corners,
 )
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.samples import CameraCalibration
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.synthetic.rig import make_calibration
+from kitti_ros2.model.samples import CameraCalibration, rect_from_velo
+from kitti_ros2.options.messages import MarkerOptions
+from kitti_ros2.synthetic.scene import make_calibration
 
 from builders import parse_boxes  # isort: skip
 

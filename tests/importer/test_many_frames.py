@@ -17,16 +17,15 @@ import pytest
 from counted_calls import calls_of
 from surveyed import at, cloud, image, info, topic
 
-from kitti_ros2.importer.guess import guess_plan
-from kitti_ros2.importer.passed_over import passed_over
+from kitti_ros2.importer.guess import guess_plan, passed_over
 from kitti_ros2.importer.survey import Survey
-from kitti_ros2.model import msgtypes as types
+from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:
-    from kitti_ros2.importer.topic_survey import TopicSurvey
+    from kitti_ros2.importer.survey import TopicSurvey
 
 UP = Transform.from_translation((0.0, 0.0, 1.0))
 NOWHERE = Transform.from_translation((np.nan, 0.0, 0.0))

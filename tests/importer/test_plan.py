@@ -10,10 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import (
+    CameraPlan,
+    Incomplete,
+    LabelPlan,
+    Plan,
+    PosePlan,
+    ScanPlan,
+    format_plan,
+    parse_plan,
+)
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 PATH = Path('plan.yaml')
 LEAST = 'layout: object\nname: training\nreference: scan\ntolerance_s: 0.05\n'

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.samples import rect_from_velo
+from kitti_ros2.model.streams import Layout
 
 from cropped_set import crop_frame  # isort: skip
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.bags.message_source import BagMessages
-from kitti_ros2.bags.pieces import MessageStart
+from kitti_ros2.bags.container_file import MessageStart
+from kitti_ros2.bags.reader import BagMessages
 from kitti_ros2.cli import main
 from kitti_ros2.importer import survey as surveys
 from kitti_ros2.importer.survey import look
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 COMPARED = (

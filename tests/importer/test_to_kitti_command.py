@@ -15,7 +15,7 @@ from builders import one_line
 from waiting import PATIENCE_S, UNTIL_A_SIGNAL, wait_until
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 RUN = [sys.executable, '-m', 'kitti_ros2']
 

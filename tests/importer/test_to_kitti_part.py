@@ -12,7 +12,7 @@ from builders import one_line
 from folder_and_bag import OBJECT_NUMBERS, make_holes
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 SPANS = [
     ('--start', '2'),

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.unit_checks import UnitChecks
-from kitti_ros2.kitti.oxts_file import COLUMNS, parse_packet
-from kitti_ros2.kitti.poses import geographic_places
+from kitti_ros2.importer.oxts_packets import UnitChecks
+from kitti_ros2.kitti.kitti_recording import geographic_places
+from kitti_ros2.kitti.text_file import COLUMNS, parse_packet
 from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity, make_packet
-from kitti_ros2.model.geographic import GeoOrigin
 from kitti_ros2.model.samples import OxtsPacket
+from kitti_ros2.model.streams import GeoOrigin
 
 STEP_NS = 100_000_000
 ZEROS = dict.fromkeys(COLUMNS, 0) | {'posmode': 3, 'velmode': -1, 'orimode': -1}

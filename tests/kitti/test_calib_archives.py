@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.kitti.calib_archives import describe_source
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.archives import describe_source
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.validation.validate import validate
 
 from builders import convert_recording  # isort: skip

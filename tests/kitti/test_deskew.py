@@ -11,19 +11,22 @@ import numpy as np
 import pytest
 from moving_scanner import TURN_NS, Bend, stamp_of, write_bend
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.motion import scan_at
-from kitti_ros2.kitti.oxts_file import format_packet
-from kitti_ros2.messages.point_values import rings
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.prepare import scan_at
+from kitti_ros2.kitti.text_file import format_packet
+from kitti_ros2.messages.scan import rings
 from kitti_ros2.model.errors import MissingDataError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.motion import compensate, undo_compensation
+from kitti_ros2.model.recording import (
+    ScannerMotion,
+    compensate,
+    make_twist,
+    twist_of,
+    undo_compensation,
+)
 from kitti_ros2.model.samples import Turn
-from kitti_ros2.model.scanner_motion import ScannerMotion, make_twist, twist_of
-from kitti_ros2.model.stamps import format_stamp, parse_stamp
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream, format_stamp, parse_stamp
 from kitti_ros2.options.read import ReadOptions, ScanStamp
-from kitti_ros2.synthetic.rig import make_calibration
+from kitti_ros2.synthetic.scene import make_calibration
 
 DESKEW = ReadOptions(deskew=True)
 UNDO = ReadOptions(undo_deskew=True)

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 from extract_drive import FAST, copy_extract, fast_drive, open_with
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.packet_stamps import order_packets
-from kitti_ros2.kitti.stamps_file import format_timestamps, parse_timestamps
+from kitti_ros2.kitti.extract_oxts import order_packets
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import format_timestamps, parse_timestamps
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import format_stamp, parse_stamp
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.model.time_span import MARGIN_NS
-from kitti_ros2.options.imu import ImuOptions, ImuStamps
-from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.model.recording import MARGIN_NS
+from kitti_ros2.model.streams import Layout, Stream, format_stamp, parse_stamp
+from kitti_ros2.options.read import ImuOptions, ImuStamps, ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
-from kitti_ros2.synthetic.write import extract_of
+from kitti_ros2.synthetic.drive import extract_of
 
 IMU = Stream.OXTS_EXTRACT
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.poses import geographic_places
-from kitti_ros2.model.geographic import GeoOrigin
+from kitti_ros2.kitti.kitti_recording import geographic_places
+from kitti_ros2.model.streams import GeoOrigin
 
 METRES = st.floats(-2e4, 2e4)
 POSITIONS = st.lists(st.tuples(METRES, METRES, st.floats(-500, 500)), min_size=1, max_size=5)

@@ -6,16 +6,16 @@ import re
 
 import pytest
 
-from kitti_ros2.kitti.layout_files import LAYOUTS, make_writer
-from kitti_ros2.kitti.layouts import guess_layout, open_recording
+from kitti_ros2.kitti.find import LAYOUTS, make_writer
 from kitti_ros2.kitti.names import parse_drive, parse_sequence
+from kitti_ros2.kitti.opening import guess_layout, open_recording
 from kitti_ros2.model.errors import (
     AmbiguousLayoutError,
     AmbiguousSequenceError,
     NotKittiError,
     UsageError,
 )
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import ReadOptions
 
 

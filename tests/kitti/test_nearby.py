@@ -11,12 +11,11 @@ from zipfile import ZipFile
 
 import pytest
 
-from kitti_ros2.kitti import nearby
+from kitti_ros2.kitti import opening
 from kitti_ros2.kitti.archives import Archive
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.nearby import data_sets_below, explain
+from kitti_ros2.kitti.opening import data_sets_below, explain, open_recording
 from kitti_ros2.model.errors import NotKittiError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import ReadOptions
 
 INSIDE = {
@@ -133,8 +132,8 @@ def test_the_search_is_limited(tmp_path, monkeypatch):
         read.append(path)
         return scandir(path)
 
-    monkeypatch.setattr(nearby, '_MOST_FOLDERS', 5)
-    monkeypatch.setattr(nearby.os, 'scandir', counted)
+    monkeypatch.setattr(opening, '_MOST_FOLDERS', 5)
+    monkeypatch.setattr(opening.os, 'scandir', counted)
     found, complete = data_sets_below(tmp_path)
     assert not found
     assert not complete
@@ -142,10 +141,10 @@ def test_the_search_is_limited(tmp_path, monkeypatch):
     assert 'holds a, b, c, d and 5 more (5 folders below it were searched)' in str(
         explain(tmp_path)
     )
-    monkeypatch.setattr(nearby, '_MOST_FOLDERS', 300)
+    monkeypatch.setattr(opening, '_MOST_FOLDERS', 300)
     assert data_sets_below(tmp_path)[1]
     assert not any(Path(each).match('x/x/x/x/x') for each in read)
-    monkeypatch.setattr(nearby, '_MOST_ENTRIES', 2)
+    monkeypatch.setattr(opening, '_MOST_ENTRIES', 2)
     assert not data_sets_below(tmp_path)[0]
     assert ', ...; expected a KITTI folder' in str(explain(tmp_path))
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mapped_set import RAND, ROWS, write_mapping
 
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
-from kitti_ros2.kitti.object_mapping import (
+from kitti_ros2.kitti.object_set import (
     DriveFrame,
     find_mapping,
     parse_mapping,

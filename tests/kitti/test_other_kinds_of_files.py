@@ -11,14 +11,11 @@ from pathlib import Path
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.label_file import parse_labels
-from kitti_ros2.kitti.poses_file import parse_poses
-from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
+from kitti_ros2.kitti.label_file import TrackFile, parse_labels
 from kitti_ros2.kitti.store import STORE
-from kitti_ros2.kitti.text_file import parse_lines
-from kitti_ros2.kitti.track_file import TrackFile
+from kitti_ros2.kitti.text_file import parse_lines, parse_poses, parse_times, parse_timestamps
 from kitti_ros2.model.errors import BadFileError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import write_synthetic
 
 from builders import SMALL  # isort: skip

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.packet_stamps import fit_line, gaps_over, order_packets
+from kitti_ros2.kitti.extract_oxts import fit_line, gaps_over, order_packets
 
 BASE_NS = 1_317_042_000_123_456_789
 PERIOD_NS = 10_000_000

@@ -9,13 +9,10 @@ import shutil
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.errors import BadFileError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.losses import format_numbers
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.errors import BadFileError, format_numbers
 from kitti_ros2.model.samples import FrameLabels, Image, OxtsPacket, Pose, Scan
-from kitti_ros2.model.stamps import format_stamp
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream, format_stamp
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
 

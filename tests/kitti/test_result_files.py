@@ -7,12 +7,11 @@ from __future__ import annotations
 import pytest
 from prediction_set import RESULTS, line, track_lines, write_results
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.predictions import add_predictions
-from kitti_ros2.kitti.result_files import ResultFiles
+from kitti_ros2.kitti.label_file import ResultFiles
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.prepare import add_predictions
 from kitti_ros2.model.errors import BadFileError, MissingDataError, MissingPathError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 
 HOLES = {2: RESULTS[0], 5: [], 9: RESULTS[1]}
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.scan_check import HEAD_BYTES, find_mismatch, look_at_scans
+from kitti_ros2.kitti.scan_file import HEAD_BYTES, find_mismatch, look_at_scans
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.streams import Stream
 

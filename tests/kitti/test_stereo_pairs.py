@@ -7,8 +7,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.stamps_file import parse_timestamps
-from kitti_ros2.kitti.stereo_pairs import pair_numbers, pair_stamps
+from kitti_ros2.kitti.prepare import pair_numbers, pair_stamps
+from kitti_ros2.kitti.text_file import parse_timestamps
 
 MS = 1_000_000
 EPOCH = 1_317_042_272_335_337_762

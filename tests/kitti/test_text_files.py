@@ -13,18 +13,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
-from kitti_ros2.kitti.poses_file import format_poses, parse_poses
-from kitti_ros2.kitti.stamps_file import (
+from kitti_ros2.kitti.store import STORE
+from kitti_ros2.kitti.text_file import (
+    COLUMNS,
+    format_packet,
+    format_poses,
     format_times,
     format_timestamps,
+    parse_packet,
+    parse_poses,
     parse_times,
     parse_timestamps,
 )
-from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import BadFileError
 from kitti_ros2.model.samples import OxtsPacket
-from kitti_ros2.model.stamps import LAST_NS, parse_stamp
+from kitti_ros2.model.streams import LAST_NS, parse_stamp
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 

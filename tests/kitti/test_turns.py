@@ -11,12 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.turns import find_turns, scan_stamps
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.recording_index import find_turns, scan_stamps
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import format_stamp, parse_stamp
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream, format_stamp, parse_stamp
 from kitti_ros2.options.read import ReadOptions, ScanStamp
 from kitti_ros2.options.table import make_play_settings, make_settings
 

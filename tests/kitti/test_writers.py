@@ -11,28 +11,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.oxts_file import COLUMNS
+from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, format_tracklets
 from kitti_ros2.kitti.scan_file import parse_scan
-from kitti_ros2.kitti.stamps_file import parse_times, parse_timestamps
-from kitti_ros2.kitti.tracklet_file import Tracklet, TrackletPose, format_tracklets
-from kitti_ros2.kitti.write_object import ObjectWriter
-from kitti_ros2.kitti.write_odometry import OdometryWriter
-from kitti_ros2.kitti.write_raw import DATAFORMAT, RawWriter, fill_stamps
-from kitti_ros2.kitti.write_tracking import TrackingWriter, truncation_level
+from kitti_ros2.kitti.text_file import COLUMNS, parse_times, parse_timestamps
+from kitti_ros2.kitti.writers import (
+    DATAFORMAT,
+    ObjectWriter,
+    OdometryWriter,
+    RawWriter,
+    TrackingWriter,
+    fill_stamps,
+    truncation_level,
+)
 from kitti_ros2.model.boxes import Box, box_to_rect, box_to_velo
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.samples import Scan
+from kitti_ros2.model.samples import Scan, rect_from_velo
 from kitti_ros2.model.streams import Stream
-from kitti_ros2.synthetic.path import motion_at, packet_of
-from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
+from kitti_ros2.synthetic.scene import CAR_T_VELO, make_calibration, motion_at, packet_of
 
 from builders import parse_boxes  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from kitti_ros2.kitti.writer import LayoutWriter
+    from kitti_ros2.kitti.writers import LayoutWriter
 
 PNG = b'any bytes will do'
 STAMP = 1_317_042_000_123_456_789

@@ -11,15 +11,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.image_boxes import StyledBox, image_boxes
-from kitti_ros2.drawing.objects import LabelledObject
-from kitti_ros2.drawing.palette import CLASS_COLORS, NEUTRAL_COLOR, PREDICTION_COLOR
-from kitti_ros2.messages.annotations import encode_annotations
+from kitti_ros2.drawing.annotate import StyledBox, image_boxes
+from kitti_ros2.drawing.drawn_objects import (
+    CLASS_COLORS,
+    NEUTRAL_COLOR,
+    PREDICTION_COLOR,
+    LabelledObject,
+)
 from kitti_ros2.messages.cdr import join, restamp_message
+from kitti_ros2.messages.markers import encode_annotations
+from kitti_ros2.model.bag_formats import ANNOTATIONS
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.msgtypes import ANNOTATIONS
-from kitti_ros2.synthetic.rig import make_calibration
+from kitti_ros2.synthetic.scene import make_calibration
 
 from decoded_message import decoded  # isort: skip
 

@@ -13,26 +13,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.messages.autoware_objects import (
+from kitti_ros2.messages.cdr import stamp_ns_of
+from kitti_ros2.messages.detections import (
+    ABSURD,
     ObjectFrame,
     cuboids_of_objects,
     encode_detected_objects,
     encode_tracked_objects,
+    has_scores,
 )
-from kitti_ros2.messages.detections import ABSURD, has_scores
-from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.autoware_labels import (
+from kitti_ros2.model.bag_formats import DETECTED_OBJECTS, TRACKED_OBJECTS
+from kitti_ros2.model.boxes import Cuboid
+from kitti_ros2.model.classes import (
     CLASS_OF_LABEL,
     LABEL_OF_CLASS,
     AutowareLabel,
     class_of,
     label_of,
 )
-from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.msgtypes import DETECTED_OBJECTS, TRACKED_OBJECTS
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.table import make_settings
 

@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import (
     camera_model,
+    decode_static,
     encode_camera_info,
+    encode_static,
     image_frame_camera,
+    static_links,
 )
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.naming import FrameNames, make_frames
-from kitti_ros2.messages.transforms import decode_static, encode_static, static_links
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.messages import Preset
 

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from kitti_ros2.exporter.encode import Encoder
 from kitti_ros2.exporter.schedule import make_schedule
 from kitti_ros2.messages.cdr import deserialize, join, restamp_message
-from kitti_ros2.options.markers import MarkerOptions
-from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.messages import Images, MarkerOptions, MessageOptions
+from kitti_ros2.options.read import SelectionOptions
 
 STAMPS = st.integers(0, 2**31 * 10**9 - 1)
 PATH = 'nav_msgs/msg/Path'

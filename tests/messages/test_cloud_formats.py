@@ -14,10 +14,16 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.clouds import decode_cloud
-from kitti_ros2.messages.point_grid import COLUMNS, place
-from kitti_ros2.messages.point_values import PointValues, rings
-from kitti_ros2.messages.scan import ESTIMATED_LASERS, decode_scan, encode_scan
-from kitti_ros2.model.cloud_formats import EXTRA, FORMATS, VALUES, Points
+from kitti_ros2.messages.scan import (
+    COLUMNS,
+    ESTIMATED_LASERS,
+    PointValues,
+    decode_scan,
+    encode_scan,
+    place,
+    rings,
+)
+from kitti_ros2.model.bag_formats import EXTRA, FORMATS, VALUES, Points
 from kitti_ros2.model.samples import Scan, Turn
 
 STAMP = 1317042272283701593

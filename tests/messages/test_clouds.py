@@ -12,12 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.messages.cdr import deserialize, join, serialize
+from kitti_ros2.messages.cdr import deserialize, join, make_header, serialize
 from kitti_ros2.messages.clouds import decode_cloud, guess_intensity_scale
-from kitti_ros2.messages.header import make_header
 from kitti_ros2.messages.ros_types import PointCloud2, PointField
 from kitti_ros2.messages.scan import encode_scan
-from kitti_ros2.model.cloud_formats import Points
+from kitti_ros2.model.bag_formats import Points
 from kitti_ros2.model.samples import Scan
 
 KINDS = ['i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8']

@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
+from kitti_ros2.messages.cdr import stamp_ns_of
 from kitti_ros2.messages.detections import (
     ABSURD,
     boxes_of_detections_2d,
@@ -23,12 +24,11 @@ from kitti_ros2.messages.detections import (
     encode_boxes_2d,
     encode_detections,
 )
-from kitti_ros2.messages.header import stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.boxes import Box, Cuboid
-from kitti_ros2.model.channels import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.options.outputs import BagOptions
 
 from builders import boxes_2d_in  # isort: skip
 from decoded_message import decoded  # isort: skip

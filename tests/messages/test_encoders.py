@@ -13,17 +13,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_png
-from kitti_ros2.messages.cdr import deserialize, join, restamp, serialize
-from kitti_ros2.messages.header import make_header, make_pose, stamp_ns_of, transform_of
-from kitti_ros2.messages.image import encode_compressed, encode_pixels
-from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity, make_packet
-from kitti_ros2.messages.pose import encode_odometry, encode_path, encode_tf, poses_of
+from kitti_ros2.files.image_files import decode_png, parse_png
+from kitti_ros2.messages.camera_info import decode_static, encode_static
+from kitti_ros2.messages.cdr import (
+    deserialize,
+    join,
+    make_header,
+    make_pose,
+    restamp,
+    serialize,
+    stamp_ns_of,
+    transform_of,
+)
+from kitti_ros2.messages.images import encode_compressed, encode_pixels
+from kitti_ros2.messages.naming import decode_sweep, encode_sweep
+from kitti_ros2.messages.oxts import (
+    encode_fix,
+    encode_imu,
+    encode_odometry,
+    encode_path,
+    encode_tf,
+    encode_velocity,
+    make_packet,
+    poses_of,
+)
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.scan import decode_scan, encode_scan
-from kitti_ros2.messages.source import decode_sweep, encode_sweep
-from kitti_ros2.messages.transforms import decode_static, encode_static
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.samples import OxtsPacket, Pose, Scan, Trajectory
 

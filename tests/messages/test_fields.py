@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from kitti_ros2.messages.fields import lacking_field
+from kitti_ros2.messages.cdr import lacking_field
 from kitti_ros2.messages.ros_types import TYPESTORE
 
 READ = (

@@ -12,8 +12,8 @@ import pytest
 from rosbags.interfaces import Msgdef
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.bags.typestores import typestore_of
-from kitti_ros2.messages.lazy_types import LazyFunctions
+from kitti_ros2.bags.stored_messages import typestore_of
+from kitti_ros2.messages.type_definitions import LazyFunctions
 
 from bags.bag_samples import random_message  # isort: skip
 

@@ -16,15 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.messages.header import stamp_ns_of, transform_of
+from kitti_ros2.drawing.drawn_objects import color_of
+from kitti_ros2.messages.cdr import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import Marker
 from kitti_ros2.model.boxes import EDGES, Cuboid, unit_corners
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.markers import MarkerColors, MarkerOptions
+from kitti_ros2.options.messages import MarkerColors, MarkerOptions
 
 from decoded_message import decoded  # isort: skip
 
@@ -273,8 +273,8 @@ def test_colours_are_within_range(kind, number, colors):
 def test_unknown_classes_have_the_same_colours_in_every_run():
     kinds = ['my-robot', 'Bus', 'Straßenbahn']
     program = (
-        'from kitti_ros2.drawing.palette import color_of; '
-        'from kitti_ros2.options.markers import MarkerColors; '
+        'from kitti_ros2.drawing.drawn_objects import color_of; '
+        'from kitti_ros2.options.messages import MarkerColors; '
         f'print([color_of(kind, 0, MarkerColors.CLASS) for kind in {kinds}])'
     )
     said = subprocess.run(

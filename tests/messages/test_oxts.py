@@ -11,22 +11,22 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.oxts_file import COLUMNS, format_packet, parse_packet
-from kitti_ros2.kitti.poses import MercatorWorld, geographic_places
-from kitti_ros2.messages.header import make_quaternion
+from kitti_ros2.kitti.kitti_recording import MercatorWorld, geographic_places
+from kitti_ros2.kitti.text_file import COLUMNS, format_packet, parse_packet
+from kitti_ros2.messages.cdr import make_quaternion
 from kitti_ros2.messages.oxts import (
     Mounting,
     encode_fix,
     encode_imu,
     encode_velocity,
+    encode_velocity_with_covariance,
     has_fix,
     has_orientation,
     make_packet,
 )
-from kitti_ros2.messages.oxts_covariance import encode_velocity_with_covariance
 from kitti_ros2.messages.ros_types import NavSatFix, Quaternion, Vector3
-from kitti_ros2.model.geographic import GeoOrigin
 from kitti_ros2.model.geometry import Transform, quaternion_to_rotation, rotation_from_rpy
+from kitti_ros2.model.streams import GeoOrigin
 
 STAMP = 1317042145951199337
 FLOATS = COLUMNS[: COLUMNS.index('navstat')]

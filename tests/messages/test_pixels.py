@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.files.png.encode import encode_png
-from kitti_ros2.messages.header import make_header
-from kitti_ros2.messages.pixels import decode_compressed_pixels, decode_pixels, png_of
+from kitti_ros2.files.image_files import encode_png
+from kitti_ros2.messages.cdr import make_header
+from kitti_ros2.messages.images import decode_compressed_pixels, decode_pixels, png_of
 from kitti_ros2.messages.ros_types import CompressedImage, ImageMsg
 
 HEADER = make_header(0, 'camera')

@@ -9,9 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from kitti_ros2.bags.definition_texts import shortened
-from kitti_ros2.bags.definitions import parse_definition
-from kitti_ros2.messages.plain_definitions import parse_plain
+from kitti_ros2.bags.stored_messages import parse_definition, shortened
+from kitti_ros2.messages.type_definitions import parse_plain
 
 DIVIDER = '=' * 80
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.messages.header import make_header
-from kitti_ros2.messages.point_spans import TurnTimes, point_span_ns
+from kitti_ros2.messages.cdr import make_header
+from kitti_ros2.messages.clouds import TurnTimes, point_span_ns
 from kitti_ros2.messages.ros_types import PointCloud2, PointField
 
 STAMP_NS = 1_760_000_000_250_000_000

@@ -14,9 +14,8 @@ from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.clouds import decode_cloud
-from kitti_ros2.messages.point_values import PointValues, rings
-from kitti_ros2.messages.scan import decode_scan, encode_scan
-from kitti_ros2.model.cloud_formats import Points
+from kitti_ros2.messages.scan import PointValues, decode_scan, encode_scan, rings
+from kitti_ros2.model.bag_formats import Points
 from kitti_ros2.model.samples import Scan, Turn
 
 if TYPE_CHECKING:

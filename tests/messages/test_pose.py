@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.messages.header import make_header, make_pose
-from kitti_ros2.messages.pose import (
+from kitti_ros2.messages.camera_info import make_transform
+from kitti_ros2.messages.cdr import make_header, make_pose
+from kitti_ros2.messages.oxts import (
     encode_odometry,
     encode_path,
     encode_tf,
@@ -18,7 +19,6 @@ from kitti_ros2.messages.pose import (
     poses_of_link,
 )
 from kitti_ros2.messages.ros_types import Point, PoseStamped, Quaternion, TFMessage, Vector3
-from kitti_ros2.messages.transforms import make_transform
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.samples import Pose, Trajectory
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import kitti_ros2.messages
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.msgtypes import ANNOTATIONS, DETECTED_OBJECTS, TRACKED_OBJECTS
+from kitti_ros2.model.bag_formats import ANNOTATIONS, DETECTED_OBJECTS, TRACKED_OBJECTS
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 SHARED = sorted(name for name in TYPESTORE.fielddefs if name in JAZZY.fielddefs)

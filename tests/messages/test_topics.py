@@ -14,17 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from kitti_ros2.files.png.decode import decode_png
-from kitti_ros2.files.png.header import parse_png
-from kitti_ros2.kitti.layout_files import LAYOUTS
+from kitti_ros2.files.image_files import decode_png, parse_png
+from kitti_ros2.kitti.find import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
-from kitti_ros2.messages.moment import Moment, Origin, Rig
-from kitti_ros2.messages.naming import FrameNames, every_naming
+from kitti_ros2.messages.naming import FrameNames, Moment, Origin, Rig, every_naming
 from kitti_ros2.messages.topics import make_table, own_topics
-from kitti_ros2.model.cloud_formats import Points
+from kitti_ros2.model.bag_formats import STRING, Points
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import STRING
 from kitti_ros2.model.samples import (
     Calibration,
     Description,
@@ -35,7 +31,7 @@ from kitti_ros2.model.samples import (
     TextFile,
     Turn,
 )
-from kitti_ros2.model.streams import CAMERA_NAMES, Stream
+from kitti_ros2.model.streams import CAMERA_NAMES, Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 
 STAMP = 1317042145951199337

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.messages.transform_numbers import read_transforms
+from kitti_ros2.messages.oxts import read_transforms
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T = STORE.types

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from kitti_ros2.messages.type_extent import check_extent
+from kitti_ros2.messages.type_definitions import check_extent
 
 RULE = '\n' + '=' * 80 + '\n'
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.scan_columns import KITTI_COLUMNS, ScanColumns
+from kitti_ros2.model.streams import KITTI_COLUMNS, ScanColumns
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.model.boxes import Box
-from kitti_ros2.model.difficulty import LIMITS, Difficulty, difficulty_of
+from kitti_ros2.model.boxes import LIMITS, Box, Difficulty, difficulty_of
 
 EASY, MODERATE, HARD = Difficulty
 

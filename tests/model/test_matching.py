@@ -9,12 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.objects import LabelledObject
-from kitti_ros2.model.boxes import DONT_CARE, Cuboid
+from kitti_ros2.drawing.drawn_objects import LabelledObject
+from kitti_ros2.model.boxes import DONT_CARE, BoxTable, Cuboid, Matches, Verdict, ious_2d, match
+from kitti_ros2.model.classes import KITTI_OVERLAPS, LeastOverlaps
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from kitti_ros2.model.matching import Matches, Verdict, match
-from kitti_ros2.model.overlaps import BoxTable, ious_2d
 
 TP, FP, FN = Verdict.TRUE_POSITIVE, Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE
 PLACE = st.floats(-3, 3)
@@ -275,7 +273,7 @@ def test_many_predictions_are_compared_as_if_at_once(monkeypatch):
     ]
     predictions += [flat(x, x + 9, x / 90) for x in rng.uniform(0, 90, 20)]
     expected = match(labels, predictions, LeastOverlaps((), 0.3))
-    monkeypatch.setattr('kitti_ros2.model.matching._MOST_PAIRS', 3 * len(labels))
+    monkeypatch.setattr('kitti_ros2.model.boxes._MOST_PAIRS', 3 * len(labels))
     assert match(labels, predictions, LeastOverlaps((), 0.3)) == expected
     assert {each.verdict for each in expected.predictions} == {TP, FP, None}
 

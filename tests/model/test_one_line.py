@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.model.text import one_line
+from kitti_ros2.model.errors import one_line
 
 
 @given(st.text(st.characters(exclude_categories=())))

@@ -11,9 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.motion import compensate, move_rigidly, turned, undo_compensation
+from kitti_ros2.model.recording import (
+    ScannerMotion,
+    compensate,
+    exponential,
+    make_twist,
+    move_rigidly,
+    turned,
+    twist_of,
+    undo_compensation,
+)
 from kitti_ros2.model.samples import Turn
-from kitti_ros2.model.scanner_motion import ScannerMotion, exponential, make_twist, twist_of
 
 START_NS = 1_316_995_200_000_000_000
 TURN = Turn(START_NS, 103_600_000)

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.spelling import close_names, did_you_mean, not_one_of
+from kitti_ros2.model.errors import close_names, did_you_mean, not_one_of
+from kitti_ros2.model.streams import Layout
 
 LAYOUTS = [layout.value for layout in Layout]
 MODES = ['camera', 'boxes', 'lidar', 'bev', 'panel']

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.model.stamps import (
+from kitti_ros2.model.streams import (
     LAST_NS,
     format_seconds,
     format_stamp,

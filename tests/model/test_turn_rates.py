@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.route import route_of
+from kitti_ros2.model.recording import route_of
 from kitti_ros2.model.samples import Pose
 
 START = 1_317_042_145_951_199_337

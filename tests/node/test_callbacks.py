@@ -15,11 +15,8 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 from std_srvs.srv import Trigger
 
 from kitti_ros2.node import run
-from kitti_ros2.node.callbacks import Executor, contained
-from kitti_ros2.node.closing import Closing
-from kitti_ros2.node.middleware import start_ros
-from kitti_ros2.node.parameters import to_parameters
-from kitti_ros2.node.player import KittiPlayer
+from kitti_ros2.node.middleware import Closing, start_ros
+from kitti_ros2.node.player import Executor, KittiPlayer, contained, to_parameters
 
 from waiting import PATIENCE_S  # isort: skip
 

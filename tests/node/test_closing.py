@@ -9,15 +9,15 @@ import sys
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy')
 
 import live
 
-from kitti_ros2.cli.ending import Ending
-from kitti_ros2.node import closing, run
-from kitti_ros2.node.closing import EXIT_S, Closing
+from kitti_ros2.cli.exits import Ending
+from kitti_ros2.node import middleware, run
+from kitti_ros2.node.middleware import EXIT_S, Closing
 from kitti_ros2.player.session import LAST_WAIT_S
 
 from waiting import PATIENCE_S  # isort: skip
@@ -73,7 +73,7 @@ def left(monkeypatch):
 
 def test_what_is_closed_in_time_leaves_an_ordinary_exit(monkeypatch, left):
     threads = Threads(stuck=False)
-    monkeypatch.setattr(closing, 'threading', threads)
+    monkeypatch.setattr(middleware, 'threading', threads)
     ending, closed = Ending(), []
     with Closing(ending) as stack:
         stack.callback(closed.append, 'first')
@@ -85,7 +85,7 @@ def test_what_is_closed_in_time_leaves_an_ordinary_exit(monkeypatch, left):
 @pytest.mark.parametrize('code', [0, 1, 2])
 def test_what_is_stuck_is_left_after_less_than_two_seconds(monkeypatch, left, code):
     threads = Threads(stuck=True)
-    monkeypatch.setattr(closing, 'threading', threads)
+    monkeypatch.setattr(middleware, 'threading', threads)
     ending = Ending()
     with Closing(ending) as stack:
         stack.callback(print)
@@ -109,7 +109,7 @@ def test_the_wait_for_the_last_messages_is_part_of_the_exit(monkeypatch, recordi
         return close(self, *error)
 
     monkeypatch.setattr(Closing, '__exit__', close_and_note)
-    monkeypatch.setattr('kitti_ros2.node.flow.FlowControl.finish', lambda *_: late)
+    monkeypatch.setattr('kitti_ros2.node.outlets.FlowControl.finish', lambda *_: late)
     values = {'source': str(recordings[Layout.RAW]), 'rate': 100.0}
     assert run.run_player(values, [], Ending(), keyboard=False) == 0
     assert given == [pytest.approx(seconds)]
@@ -139,7 +139,7 @@ def test_an_error_of_a_callback_does_not_hide_ctrl_c():
 def test_threads_that_are_stuck_do_not_hold_the_process(tmp_path):
     """Not even one that is no daemon, which an exit of Python waits for."""
     program = (
-        'import threading; from kitti_ros2.cli.ending import Ending;'
+        'import threading; from kitti_ros2.cli.exits import Ending;'
         'threading.Thread(target=threading.Event().wait).start();'
         'ending = Ending(); ending.abandon(); print("said"); ending.leave(3)'
     )

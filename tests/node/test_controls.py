@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.playback import AtEnd, PlaybackOptions
-from kitti_ros2.player.playback import Playback
-from kitti_ros2.player.playback_events import Send
+from kitti_ros2.options.outputs import AtEnd, PlaybackOptions
+from kitti_ros2.player.playback import Playback, Send
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
-from kitti_ros2.node import controls as node_player
+from kitti_ros2.node import player as node_player
 
 SECOND = 1_000_000_000
 NAMES = ['Pause', 'Resume', 'TogglePaused', 'IsPaused', 'GetRate', 'SetRate']

@@ -10,7 +10,7 @@ pytest.importorskip('rclpy', reason='needs rclpy')
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from kitti_ros2.node.flow import FlowControl
+from kitti_ros2.node.outlets import FlowControl
 
 SECOND = 1_000_000_000
 DEPTH = 10

@@ -4,7 +4,7 @@
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import ColorEncoding, Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
 

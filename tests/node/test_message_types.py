@@ -21,10 +21,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import MissingDataError
-from kitti_ros2.node import rosidl_structs as structs
-from kitti_ros2.node.message_fields import defined_hash, references_of
-from kitti_ros2.node.message_types import _runtime_class, message_class, type_hash
-from kitti_ros2.node.runtime_types import runtime_type
+from kitti_ros2.node import message_types as structs
+from kitti_ros2.node.message_types import (
+    _runtime_class,
+    defined_hash,
+    message_class,
+    references_of,
+    runtime_type,
+    type_hash,
+)
 
 from waiting import PATIENCE_S  # isort: skip
 
@@ -243,9 +248,9 @@ def test_a_class_is_made_once_for_a_definition():
 
 def test_what_the_middleware_reads_is_never_freed(monkeypatch):
     """Not even when the modules that made it are gone."""
-    monkeypatch.setattr('kitti_ros2.node.runtime_types._TYPES', {})
+    monkeypatch.setattr('kitti_ros2.node.message_types._TYPES', {})
     made = weakref.ref(runtime_type(DETECTIONS, TYPESTORE))
-    monkeypatch.setattr('kitti_ros2.node.runtime_types._TYPES', {})
+    monkeypatch.setattr('kitti_ros2.node.message_types._TYPES', {})
     gc.collect()
     assert made() is not None
 
@@ -502,7 +507,7 @@ def test_serialised_messages_arrive_as_they_left(ros, msgtype, collect, monkeypa
 
     if collect:
         monkeypatch.setattr('kitti_ros2.node.message_types._CLASSES', {})
-        monkeypatch.setattr('kitti_ros2.node.runtime_types._TYPES', {})
+        monkeypatch.setattr('kitti_ros2.node.message_types._TYPES', {})
     try:
         ros.wait_until(lambda: len(got) >= (20 if collect else 2), publish)
         assert set(got) == {sent}

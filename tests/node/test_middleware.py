@@ -17,11 +17,11 @@ import live
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.node.creation import create_node
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.node.middleware import (
     _find_home,
     _use_profile,
+    create_node,
     cyclone_settings,
     start_ros,
     stays_on_this_machine,

@@ -6,8 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
-from kitti_ros2.node.parameters import PARAMETERS, descriptor, given, to_parameters
-from kitti_ros2.node.player import _LIVE, _OF_SOURCE
+from kitti_ros2.node.player import _LIVE, _OF_SOURCE, PARAMETERS, descriptor, given, to_parameters
 from kitti_ros2.options.table import make_play_settings
 
 

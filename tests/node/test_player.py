@@ -14,10 +14,10 @@ import pytest
 from mcap.writer import Writer
 
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')

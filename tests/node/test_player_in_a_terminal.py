@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from terminals import read_to_the_end  # isort: skip
 

@@ -17,7 +17,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-from kitti_ros2.node.qos import load_overrides, make_profile
+from kitti_ros2.node.outlets import load_overrides, make_profile
 
 EVERYTHING = """
 /points:

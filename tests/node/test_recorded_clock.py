@@ -4,7 +4,7 @@
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -13,8 +13,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from kitti_ros2.cli import main
-from kitti_ros2.node.parameters import to_parameters
-from kitti_ros2.node.player import KittiPlayer
+from kitti_ros2.node.player import KittiPlayer, to_parameters
 
 from builders import convert_recording, one_line  # isort: skip
 from recorded import CLOCKS, STATE, write_recorded  # isort: skip

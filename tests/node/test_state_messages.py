@@ -4,7 +4,7 @@
 
 import pytest
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
@@ -13,8 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
 from kitti_ros2.node import player as player_module
-from kitti_ros2.node.parameters import to_parameters
-from kitti_ros2.node.player import KittiPlayer
+from kitti_ros2.node.player import KittiPlayer, to_parameters
 
 from waiting import wait_until  # isort: skip
 

@@ -18,12 +18,11 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.header import peek_header, stamp_ns_of
+from kitti_ros2.messages.camera_info import make_transform
+from kitti_ros2.messages.cdr import deserialize, join, peek_header, serialize, stamp_ns_of
 from kitti_ros2.messages.ros_types import TYPESTORE, TFMessage
-from kitti_ros2.messages.transforms import make_transform
+from kitti_ros2.model.bag_formats import CLOUD, TF
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.msgtypes import CLOUD, TF
 from kitti_ros2.node.message_types import message_class
 
 LINKS = (('map', 'odom'), ('odom', 'base_link'))

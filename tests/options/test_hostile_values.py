@@ -5,9 +5,11 @@
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.parsers import parse_integer, parse_number, parse_path
-from kitti_ros2.options.quantity_parsers import (
+from kitti_ros2.options.declare import (
     parse_four_numbers,
+    parse_integer,
+    parse_number,
+    parse_path,
     parse_place,
     parse_shares,
     parse_span,

@@ -5,8 +5,8 @@
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.bag_results import BagResultsOptions
-from kitti_ros2.options.class_parsers import parse_class_map, parse_labels
+from kitti_ros2.options.declare import parse_class_map, parse_labels
+from kitti_ros2.options.evaluation import BagResultsOptions
 
 
 @pytest.mark.parametrize(

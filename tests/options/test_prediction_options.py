@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import pytest
 
+from kitti_ros2.model.classes import KITTI_OVERLAPS, LeastOverlaps
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.least_overlaps import KITTI_OVERLAPS, LeastOverlaps
-from kitti_ros2.options.class_parsers import parse_least_overlaps
+from kitti_ros2.options.declare import parse_least_overlaps
 from kitti_ros2.options.table import make_settings, make_view_settings
 
 

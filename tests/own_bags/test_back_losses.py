@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import SHARED  # isort: skip
 

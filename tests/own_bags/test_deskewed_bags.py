@@ -15,8 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import kitti_ros2
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import NS_PER_S
+from kitti_ros2.model.streams import NS_PER_S, Layout
 
 from builders import one_line  # isort: skip
 

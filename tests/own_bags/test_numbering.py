@@ -20,24 +20,20 @@ from rosbags.highlevel import AnyReader
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.exporter.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import FRAME_STREAMS, Stream
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.streams import FRAME_STREAMS, Layout, Stream
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.playback import PlaybackOptions
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
-from kitti_ros2.own_bags.description import UndescribedError, parse_description
+from kitti_ros2.options.outputs import BagOptions, PlaybackOptions
+from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.own_bags.recorded_layout import UndescribedError, parse_description
+from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
-from kitti_ros2.player.playback import Playback
-from kitti_ros2.player.playback_events import Send
+from kitti_ros2.player.playback import Playback, Send
 from kitti_ros2.player.program import RecordingProgram
 
 ALL = SelectionOptions()

@@ -8,11 +8,11 @@ import pytest
 from fuzz.own_bag_inputs import make_mcap, messages_of
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.exit_codes import EXIT_LOSSES, EXIT_USAGE
-from kitti_ros2.messages.source import RECORDING
+from kitti_ros2.cli.exits import EXIT_LOSSES, EXIT_USAGE
+from kitti_ros2.messages.naming import RECORDING
 from kitti_ros2.messages.topics import own_topics
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import CAMERA_INFO, IMU, STRING
+from kitti_ros2.model.bag_formats import CAMERA_INFO, IMU, STRING
+from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
 

@@ -15,11 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 import kitti_ros2
 from kitti_ros2.cli import main
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.source import POINTS
-from kitti_ros2.model.cloud_formats import FORMATS, Points
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.naming import POINTS
+from kitti_ros2.model.bag_formats import FORMATS, Points
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.pictures.bag_frames import BagFrames
 
 if TYPE_CHECKING:

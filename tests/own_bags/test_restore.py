@@ -18,16 +18,16 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import serialize
+from kitti_ros2.messages.naming import FILES, RECORDING
 from kitti_ros2.messages.ros_types import TYPESTORE, String
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import BadBagError, OutputExistsError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
-from kitti_ros2.own_bags.recorded_layout import FILES, RECORDING, find_blueprint
-from kitti_ros2.own_bags.restore import restore
+from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
+from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording  # isort: skip
 

@@ -14,13 +14,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.cli import main
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.stamps import NS_PER_S, parse_stamp
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.streams import NS_PER_S, Layout, Stream, parse_stamp
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.read import ReadOptions, ScanStamp
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import ReadOptions, ScanStamp, SelectionOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram

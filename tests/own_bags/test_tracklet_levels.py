@@ -13,7 +13,7 @@ import kitti_ros2
 from kitti_ros2 import read_tracklets, write_tracklets
 from kitti_ros2.cli import main
 from kitti_ros2.kitti import label_file
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 OCCLUSIONS = (0, 1, 2, -1)
 TRUNCATIONS = (0, 1, 2, 99, -1)

@@ -13,9 +13,9 @@ from fuzz.own_bag_inputs import messages_of
 from mcap.writer import Writer
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.exit_codes import EXIT_LOSSES, EXIT_USAGE
+from kitti_ros2.cli.exits import EXIT_LOSSES, EXIT_USAGE
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
 

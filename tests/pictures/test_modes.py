@@ -12,29 +12,28 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.objects import LabelledObject, compared, objects_of
-from kitti_ros2.drawing.pixels import colour_pixels
-from kitti_ros2.kitti.result_files import ResultFiles
+from kitti_ros2.drawing.drawn_objects import LabelledObject, colour_pixels, compared, objects_of
+from kitti_ros2.kitti.label_file import ResultFiles
 from kitti_ros2.model.errors import MissingDataError, UsageError
-from kitti_ros2.model.layouts import Layout
 from kitti_ros2.model.samples import FrameLabels
-from kitti_ros2.options.pictures import BirdOptions, ColorBy, PictureOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import BirdOptions, ColorBy, PictureOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.facts import facts_of
-from kitti_ros2.pictures.frame import FrameData
-from kitti_ros2.pictures.modes import MODES
-from kitti_ros2.pictures.panel_parts import (
+from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.painters import Predictions
+from kitti_ros2.pictures.panel import (
     BIRD,
     BOXES_2D,
     CLASSES,
     DISTANCE,
     INTENSITY,
     LIDAR,
+    MODES,
     SIZE,
+    facts_of,
     parts_of,
 )
-from kitti_ros2.pictures.predictions import Predictions
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.pictures.recording_frames import FrameData
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
 ANY = PictureOptions()

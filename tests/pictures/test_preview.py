@@ -11,12 +11,12 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.drawing.text import captioned
+from kitti_ros2.drawing.strokes import captioned
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.survey import look
 from kitti_ros2.model.errors import MissingDataError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.pictures.preview import draw_preview
 
 WIDTH, HEIGHT = foreign.SIZE

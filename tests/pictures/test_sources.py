@@ -11,18 +11,17 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.result_files import ResultFiles
+from kitti_ros2.kitti.label_file import ResultFiles
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
-from kitti_ros2.pictures.predictions import Predictions
-from kitti_ros2.pictures.sources import open_frames
+from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.painters import Predictions
 
 from builders import convert_recording  # isort: skip
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from kitti_ros2.exporter import encode
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.pixels import decode_pixels
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.images import decode_pixels
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
 from kitti_ros2.player.program import RecordingProgram
 

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from kitti_ros2.player.answers import MOST_ON_THE_WAY, Answers
+from kitti_ros2.player.playback import MOST_ON_THE_WAY, Answers
 
 from waiting import PATIENCE_S  # isort: skip
 

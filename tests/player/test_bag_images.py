@@ -14,17 +14,16 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
-from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.header import make_header
+from kitti_ros2.messages.cdr import deserialize, join, make_header, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, CompressedImage
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
-from kitti_ros2.player import bag_images
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player import bag_program
+from kitti_ros2.player.bag_program import open_program
 
 from builders import convert_recording  # isort: skip
 from foreign import D, K, SIZE, lidar_t_camera, make_truth, write_foreign  # isort: skip
@@ -279,7 +278,7 @@ def test_topics_may_name_what_is_made(recordings, tmp_path):
 def test_nothing_is_decoded_for_nobody(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.RAW], tmp_path / 'o.mcap')
     program = played(bag, annotated=True)
-    monkeypatch.setattr(bag_images, 'pixels_of', pytest.fail)
+    monkeypatch.setattr(bag_program, 'pixels_of', pytest.fail)
     compressed = {n for n, each in enumerate(program.channels) if each.msgtype == COMPRESSED}
     for wanted in ((), compressed):
         for place in range(len(program.stamps_ns)):
@@ -292,8 +291,8 @@ def test_nothing_is_decoded_for_nobody(recordings, tmp_path, monkeypatch):
 def test_an_image_is_decoded_once(recordings, tmp_path, monkeypatch):
     bag = converted(recordings[Layout.TRACKING], tmp_path / 'o.mcap')
     decoded = []
-    decode = bag_images.pixels_of
-    monkeypatch.setattr(bag_images, 'pixels_of', lambda image: decoded.append(1) or decode(image))
+    decode = bag_program.pixels_of
+    monkeypatch.setattr(bag_program, 'pixels_of', lambda image: decoded.append(1) or decode(image))
     found, _ = images(played(bag, annotated=True))
     assert len(found) == 4
     assert len(decoded) == 10

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.options.playback import AtEnd, PlaybackOptions
-from kitti_ros2.player.playback import Playback
-from kitti_ros2.player.playback_events import Idle, Jump, Send, Tick
+from kitti_ros2.options.outputs import AtEnd, PlaybackOptions
+from kitti_ros2.player.playback import Idle, Jump, Playback, Send, Tick
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.messages.cdr import Message
-from kitti_ros2.player.read_ahead import ReadAhead
+from kitti_ros2.player.program import ReadAhead
 
 from broken_lock import strike_each_lock  # isort: skip
 from waiting import PATIENCE_S  # isort: skip

@@ -7,11 +7,15 @@ from __future__ import annotations
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.bag_program import BagProgram
-from kitti_ros2.player.source import open_program, reserved_by_node, reserved_by_viewers
+from kitti_ros2.player.bag_program import (
+    BagProgram,
+    open_program,
+    reserved_by_node,
+    reserved_by_viewers,
+)
 
 from builders import convert_recording  # isort: skip
 from recorded import (  # isort: skip

@@ -8,12 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from kitti_ros2.files.freed_memory import FreeMemory
+from kitti_ros2.files.processes import FreeMemory
 from kitti_ros2.messages.cdr import Message
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.session import LAST_WAIT_S, Session
-from kitti_ros2.player.transport import Audience
+from kitti_ros2.player.session import LAST_WAIT_S, Audience, Session
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
@@ -128,7 +127,7 @@ class Run:
 
 @pytest.fixture(autouse=True)
 def settled_at_once(monkeypatch):
-    monkeypatch.setattr('kitti_ros2.player.transport.SETTLED_NS', 0)
+    monkeypatch.setattr('kitti_ros2.player.session.SETTLED_NS', 0)
 
 
 def test_lossless_publishes_nothing_before_a_subscriber_is_there():

@@ -7,11 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.messages.cdr import deserialize, join, serialize
-from kitti_ros2.messages.diagnostics import OK, WARN, encode_diagnostics
-from kitti_ros2.model.msgtypes import DIAGNOSTICS
+from kitti_ros2.model.bag_formats import DIAGNOSTICS
 from kitti_ros2.player.playback import PlaybackState
-from kitti_ros2.player.session import Counts
-from kitti_ros2.player.state import encode_state
+from kitti_ros2.player.session import OK, WARN, Counts, encode_diagnostics, encode_state
 
 WORDS = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=9)
 

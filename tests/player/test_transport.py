@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.player.transport import SETTLED_NS, Audience, Reception, SubscriberWait
+from kitti_ros2.player.session import SETTLED_NS, Audience, Reception, SubscriberWait
 
 MS = 1_000_000
 

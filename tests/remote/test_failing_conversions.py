@@ -11,8 +11,8 @@ pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 
 from kitti_ros2.cli import main
 from kitti_ros2.files.remote import as_path
-from kitti_ros2.files.remote_listing import forget
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.files.remote_reads import forget
+from kitti_ros2.model.streams import Layout
 
 from builders import files_of  # isort: skip
 

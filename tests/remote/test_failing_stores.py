@@ -17,11 +17,10 @@ from counted_store import PROTOCOL, CountedStore, Fails, Stalls, put
 from kitti_ros2.cli import main
 from kitti_ros2.files import remote_requests
 from kitti_ros2.files.remote import RemotePath, as_path
-from kitti_ros2.files.remote_ahead import MOST_BYTES, FilesAhead
-from kitti_ros2.files.remote_listing import listing_of
+from kitti_ros2.files.remote_reads import MOST_BYTES, FilesAhead, listing_of
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.errors import RemoteError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
 

@@ -16,7 +16,7 @@ from counted_store import CountedStore, put
 import kitti_ros2
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

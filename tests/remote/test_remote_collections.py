@@ -16,12 +16,12 @@ pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 from s3_server import Fault
 
-from kitti_ros2.batch.place import open_place
+from kitti_ros2.batch.manifest import open_place
 from kitti_ros2.cli import main
 from kitti_ros2.files.remote import as_path
-from kitti_ros2.files.store_lock import locked_in_store
+from kitti_ros2.files.uploads import locked_in_store
 from kitti_ros2.model.errors import OutputError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
 

@@ -14,7 +14,7 @@ pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 from s3_server import Fault
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 
 def files_in(path):

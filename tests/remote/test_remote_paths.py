@@ -14,9 +14,9 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 
 from counted_store import PROTOCOL, CountedStore, put
 
-from kitti_ros2.files.filesystems import key_of
 from kitti_ros2.files.remote import RemotePath, as_path, common_folder, real_place
-from kitti_ros2.files.remote_listing import forget
+from kitti_ros2.files.remote_reads import forget
+from kitti_ros2.files.remote_requests import key_of
 from kitti_ros2.files.url_path import LocalPathError
 from kitti_ros2.model.errors import UsageError
 

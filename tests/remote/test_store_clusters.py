@@ -21,7 +21,7 @@ sys.path.append(str(Path(__file__).parents[1] / 'batch'))
 from dask_processes import Processes, end
 
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 
 from builders import copied_drives, files_of  # isort: skip
 

@@ -13,13 +13,12 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 
 from counted_store import CountedStore, put
 
-from kitti_ros2.batch.fingerprint import fingerprint
-from kitti_ros2.batch.folders import find_roots
-from kitti_ros2.batch.units import WorkUnit
+from kitti_ros2.batch.collection import fingerprint
+from kitti_ros2.batch.units import WorkUnit, find_roots
 from kitti_ros2.cli import main
 from kitti_ros2.files.remote import as_path
-from kitti_ros2.files.remote_listing import RemoteEntry, forget, listing_of
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.files.remote_reads import RemoteEntry, forget, listing_of
+from kitti_ros2.model.streams import Layout
 
 from builders import files_of  # isort: skip
 

@@ -16,10 +16,9 @@ import fsspec.config
 import s3fs
 from s3_server import AT_ONCE, Fault
 
-from kitti_ros2.files import filesystems, remote_requests, uploads
-from kitti_ros2.files.remote import as_path
+from kitti_ros2.files import remote_requests, uploads
+from kitti_ros2.files.remote import as_path, marker_of, refuse_incomplete
 from kitti_ros2.files.staging import staged, staged_file
-from kitti_ros2.files.upload_marker import marker_of, refuse_incomplete
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, OutputError, OutputExistsError
 
 from waiting import PATIENCE_S  # isort: skip
@@ -57,7 +56,7 @@ def store(s3, monkeypatch):
 
 def forget_clients():
     s3fs.S3FileSystem.clear_instance_cache()
-    filesystems._filesystem.cache_clear()
+    remote_requests._filesystem.cache_clear()
 
 
 def write_file(url, data=LARGE, refusal=keep):
@@ -258,7 +257,7 @@ def test_two_runs_with_one_output_are_noticed(store, monkeypatch):
             store.put('out/theirs', b'theirs')
         return whole(these)
 
-    monkeypatch.setattr('kitti_ros2.files.upload_staging.send', send)
+    monkeypatch.setattr('kitti_ros2.files.uploads.send', send)
     with pytest.raises(KittiRos2Error, match='another run is writing it'):
         write_folder(f'{store.url}/out')
     assert '.out.partial' in store.objects()
@@ -275,7 +274,7 @@ def test_an_object_that_differs_is_sent_again(store, monkeypatch):
             store.put('out/a/1.png', b'?')
         return iter(sent)
 
-    monkeypatch.setattr('kitti_ros2.files.upload_staging.send', send)
+    monkeypatch.setattr('kitti_ros2.files.uploads.send', send)
     write_folder(f'{store.url}/out')
     assert store.objects() == below('out')
 
@@ -322,7 +321,7 @@ def test_a_store_in_memory():
     pytest.importorskip('fsspec')
     path = as_path('memory://kitti_ros2_uploads/out')
     write_folder(path)
-    system = filesystems.filesystem_of(path)
+    system = remote_requests.filesystem_of(path)
     found = {name.partition('/out/')[2]: system.cat_file(name) for name in system.find('')}
     assert {name: data for name, data in found.items() if name} == FILES
     system.rm('kitti_ros2_uploads', recursive=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from chromium import DESK, PHONE
 
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.report.gather import gather
 from kitti_ros2.report.page import make_page

@@ -19,27 +19,21 @@ from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli.info import overlook
-from kitti_ros2.drawing.palette import rgb_of
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.cdr import serialize
-from kitti_ros2.messages.header import make_header, make_vector3
+from kitti_ros2.drawing.drawn_objects import rgb_of
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.cdr import make_header, make_vector3, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Clock
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.model.streams import Clock, Layout
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.pictures.recording_frames import RecordingFrames
 from kitti_ros2.report.contents import Finding, Report, Severity
-from kitti_ros2.report.gather import gather
-from kitti_ros2.report.glances import LinkGlance
-from kitti_ros2.report.overview import Overview
+from kitti_ros2.report.gather import draw_projections, gather
+from kitti_ros2.report.overview import LinkGlance, Overview
 from kitti_ros2.report.page import make_page
-from kitti_ros2.report.rig_plot import mounts_of
-from kitti_ros2.report.route_plot import route_plot
-from kitti_ros2.report.scenes import draw_projections
-from kitti_ros2.report.svg import round_length, ticks
+from kitti_ros2.report.plots import mounts_of, round_length, route_plot, ticks
 
 from builders import SMALL, convert_recording, png_bytes  # isort: skip
 

@@ -11,12 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.objects import LabelledObject
+from kitti_ros2.drawing.drawn_objects import LabelledObject
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.recording import StreamIndex
-from kitti_ros2.report.statistics import ClassTally, histogram, spread
-from kitti_ros2.report.timing import shifted_numbers, timing_of
+from kitti_ros2.report.contents import ClassTally, histogram, shifted_numbers, spread, timing_of
 
 PERIOD = 100_000_000
 START = 1_317_042_145_951_199_337

@@ -13,17 +13,16 @@ from hypothesis import strategies as st
 
 from kitti_ros2.datasets import statistics
 from kitti_ros2.evaluation.odometry import score_trajectory
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.route import route_of
+from kitti_ros2.model.recording import route_of
 from kitti_ros2.model.samples import Pose
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.eval_odometry import OdometryOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.evaluation import OdometryOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.report.gather import gather
+from kitti_ros2.report.page import route_section
 from kitti_ros2.report.plots import course_plot
-from kitti_ros2.report.sections import route_section
 
 from builders import convert_recording  # isort: skip
 

@@ -10,9 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.messages.cdr import join, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.channels import Channel
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rerun.chunk import RrdReader
 
-from kitti_ros2.rerun_view.rrd_file import write_file
+from kitti_ros2.rerun_view.viewer import write_file
 
 if TYPE_CHECKING:
     from pathlib import Path

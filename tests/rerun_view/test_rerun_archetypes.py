@@ -15,10 +15,10 @@ pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 import foreign
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.drawing.palette import color_of
-from kitti_ros2.messages.cdr import join, serialize
+from kitti_ros2.drawing.drawn_objects import color_of
+from kitti_ros2.messages.camera_info import encode_static
+from kitti_ros2.messages.cdr import join, make_header, make_pose, make_vector3, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections
-from kitti_ros2.messages.header import make_header, make_pose, make_vector3
 from kitti_ros2.messages.ros_types import (
     TYPESTORE,
     CompressedImage,
@@ -31,10 +31,9 @@ from kitti_ros2.messages.ros_types import (
     Twist,
     TwistStamped,
 )
-from kitti_ros2.messages.transforms import encode_static
 from kitti_ros2.model.boxes import Box, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.markers import MarkerColors
+from kitti_ros2.options.messages import MarkerColors
 from kitti_ros2.own_bags.numbering import BY_POSITION
 
 T0 = 1_700_000_000_123_456_789

@@ -14,17 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from read_rrd import show_in
 
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import camera_model
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.streams import CAMERA_NAMES, Stream
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
-from kitti_ros2.rerun_view.cameras import projection_of
-from kitti_ros2.rig.stereo import Viewpoint
+from kitti_ros2.rerun_view.archetypes import projection_of
+from kitti_ros2.rig.rectified_cameras import Viewpoint
 
 ANGLE = st.floats(-0.3, 0.3)
 METRES = st.floats(-2, 2)

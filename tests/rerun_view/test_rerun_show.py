@@ -16,21 +16,19 @@ from prediction_set import write_prediction_set
 from read_rrd import show_in
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.drawing.palette import PREDICTION_COLOR
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.drawing.drawn_objects import PREDICTION_COLOR
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.source import POINTS as SOURCE_POINTS
-from kitti_ros2.model.cloud_formats import Points
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.messages.naming import POINTS as SOURCE_POINTS
+from kitti_ros2.model.bag_formats import Points
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions
-from kitti_ros2.options.selection import Bound, SelectionOptions
+from kitti_ros2.options.read import Bound, SelectionOptions
 from kitti_ros2.options.table import make_settings
-from kitti_ros2.player.bag_program import BagProgram
+from kitti_ros2.player.bag_program import BagProgram, open_program
 from kitti_ros2.player.program import RecordingProgram
-from kitti_ros2.player.source import open_program
-from kitti_ros2.rerun_view.blueprint import _space, chosen_cameras
 from kitti_ros2.rerun_view.program_survey import make_survey
+from kitti_ros2.rerun_view.show import _space, chosen_cameras
 
 from builders import convert_recording  # isort: skip
 

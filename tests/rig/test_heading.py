@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.rig.heading import (
+from kitti_ros2.rig.tf_tree import (
     AXES,
+    FrameTree,
     describe_direction,
     find_body,
     is_optical,
     known_heading,
     nearest_axis,
 )
-from kitti_ros2.rig.tf_tree import FrameTree
 
 NOWHERE = Transform.identity()
 

@@ -9,8 +9,13 @@ import pytest
 
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.rig.moving_tree import MovingTree, ProductTrack
-from kitti_ros2.rig.pose_track import MAX_GAP_NS, PoseTrack, TransformSeries
+from kitti_ros2.rig.moving_tree import (
+    MAX_GAP_NS,
+    MovingTree,
+    PoseTrack,
+    ProductTrack,
+    TransformSeries,
+)
 
 STEP = 100_000_000
 BASE_T_LIDAR = Transform(rotation_from_rpy(0.1, 0.2, 0.3), np.array([1.0, 2.0, 3.0]))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2.messages.camera_info import EQUIDISTANT, CameraModel, lens_model
 from kitti_ros2.model.geometry import rotation_from_rpy
-from kitti_ros2.rig.rectify import Rectifier, has_lens_of_larger_image, needs_rectifying
+from kitti_ros2.rig.rectified_cameras import Rectifier, has_lens_of_larger_image, needs_rectifying
 
 SIZE = (640, 400)
 K = np.array([[350.0, 0, 322.3], [0, 347.0, 197.6], [0, 0, 1]])

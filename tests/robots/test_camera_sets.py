@@ -15,7 +15,7 @@ import small_rigs
 from camera_rigs import assert_true, moved
 
 from kitti_ros2.cli import main
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.streams import Stream
 
 ROBOT = small_rigs.sides('front', 'Left', 'rear')

@@ -11,16 +11,14 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.files.png.decode import decode_png
+from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan import Incomplete, StampSource
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import Incomplete, StampSource, format_plan, parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import UnsynchronisedError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 LEAP_NS = 37 * 10**9

@@ -16,8 +16,8 @@ import waymo_mcap
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 pytest.importorskip('mcap_protobuf')
 pytest.importorskip('foxglove_schemas_protobuf')

@@ -14,18 +14,17 @@ import robot_bags as bags
 
 from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.join_boxes import rectified_boxes
-from kitti_ros2.importer.label_groups import group_messages
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.box_labels import rectified_boxes
+from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.sync import group_messages
 from kitti_ros2.kitti.label_file import parse_box
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import CameraModel
 from kitti_ros2.messages.detections import ImageBox
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 

@@ -14,19 +14,17 @@ import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 
-from kitti_ros2.bags.message_source import BagMessages
 from kitti_ros2.bags.open_source import open_bag_source
-from kitti_ros2.bags.reader import open_messages, summarize_bag
+from kitti_ros2.bags.reader import BagMessages, open_messages, summarize_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.foxglove_fields import JsonFields
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.foxglove import JsonFields
 from kitti_ros2.model.errors import KittiRos2Error
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.own_bags.outlook import make_outlook
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.own_bags.to_kitti import make_outlook
 
 pytest.importorskip('mcap_protobuf')
 pytest.importorskip('foxglove_schemas_protobuf')

@@ -13,11 +13,11 @@ import pytest
 import small_rigs
 from rosbags.rosbag2 import Reader, Writer
 
-from kitti_ros2.bags.reader import OpenBag
+from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli import main
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
-from kitti_ros2.own_bags.outlook import make_outlook
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.own_bags.to_kitti import make_outlook
 
 if TYPE_CHECKING:
     from pathlib import Path

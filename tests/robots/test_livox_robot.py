@@ -11,11 +11,10 @@ import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import parse_packet
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan import parse_plan
 from kitti_ros2.model.errors import UsageError
 
 WHOLE = 'x y z are whole numbers ({})'

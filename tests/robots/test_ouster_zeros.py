@@ -13,14 +13,13 @@ import ouster_zeros as robots
 import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.clouds import AT_ZERO, NOT_FINITE, RANGE_ZERO, decode_returns
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 

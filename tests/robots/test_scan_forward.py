@@ -15,7 +15,7 @@ from nuscenes_car import nuscenes_car
 from ouster_robot import BASE_T_SENSOR, SENSOR_T_LIDAR, ouster_robot
 
 from kitti_ros2.cli import main
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan import parse_plan
 
 
 @pytest.fixture

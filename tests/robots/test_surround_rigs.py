@@ -16,7 +16,7 @@ from camera_rigs import assert_true, read_frame
 from nuscenes_car import nuscenes_car
 
 from kitti_ros2.cli import main
-from kitti_ros2.importer.plan_text import parse_plan
+from kitti_ros2.importer.plan import parse_plan
 
 
 @pytest.fixture

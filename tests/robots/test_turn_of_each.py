@@ -16,8 +16,8 @@ import velodyne_unit
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 MS = 1_000_000
 START_NS = 1_680_000_000_000_000_000

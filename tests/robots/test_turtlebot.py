@@ -16,15 +16,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.messages.laser_scan import decode_laser_scan
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.scan_sources import decode_laser_scan
 from kitti_ros2.model.errors import MissingDataError, UsageError
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.samples import rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 
 CAMERA_T_OPTICAL = robot.CAMERA_T_OPTICAL[:3, :3]

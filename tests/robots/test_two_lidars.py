@@ -12,8 +12,8 @@ import pytest
 
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

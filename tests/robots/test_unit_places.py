@@ -14,10 +14,10 @@ import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.oxts_file import parse_packet
+from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.model.geometry import rotation_from_rpy
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import ImportOptions
 
 MS = 1_000_000
 START_NS = 1_690_000_000_000_000_000

@@ -14,13 +14,12 @@ import velodyne_unit as robot
 import yaml
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import BadFileError, UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.bag_frames import BagFrames
 

@@ -14,16 +14,14 @@ from wanderer import BASE_T_CAMERA, BASE_T_IMU, BASE_T_LIDAR, MS, PERIOD_NS, STA
 from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.labelled_images import LabelledImages
-from kitti_ros2.importer.plan import PosePlan
-from kitti_ros2.importer.plan_text import format_plan, parse_plan
+from kitti_ros2.importer.plan import PosePlan, format_plan, parse_plan
 from kitti_ros2.importer.survey import look
-from kitti_ros2.kitti.layouts import open_recording
-from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.kitti.poses import MercatorWorld
+from kitti_ros2.kitti.kitti_recording import MercatorWorld
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.importing import ImportOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import make_import_options
 from kitti_ros2.pictures.bag_frames import BagFrames

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from seen import FLOAT32, UINT16, stamp_ns
 
-from kitti_ros2.model.msgtypes import CAMERA_INFO, CLOUD, IMAGE
+from kitti_ros2.model.bag_formats import CAMERA_INFO, CLOUD, IMAGE
 
 EDGE = 2
 """Clouds at the ends of a recording that an Imu or a transform need not surround."""

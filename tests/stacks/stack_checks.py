@@ -36,7 +36,7 @@ from checks import (
 )
 from seen import FLOAT32, FLOAT64, UINT8, UINT16, UINT32, stamp_ns
 
-from kitti_ros2.model.msgtypes import COMPRESSED, DETECTIONS_3D, FIX, IMU
+from kitti_ros2.model.bag_formats import COMPRESSED, DETECTIONS_3D, FIX, IMU
 
 TWIST_COVARIANCE = 'geometry_msgs/msg/TwistWithCovarianceStamped'
 OWN_SCAN, OWN_IMU = '/kitti/velo/points', '/kitti/oxts/imu'

@@ -9,12 +9,12 @@ from builders import convert_recording
 from seen import seen_in_bag, seen_live
 from stack_checks import CHECKERS
 
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.naming import naming_of
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.options.selection import SelectionOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
-from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.stacks.stack_catalogue import STACKS
 
 ALSO_SEEN = ('/tf*', '*/camera_info', '/kitti/labels/*')
 """Topics beside those that a stack reads: its checks look at them, and viewers show them."""

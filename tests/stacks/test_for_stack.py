@@ -7,13 +7,13 @@ from __future__ import annotations
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.config_file import add_config
+from kitti_ros2.cli.command import add_config
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ScanStamp
 from kitti_ros2.options.table import PLAY, TO_BAG, make_play_settings, make_settings
-from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.stacks.stack_catalogue import STACKS
 from kitti_ros2.stacks.stack_names import StackName
 
 

@@ -9,21 +9,19 @@ import shlex
 
 import pytest
 
-from kitti_ros2.bags.open_folder import open_folder
+from kitti_ros2.bags.open_source import open_folder
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import deserialize, join, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import ODOMETRY, TF, Channel
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.msgtypes import ODOMETRY, TF
-from kitti_ros2.options.bag import BagOptions
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.stack_setup.commands import commands_of
-from kitti_ros2.stack_setup.drive_facts import facts_of
-from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.stack_setup.setup_files import commands_of, facts_of
+from kitti_ros2.stacks.stack_catalogue import STACKS
 
 TRUTH = '/kitti/ground_truth/odometry'
 ITS_BODY = {

@@ -9,8 +9,8 @@ import json
 import pytest
 
 from kitti_ros2.cli.boundary import main
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.stacks.catalogue import STACKS
+from kitti_ros2.model.streams import Layout
+from kitti_ros2.stacks.stack_catalogue import STACKS
 
 
 def test_the_list_fits_a_terminal(capsys):

@@ -10,9 +10,9 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.source import open_program
+from kitti_ros2.player.bag_program import open_program
 
 
 def files_of(folder):

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.model.stamps import NS_PER_S
-from kitti_ros2.synthetic.path import COURSE, GRAVITY, Course, motion_at
-from kitti_ros2.synthetic.rig import CAR_T_VELO, make_calibration
+from kitti_ros2.model.streams import NS_PER_S
+from kitti_ros2.synthetic.scene import (
+    CAR_T_VELO,
+    COURSE,
+    GRAVITY,
+    Course,
+    make_calibration,
+    motion_at,
+)
 
 if TYPE_CHECKING:
     from kitti_ros2.model.geometry import Float64Array

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from kitti_ros2.model.boxes import box_to_velo
-from kitti_ros2.model.labels import rect_from_velo
+from kitti_ros2.model.samples import rect_from_velo
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
-from kitti_ros2.synthetic.lidar import MAX_RANGE
-from kitti_ros2.synthetic.rig import SCANNER_HEIGHT
+from kitti_ros2.synthetic.scene import SCANNER_HEIGHT
+from kitti_ros2.synthetic.sensors import MAX_RANGE
 
 if TYPE_CHECKING:
     from kitti_ros2.model.boxes import Box

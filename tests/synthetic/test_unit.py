@@ -10,15 +10,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.layouts import open_recording
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import rotation_from_rpy, rotation_to_rpy
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
-from kitti_ros2.synthetic.path import GRAVITY, Course, packet_of
-from kitti_ros2.synthetic.unit import PERIOD_NS, list_arrivals
+from kitti_ros2.synthetic.scene import GRAVITY, Course, packet_of
+from kitti_ros2.synthetic.sensors import PERIOD_NS, list_arrivals
 
 FAST = SyntheticOptions(
     frames=30, image_size=(16, 16), lidar_columns=64, speed=15.0, turn_rate=30.0, extract=True

@@ -9,18 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.files.png.header import parse_png
+from kitti_ros2.files.image_files import parse_png
 from kitti_ros2.kitti.calib_file import parse_calibration
-from kitti_ros2.kitti.layouts import guess_layout, open_recording
-from kitti_ros2.kitti.oxts_file import parse_packet
-from kitti_ros2.kitti.poses_file import parse_poses
+from kitti_ros2.kitti.opening import guess_layout, open_recording
 from kitti_ros2.kitti.scan_file import parse_scan
-from kitti_ros2.kitti.stamps_file import parse_timestamps
+from kitti_ros2.kitti.text_file import parse_packet, parse_poses, parse_timestamps
 from kitti_ros2.model.errors import OutputExistsError, UsageError
-from kitti_ros2.model.labels import rect_from_velo
-from kitti_ros2.model.layouts import Layout
-from kitti_ros2.model.samples import Scan
-from kitti_ros2.model.streams import Stream
+from kitti_ros2.model.samples import Scan, rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
 
 from builders import parse_boxes  # isort: skip

@@ -21,8 +21,8 @@ from planting import (
     write_blank,
 )
 
-from kitti_ros2.kitti.stamps_file import format_timestamps, parse_timestamps
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.kitti.text_file import format_timestamps, parse_timestamps
+from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,8 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.datasets import validate
-from kitti_ros2.messages.cdr import join, serialize
-from kitti_ros2.messages.header import make_header, make_quaternion, make_vector3
+from kitti_ros2.messages.camera_info import make_transform
+from kitti_ros2.messages.cdr import join, make_header, make_quaternion, make_vector3, serialize
 from kitti_ros2.messages.ros_types import (
     TYPESTORE,
     CameraInfo,
@@ -30,12 +30,11 @@ from kitti_ros2.messages.ros_types import (
     RegionOfInterest,
     TFMessage,
 )
-from kitti_ros2.messages.transforms import make_transform
-from kitti_ros2.model.channels import Channel
+from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.options.bag import BagOptions
-from kitti_ros2.validation.message_rules import CHECKED_TYPES
-from kitti_ros2.validation.rule_table import FOLDER_RULES, rules_by_id
+from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.validation.bag_rules import CHECKED_TYPES
+from kitti_ros2.validation.validate import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable

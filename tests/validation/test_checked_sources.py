@@ -13,11 +13,11 @@ from folder_and_bag import make_bag, make_holes
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
 from kitti_ros2.model.errors import KittiRos2Error, MissingSourceError, UsageError
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.validation import rule
-from kitti_ros2.validation import sources as checked
-from kitti_ros2.validation.results import FindingTally
-from kitti_ros2.validation.rule_table import rules_by_id
+from kitti_ros2.validation import validate as checked
+from kitti_ros2.validation.rule import FindingTally
+from kitti_ros2.validation.validate import rules_by_id
 
 from builders import one_line  # isort: skip
 
@@ -131,7 +131,7 @@ def test_a_part_of_a_data_set_names_the_whole(root):
 
 
 def test_findings_are_counted_beyond_those_that_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr('kitti_ros2.validation.results.MOST_KEPT', 10)
+    monkeypatch.setattr('kitti_ros2.validation.rule.MOST_KEPT', 10)
     tally = FindingTally(rules_by_id(bags=False))
     tally.add(('scan-size', rule.Breach(f'{number}', tmp_path)) for number in range(25))
     tally.add([('scan-size', rule.Breach('3', tmp_path))])

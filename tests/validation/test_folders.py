@@ -13,10 +13,10 @@ import pytest
 import sequence_faults
 
 from kitti_ros2.datasets import validate
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import write_synthetic
 from kitti_ros2.validation import recording_checks
-from kitti_ros2.validation.rule_table import FOLDER_RULES
+from kitti_ros2.validation.validate import FOLDER_RULES
 
 from builders import SMALL  # isort: skip
 

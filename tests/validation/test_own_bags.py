@@ -11,9 +11,8 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
-from kitti_ros2.model.cloud_formats import FORMATS
-from kitti_ros2.model.containers import CONTAINERS
-from kitti_ros2.model.layouts import Layout
+from kitti_ros2.model.bag_formats import CONTAINERS, FORMATS
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.stacks.stack_names import StackName
 
 from cropped_set import crop_frame  # isort: skip

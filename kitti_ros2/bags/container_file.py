@@ -1,0 +1,735 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A file of a bag open for reading, of any container, and what its readers share.
+
+It is read in pieces: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs its own
+piece.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import re
+from abc import ABC, abstractmethod
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from rosbags.typesys.msg import normalize_msgtype
+
+from ..model.bag_formats import Channel
+from ..model.errors import naming
+from .decompression import FileLimits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from typing_extensions import Self
+
+    from .decompression import Buffer
+
+
+# Notes and losses found while a bag is read.
+
+
+@dataclass
+class Findings:
+    """Notes and losses of a bag, each listed once.
+
+    Attributes:
+        notes: Non-fatal remarks without loss, one line each.
+        losses: Damaged or unreadable parts, one line each with their place (file, byte or row),
+            and the number of lost messages; None if that is unknown.
+    """
+
+    notes: dict[str, None] = field(default_factory=dict)
+    losses: dict[str, int | None] = field(default_factory=dict)
+
+    def note(self, text: str) -> None:
+        """Enter a remark that is not a loss."""
+        self.notes[text] = None
+
+    def lose(self, text: str, messages: int | None = None) -> None:
+        """Enter a loss."""
+        self.losses[text] = messages
+
+    def lose_one(self, text: str) -> None:
+        """Enter one more message that is lost for the same reason as others."""
+        self.losses[text] = (self.losses.get(text) or 0) + 1
+
+    def add(self, other: Findings) -> None:
+        """Enter what others hold so far."""
+        self.notes |= other.notes
+        self.losses |= other.losses
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is known to be damaged."""
+        return not self.losses
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Notes and losses, one line each."""
+        return (*self.notes, *self.losses)
+
+
+# Names of types as ROS 2 spells them.
+
+
+@lru_cache(1024)  # its paths take longer than the rest of a channel, which shares the string
+def ros2_spelling(name: str) -> str:
+    """Return the name of a type as ROS 2 spells it: sensor_msgs/msg/Imu for sensor_msgs/Imu."""
+    return normalize_msgtype(name)
+
+
+# The QoS of a channel, from rosbag2's text of offered QoS profiles.
+
+
+UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of a recording
+
+_MOST = 2**31 - 1
+
+# Metadata versions before 9 contain the number of rmw.
+_TRANSIENT_LOCAL = (1, 'transient_local')
+_POLICIES = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': (
+        'system_default',
+        'automatic',
+        'manual_by_node',
+        'manual_by_topic',
+        'unknown',
+        'best_available',
+    ),
+}
+"""The words of each policy, at the places of their numbers. Source: rmw/types.h."""
+_LONGEST_KEPT = 10_000
+_MATCHED = ('reliability', 'durability')
+"""Policies by which subscribers are matched with publishers."""
+_HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
+
+
+def offered_qos(profiles: str) -> dict[str, Any]:
+    """Return profiles, latched and depth of a StoredChannel from the text of its profiles."""
+    depth = _kept_depth(profiles)
+    return {'profiles': profiles, **(latched_qos(depth) if depth else {})}
+
+
+def latched_qos(depth: int = UNKNOWN_DEPTH) -> dict[str, Any]:
+    """Return latched and depth of a latched Channel."""
+    return {'latched': True, 'depth': depth}
+
+
+def _kept_depth(profiles: str) -> int:
+    """Return the number of messages that publishers keep for late subscribers, 0 for none."""
+    # A bag repeats a few texts, and is opened several times; long ones would fill the memory.
+    find = _find_kept_depth if len(profiles) <= _LONGEST_KEPT else _find_kept_depth.__wrapped__
+    return find(profiles)
+
+
+@lru_cache(1000)
+def _find_kept_depth(profiles: str) -> int:
+    if not _HINT.search(profiles):
+        return 0  # parsing YAML is slow
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - 13 ms for bags that latch a topic
+
+    try:
+        for profile in load_yaml(profiles):
+            durability = profile.get('durability')
+            if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
+                depth = int(profile.get('depth') or UNKNOWN_DEPTH)
+                return depth if 0 < depth <= _MOST else UNKNOWN_DEPTH
+    except (TypeError, AttributeError, ValueError, OverflowError):
+        return UNKNOWN_DEPTH
+    return 0
+
+
+def qos_faults(profiles: str) -> list[str]:
+    """List what is wrong with the text of a channel's profiles; one is stored for each publisher.
+
+    A text without any is valid: recorders write it where they do not know the publishers.
+    """
+    if not profiles.strip():
+        return []
+    from ..model.yaml_text import YamlTextError, load_yaml  # noqa: PLC0415 - as above
+
+    try:
+        found = load_yaml(profiles)
+    except YamlTextError:
+        found = None
+    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        return ['the QoS profiles are no YAML list']
+    faults = []
+    offered: dict[str, set[object]] = {}
+    for profile, (policy, words) in product(found, _POLICIES.items()):
+        value = profile.get(policy)
+        is_number = isinstance(value, int) and value in range(len(words))
+        word = words[value] if is_number else value
+        if word not in words:
+            faults.append(f'{policy} of a publisher is {value!r}'[:100])
+        offered.setdefault(policy, set()).add(str(word))
+    differing = [policy for policy in _MATCHED if len(offered.get(policy, ())) > 1]
+    faults += [f'publishers differ in {policy}' for policy in differing]
+    return list(dict.fromkeys(faults))
+
+
+# Summaries of bags from the stamps of their messages.
+
+
+StampArray: TypeAlias = npt.NDArray[np.int64]
+TopicKey: TypeAlias = tuple[str, str]
+"""Topic name and message type."""
+
+LAST_NS = 2**63 - 1
+"""The stamp of all later messages: readers count with int64, MCAP with uint64."""
+
+
+@dataclass
+class BagIndex:
+    """The stamps of a bag's messages, as its container stores them.
+
+    Attributes:
+        stamps: Nanoseconds by topic and type, in any order, in any number of pieces.
+        compressions: Names of the compressions found.
+        complete: Whether no file is truncated or damaged.
+        findings: Notes and losses, one line each.
+    """
+
+    stamps: dict[TopicKey, list[StampArray]] = field(default_factory=dict)
+    compressions: set[str] = field(default_factory=set)
+    complete: bool = True
+    findings: list[str] = field(default_factory=list)
+
+    def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
+        """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
+        found = np.asarray(stamps)
+        if found.dtype.kind == 'u':
+            found = np.minimum(found, np.uint64(LAST_NS))
+        self.stamps.setdefault(key, []).append(found.astype(np.int64, copy=False))
+
+    def merge(self, other: BagIndex) -> None:
+        """Add the index of another file of the same bag."""
+        for key, pieces in other.stamps.items():
+            self.stamps.setdefault(key, []).extend(pieces)
+        self.compressions |= other.compressions
+        self.complete = self.complete and other.complete
+        self.findings += other.findings
+
+    def by_topic(self) -> dict[str, StampArray]:
+        """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""
+        found: dict[str, list[StampArray]] = {}
+        for (topic, _), pieces in self.stamps.items():
+            found.setdefault(topic, []).extend(pieces)
+        return {topic: np.sort(np.concatenate(pieces)) for topic, pieces in found.items() if pieces}
+
+    @property
+    def total(self) -> int:
+        """Number of all messages."""
+        return sum(len(piece) for pieces in self.stamps.values() for piece in pieces)
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """One topic of a bag; values that need more messages than there are, are None.
+
+    Attributes:
+        name: Topic.
+        msgtype: ROS 2 spelling of the type, such as sensor_msgs/msg/Imu.
+        count: Messages.
+        start_ns, end_ns: First and last stamp.
+        median_period_ns: Median difference of consecutive stamps.
+        largest_gap_ns: Greatest difference of consecutive stamps.
+        largest_gap_at_ns: The stamp at the start of that gap.
+        mean_rate_hz: Messages per second between the first and the last.
+    """
+
+    name: str
+    msgtype: str
+    count: int
+    start_ns: int | None = None
+    end_ns: int | None = None
+    median_period_ns: int | None = None
+    largest_gap_ns: int | None = None
+    largest_gap_at_ns: int | None = None
+    mean_rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class BagSummary:
+    """The contents of a bag.
+
+    Attributes:
+        container: mcap, rosbag2 mcap, rosbag2 sqlite3, sqlite3 or ros1.
+        files: The files with messages, in order.
+        size_bytes: Size of those files together.
+        start_ns, end_ns: First and last stamp, None without messages.
+        topics: By name.
+        compression: none, or the names of the compressions found.
+        complete: False if a file is truncated or damaged; readable messages are counted.
+        findings: Notes and losses, one line each.
+    """
+
+    container: str
+    files: tuple[Path, ...]
+    size_bytes: int
+    start_ns: int | None
+    end_ns: int | None
+    topics: tuple[TopicSummary, ...]
+    compression: str
+    complete: bool
+    findings: tuple[str, ...]
+
+    @property
+    def message_count(self) -> int:
+        """Number of all messages."""
+        return sum(topic.count for topic in self.topics)
+
+
+def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSummary:
+    """Summarize an index."""
+    topics = tuple(
+        summarize_topic(*key, np.concatenate(pieces))
+        for key, pieces in sorted(index.stamps.items())
+    )
+    starts = [topic.start_ns for topic in topics if topic.start_ns is not None]
+    ends = [topic.end_ns for topic in topics if topic.end_ns is not None]
+    return BagSummary(
+        container=container,
+        files=files,
+        size_bytes=sum(path.stat().st_size for path in files),
+        start_ns=min(starts, default=None),
+        end_ns=max(ends, default=None),
+        topics=topics,
+        compression=', '.join(sorted(index.compressions - {'none', ''})) or 'none',
+        complete=index.complete,
+        findings=tuple(index.findings),
+    )
+
+
+def summarize_topic(name: str, msgtype: str, stamps: StampArray) -> TopicSummary:
+    """Return count, times, rate and largest gap of one topic; stamps in ns, in any order."""
+    if not len(stamps):
+        return TopicSummary(name, msgtype, 0)
+    stamps = np.sort(stamps)
+    start_ns, end_ns = int(stamps[0]), int(stamps[-1])
+    if len(stamps) == 1:
+        return TopicSummary(name, msgtype, 1, start_ns, end_ns)
+    gaps = np.diff(stamps)
+    widest = int(gaps.argmax())
+    return TopicSummary(
+        name,
+        msgtype,
+        len(stamps),
+        start_ns,
+        end_ns,
+        median_period_ns=int(np.median(gaps)),
+        largest_gap_ns=int(gaps[widest]),
+        largest_gap_at_ns=int(stamps[widest]),
+        mean_rate_hz=len(gaps) * 1e9 / (end_ns - start_ns) if end_ns > start_ns else None,
+    )
+
+
+# Pages of a file read so that the start of each goes to one place and the rest to another.
+#
+# The kernel puts the bytes where they belong (preadv(2)). Reading the pages first and copying them
+# afterwards takes half as long again, and an object for each part, as os.preadv wants it, longer.
+
+
+if TYPE_CHECKING:
+    Bytes = np.ndarray[tuple[int], np.dtype[np.uint8]]
+
+_IOV_MAX = min(os.sysconf('SC_IOV_MAX'), 1024)
+_IOVEC = np.dtype([('address', np.uintp), ('size', np.uintp)])  # sys/uio.h
+_HEAD = 4
+
+
+class PageScatter:
+    """Reads pages of one size: heads of 4 bytes, bodies, and a rest of each that nobody needs.
+
+    One thread may use it.
+
+    Args:
+        page_size: In bytes.
+        body_size: Of the body that follows the head, in bytes.
+        block_size: Pages of about so many bytes are read at once.
+
+    Attributes:
+        most: Number of pages that are read at once.
+    """
+
+    def __init__(self, page_size: int, body_size: int, block_size: int) -> None:
+        rest_size = page_size - _HEAD - body_size
+        sizes = [_HEAD, body_size, rest_size] if rest_size else [_HEAD, body_size]
+        self.most = max(1, min(block_size // page_size, _IOV_MAX // len(sizes)))
+        self._page_size = page_size
+        self._body_size = body_size
+        self._heads = np.zeros(self.most, '>u4')
+        self._rest = np.empty(page_size, np.uint8)
+        self._parts = np.zeros((self.most, len(sizes)), _IOVEC)
+        self._parts['size'] = self._of_page = np.array(sizes, np.uintp)
+        self._sizes, addresses = self._parts['size'], self._parts['address']
+        numbers = np.arange(self.most, dtype=np.uintp)
+        addresses[:, 0] = numbers * np.uintp(_HEAD) + np.uintp(_address(self._heads))
+        addresses[:, 2:] = _address(self._rest)
+        self._bodies = addresses[:, 1]
+        self._places = numbers * np.uintp(body_size)
+
+    def read(
+        self, file: int, position: int, count: int, target: Bytes
+    ) -> npt.NDArray[np.uint32] | None:
+        """Read pages that follow each other.
+
+        Args:
+            file: Descriptor.
+            position: Of the first page, in bytes.
+            count: Number of pages, at most `most`.
+            target: (N,) contiguous uint8, gets their bodies; it ends in the body of the last page.
+
+        Returns:
+            Their heads, (count,) big-endian uint32, valid until the next call; None if the file
+            ends before.
+
+        Raises:
+            OSError: The disk refuses.
+            ValueError: The target does not end in the body of the last page.
+            TypeError: It is not contiguous, or read-only.
+        """
+        last = len(target) - (count - 1) * self._body_size
+        if not (0 < count <= self.most and 0 < last <= self._body_size and target.itemsize == 1):
+            raise ValueError(f'{count} pages do not fit {len(target)} bytes')
+        np.add(self._places[:count], np.uintp(_address(target)), out=self._bodies[:count])
+        sizes = self._sizes[count - 1]
+        sizes[1], sizes[2:] = last, 0
+        try:
+            done = _fill(file, self._parts[:count], position)
+        finally:
+            sizes[:] = self._of_page
+        wanted = (count - 1) * self._page_size + _HEAD + last
+        return self._heads[:count] if done == wanted else None
+
+
+def _address(array: npt.NDArray[Any]) -> int:
+    """Return the address of a contiguous array that may be written."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
+
+
+def _fill(file: int, parts: npt.NDArray[np.void], position: int) -> int:
+    """Read into places of memory; return the number of bytes, fewer at the end of the file."""
+    function = _preadv()
+    if function is None:
+        return _copy(file, parts, position)
+    while (count := int(function(file, _address(parts), parts.size, position))) < 0:
+        code = ctypes.get_errno()
+        if code != errno.EINTR:
+            raise OSError(code, os.strerror(code))
+    return count
+
+
+def _copy(file: int, parts: npt.NDArray[np.void], position: int) -> int:
+    """Read as _fill where the system has no preadv."""
+    data = os.pread(file, int(parts['size'].sum()), position)
+    done = 0
+    for address, size in parts.ravel().tolist():
+        part = data[done : done + size]
+        ctypes.memmove(address, part, len(part))
+        done += len(part)
+    return done
+
+
+@lru_cache(maxsize=1)
+def _preadv() -> Any:  # noqa: ANN401 - a foreign function, or None
+    library = ctypes.CDLL(None, use_errno=True)
+    # glibc's preadv takes 32 bits of position on 32-bit systems; others have one name only.
+    function = getattr(library, 'preadv64', None) or getattr(library, 'preadv', None)
+    if function is not None:
+        function.argtypes = ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
+        function.restype = ctypes.c_ssize_t
+    return function
+
+
+# The files of a bag as pieces with a time span each.
+#
+# A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs at most
+# its own piece.
+
+
+StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
+"""Stamp in nanoseconds, channel id, and the data in stored form."""
+
+
+class MessageStart(bytes):
+    """The first kilobyte or more of a large message, of which the rest was read and not kept.
+
+    Attributes:
+        size: Of the whole message, in bytes.
+    """
+
+    size: int
+
+
+def size_of(data: Buffer) -> int:
+    """Return the size in bytes of a message, of which this may be the start."""
+    return data.size if isinstance(data, MessageStart) else len(data)
+
+
+_ADVICE_BYTES = 2**18
+"""Linux reads no more for one piece of advice than the disk takes in one request."""
+
+
+@dataclass(frozen=True)
+class StoredChannel(Channel):
+    """A topic as stored in a file.
+
+    Attributes:
+        encoding: Of the messages: cdr, ros1, protobuf, json, or an unsupported one.
+        definition: The text that defines the type and those in it, empty if missing.
+        definition_encoding: ros2msg, ros2idl or ros1msg.
+        profiles: rosbag2's text of the offered QoS profiles, empty if missing.
+        schema: The definition of a protobuf type, a serialised FileDescriptorSet; empty for others.
+    """
+
+    encoding: str
+    definition: str = ''
+    definition_encoding: str = ''
+    profiles: str = field(default='', kw_only=True)
+    schema: bytes = field(default=b'', kw_only=True, repr=False)
+
+
+class Piece(NamedTuple):
+    """A part of a file that is read at once.
+
+    Attributes:
+        start_ns, end_ns: Least and greatest stamp.
+        position, length: In the file, in bytes.
+        counts: Messages by channel id.
+    """
+
+    start_ns: int
+    end_ns: int
+    position: int
+    length: int
+    counts: Mapping[int, int]
+
+
+class FetchedPiece(NamedTuple):
+    """The bytes of a piece, read before its messages are asked for.
+
+    Attributes:
+        data: As stored, fewer than its length if the file was cut off.
+        unpacked: Its records, and whether it is whole; None if it is damaged, or too large to be
+            unpacked before its turn.
+    """
+
+    data: bytes
+    unpacked: tuple[Buffer, bool] | None
+
+
+class BagFile(ABC):
+    """A file open for reading, of any container.
+
+    Attributes:
+        channels: By id.
+        pieces: In any order.
+        compressions: Names of the compressions of chunks found so far, including none.
+        is_start_enough: Asked with the id of a channel before a large message is read: whether its
+            MessageStart is enough. A file may give the whole message all the same.
+        fetches: Whether any thread may fetch pieces.
+    """
+
+    channels: Mapping[int, StoredChannel]
+    pieces: Sequence[Piece]
+    compressions: Collection[str] = ()
+    is_start_enough: Callable[[int], bool] | None = None
+    fetches: bool = False
+    _findings: Findings
+
+    @abstractmethod
+    def read(
+        self,
+        piece: Piece,
+        wanted: Collection[int],
+        since_ns: int,
+        fetched: FetchedPiece | None = None,
+    ) -> Iterable[StoredMessage]:
+        """Return the messages of some channels in a piece from a stamp on, in time order.
+
+        Unreadable messages are skipped and entered into the bag's findings.
+
+        Args:
+            piece: One of pieces.
+            wanted: Ids of the requested channels.
+            since_ns: The first requested stamp.
+            fetched: What fetch returned for the piece; without it the file is read now.
+        """
+
+    def fetch(self, piece: Piece) -> FetchedPiece:
+        """Read the bytes of a piece for read, on any thread, where the file fetches.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        raise NotImplementedError
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the file."""
+
+    def index(self) -> BagIndex:
+        """Return the stamps of all messages, by topic and type."""
+        index = BagIndex()
+        for channel in self.channels.values():
+            index.add((channel.topic, channel.msgtype), [])
+        for channel_id, stamps in self._all_stamps():
+            if channel_id in self.channels:
+                channel = self.channels[channel_id]
+                index.add((channel.topic, channel.msgtype), stamps)
+        index.compressions.update(self.compressions)
+        return index
+
+    def expect(self, piece: Piece) -> None:  # noqa: B027 - a database reads as it is asked
+        """Ask the system to read a piece ahead of its turn; it is only advice."""
+
+    def reporting_to(self, findings: Findings) -> Self:
+        """Return the same open file, which enters what it finds damaged into other findings."""
+        other = copy(self)
+        other._findings = findings  # noqa: SLF001 - of the same class
+        return other
+
+    @abstractmethod
+    def _all_stamps(self) -> Iterable[tuple[int, npt.ArrayLike]]:
+        """Return the stamps of all messages, nanoseconds, by channel id."""
+
+
+class NamedFile(NamedTuple):
+    """A file of a bag that is to be opened.
+
+    Attributes:
+        path: The file; a copy of it if it had to be unpacked.
+        name: The path in messages.
+        packed: Bytes of the file that was unpacked, None if none was.
+    """
+
+    path: Path
+    name: Path
+    packed: int | None = None
+
+
+class FileBytes:
+    """A file's bytes by position; not memory-mapped, as a file may be truncated while it is read.
+
+    Attributes:
+        name: The path in messages.
+        size: In bytes, when it was opened.
+        waits: Whether each read waits for a store, so that what is needed is best requested early.
+
+    Raises:
+        OSError: The file cannot be opened.
+    """
+
+    waits = False
+    _packed: int | None = None
+
+    @cached_property
+    def limits(self) -> FileLimits:
+        """What it may hold: as much as its compressed form allows, if it was unpacked."""
+        return FileLimits(self.size if self._packed is None else self._packed)
+
+    def __init__(self, file: NamedFile) -> None:
+        self.name = file.name
+        self._packed = file.packed
+        self._file = file.path.open('rb', buffering=0)
+        with naming(self.name):
+            self.size = os.fstat(self._file.fileno()).st_size
+
+    def read(self, position: int, length: int) -> bytes:
+        """Read `length` bytes, fewer at the end of the file, none outside of it.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        if length <= 0 or not 0 <= position < self.size:
+            return b''
+        length = min(length, self.size - position)  # a damaged length asks for more than memory
+        try:
+            data = os.pread(self._file.fileno(), length, position)
+            while 0 < len(data) < length:
+                more = os.pread(self._file.fileno(), length - len(data), position + len(data))
+                if not more:
+                    break
+                data += more
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
+        return data
+
+    def read_part(self, position: int, length: int) -> bytes:
+        """Read as read does a part that is held in memory as a whole, such as an index.
+
+        Raises:
+            ValueError: It is larger than a file of its packed size may have.
+            OSError: The disk refuses.
+        """
+        if length > self.limits.largest_part:
+            raise ValueError(f'{length} bytes, at most {self.limits.largest_part} are read')
+        return self.read(position, length)
+
+    def read_into(self, position: int, target: npt.NDArray[np.uint8]) -> int:
+        """Read into a contiguous array; return the number of bytes, fewer at the end of the file.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        view = target.data.cast('B')
+        done = 0
+        try:
+            while done < len(view):
+                count = os.preadv(self._file.fileno(), [view[done:]], position + done)
+                if not count:
+                    break
+                done += count
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
+        return done
+
+    def scatter(
+        self, scatter: PageScatter, position: int, count: int, target: Bytes
+    ) -> npt.NDArray[np.uint32] | None:
+        """Read pages, as PageScatter.read; None also outside of the file.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        if position < 0:
+            return None
+        try:
+            return scatter.read(self._file.fileno(), position, count, target)
+        except OSError as error:
+            error.filename = str(self.name)
+            raise
+
+    def expect(self, position: int, length: int) -> None:
+        """Ask the system to read bytes from the disk meanwhile; it is only advice."""
+        if hasattr(os, 'posix_fadvise'):
+            with suppress(OSError):  # of a file system without a page cache
+                file, end = self._file.fileno(), min(position + length, self.size)
+                for start in range(position, end, _ADVICE_BYTES):
+                    os.posix_fadvise(file, start, _ADVICE_BYTES, os.POSIX_FADV_WILLNEED)
+
+    def is_cut(self) -> bool:
+        """Whether it has become shorter since it was opened."""
+        return os.fstat(self._file.fileno()).st_size < self.size
+
+    def close(self) -> None:
+        """Close the file; does nothing if it is closed."""
+        self._file.close()

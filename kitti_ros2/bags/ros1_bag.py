@@ -1,0 +1,785 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS 1 .bag files (format 2.0), read and written.
+
+The format: http://wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from array import array
+from contextlib import suppress
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ..files.local_files import WritingOut
+from ..messages.type_definitions import closure, nested_type
+from ..model.bag_formats import HEADER
+from ..model.errors import BadBagError
+from .chunked_file import ChunkedFile, ChunkScan, FileContents, Kind, Record, open_bytes
+from .container_file import FileBytes, Piece, StoredChannel, latched_qos, ros2_spelling
+from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning, largest_block
+from .segment_writer import ros1_lz4
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+    from rosbags.typesys.store import Typestore
+
+    from ..model.bag_formats import Channel
+    from .chunked_file import Run, Source
+    from .container_file import Findings, NamedFile, StoredMessage
+    from .decompression import Buffer, DescriptionLimits, FileLimits
+    from .segment_writer import Parts, SegmentContext
+
+
+# Parsers of the records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
+#
+# Little endian; every record is a header's length (uint32), the header, the data's length (uint32)
+# and the data. A header is a sequence of fields, each its length (uint32) and ``name=value``; the
+# field op is the record's kind. Messages are in chunks; each chunk is followed by the indexes of
+# its messages; the file ends with all connections and the summaries of the chunks.
+
+
+MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
+MAGIC = b'#ROSBAG V2.0\n'
+
+Fields: TypeAlias = 'dict[bytes, bytes]'
+"""Of the header of a record, by name."""
+
+_UINT32 = struct.Struct('<I')
+_TIME = struct.Struct('<II')
+_LONGEST_HEADER = 2**16
+_HEAD_READ = 256
+# The required fields of each kind of record with their sizes, and the data size per count.
+_NEEDED: dict[int, dict[bytes, int | None]] = {
+    MESSAGE: {b'conn': 4, b'time': 8},
+    BAG_HEADER: {b'index_pos': 8, b'conn_count': 4, b'chunk_count': 4},
+    INDEX: {b'ver': 4, b'conn': 4, b'count': 4},
+    CHUNK: {b'compression': None, b'size': 4},
+    CHUNK_INFO: {b'ver': 4, b'chunk_pos': 8, b'start_time': 8, b'end_time': 8, b'count': 4},
+    CONNECTION: {b'conn': 4, b'topic': None},
+}
+_ENTRY_SIZES = {INDEX: 12, CHUNK_INFO: 8}
+
+# A message's header as recorders write it, with its fields in any order, and its data's length.
+_MESSAGE_HEAD = re.compile(
+    rb'\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})',
+    re.DOTALL,
+)
+# The first field of any record that a search may begin with: chunks, messages, connections.
+_FIELD = (
+    rb'(?:\x04\0\0\0op=|.\0\0\0compression=|\x09\0\0\0(?:conn|size)=|\x0d\0\0\0time=|...\0topic=)'
+)
+
+
+def parse_time(value: Buffer) -> int:
+    """Return a time in nanoseconds."""
+    seconds, nanoseconds = _TIME.unpack(value)
+    return int(seconds) * 10**9 + int(nanoseconds)
+
+
+def parse_fields(header: Buffer) -> Fields:
+    """Parse the fields of a header, by name.
+
+    Raises:
+        ValueError: The header is invalid.
+    """
+    data = bytes(header)
+    fields = {}
+    position = 0
+    while position < len(data):
+        if position + 4 > len(data):
+            raise ValueError('a field is cut')
+        (size,) = _UINT32.unpack_from(data, position)
+        position += 4
+        name, equals, value = data[position : position + size].partition(b'=')
+        position += size
+        if not equals or position > len(data):
+            raise ValueError('a field is cut')
+        fields[name] = value
+    return fields
+
+
+def split_record(view: Buffer, position: int) -> tuple[Fields, int, int]:
+    """Return a record's header fields, and the start and end of its data, which may be truncated.
+
+    Raises:
+        ValueError: The header is invalid or truncated.
+    """
+    if position + 4 > len(view):
+        raise ValueError('cut')
+    (size,) = _UINT32.unpack_from(view, position)
+    start = position + 4 + size
+    if size > _LONGEST_HEADER:
+        raise ValueError('no header')
+    if start + 4 > len(view):
+        raise ValueError('cut')
+    fields = parse_fields(view[position + 4 : start])
+    (length,) = _UINT32.unpack_from(view, start)
+    return fields, start + 4, start + 4 + int(length)
+
+
+def split_records(view: Buffer) -> Iterator[tuple[Fields, int, int]]:
+    """Yield consecutive records, up to the first damaged one."""
+    position = 0
+    while position < len(view):
+        try:
+            fields, start, position = split_record(view, position)
+        except ValueError:
+            return
+        if position > len(view) or not opcode_of(fields):
+            return
+        yield fields, start, position
+
+
+def opcode_of(fields: Fields) -> int:
+    """Return the kind of a record, 0 if its fields are invalid."""
+    opcode = int.from_bytes(fields.get(b'op', b'\0'), 'little')
+    for name, size in _NEEDED.get(opcode, {b'': None}).items():
+        if name not in fields or (size is not None and len(fields[name]) != size):
+            return 0
+    return opcode
+
+
+def messages_in(
+    records: Buffer,
+    wanted: Collection[int],
+    since_ns: int,
+    describe: Callable[[Fields, Buffer], None],
+) -> tuple[list[StoredMessage], int]:
+    """Return the messages of some connections, and the end of the last record that can be split.
+
+    Args:
+        records: The records of a chunk.
+        wanted: Ids of the requested connections.
+        since_ns: The first requested stamp.
+        describe: Called with header and data of each connection record.
+    """
+    view = memoryview(records)
+    found: list[StoredMessage] = []
+    position, end = 0, len(view)
+    match_head = _MESSAGE_HEAD.match
+    while position < end:
+        head = match_head(view, position)
+        if head is not None:
+            conn, time, size = head.groups()
+            start = head.end()
+            following = start + int.from_bytes(size, 'little')
+            if conn is None or time is None or following > end:
+                break
+            channel_id = int.from_bytes(conn, 'little')
+            if channel_id in wanted and (stamp_ns := parse_time(time)) >= since_ns:
+                found.append((stamp_ns, channel_id, view[start:following]))
+            position = following
+            continue
+        record = _record_at(view, position)
+        if record is None:
+            break
+        fields, start, following = record
+        if opcode_of(fields) == MESSAGE:
+            channel_id, stamp_ns = parse_message(fields)
+            if channel_id in wanted and stamp_ns >= since_ns:
+                found.append((stamp_ns, channel_id, view[start:following]))
+        elif opcode_of(fields) == CONNECTION:
+            describe(fields, view[start:following])
+        position = following
+    return found, position
+
+
+def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | None:
+    """Return the record at a position as split_record does; None unless it is whole."""
+    try:
+        fields, start, following = split_record(view, position)
+    except ValueError:
+        return None
+    return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
+
+
+class _Chunk(NamedTuple):
+    """A chunk: the size of its records, and where they are stored in it."""
+
+    compression: str
+    size: int
+    start: int
+    end: int
+
+
+def _parse_chunk(data: Buffer) -> _Chunk | None:
+    """Parse the head of a chunk; None if data begin with another record."""
+    try:
+        fields, start, end = split_record(data, 0)
+    except ValueError:
+        return None
+    if opcode_of(fields) != CHUNK:
+        return None
+    compression = fields[b'compression'].decode('ascii', 'replace')
+    return _Chunk(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
+
+
+def parse_message(fields: Fields) -> tuple[int, int]:
+    """Return the connection and stamp of a message."""
+    return int.from_bytes(fields[b'conn'], 'little'), parse_time(fields[b'time'])
+
+
+class Ros1Format:
+    """The record format of ROS 1 bags; the head of a record is its header's fields."""
+
+    start = len(MAGIC)
+    chunk = CHUNK
+    message = MESSAGE
+    longest_message_head = _HEAD_READ
+    candidate = re.compile(rb'(?=..\0\0' + _FIELD + rb')', re.DOTALL)
+    longest = 32
+    row = 1  # names of fields are no coincidence
+
+    def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
+        """Classify the bytes at a position."""
+        head = source.read(position, min(_HEAD_READ, end - position))
+        size = int.from_bytes(head[:4], 'little')
+        if size > _LONGEST_HEADER:
+            return Kind.NONE, Record(0, position, position)
+        needed = 4 + size + 4
+        if needed > len(head):
+            head = source.read(position, min(needed, end - position))
+        if needed > len(head):
+            return Kind.CUT, Record(0, position, end + 1)
+        try:
+            fields, start, stop = split_record(head, 0)
+        except ValueError:
+            return Kind.NONE, Record(0, position, position)
+        record = Record(opcode_of(fields), position, position + stop)
+        if not _agrees(record.opcode, fields, stop - start):
+            return Kind.NONE, record
+        unset = record.opcode == CHUNK and fields[b'size'] == bytes(4)
+        if unset and not _begins_after_chunk(source.read(record.end, _HEAD_READ)):
+            # A chunk that its recorder did not finish extends to the end.
+            record = record._replace(end=end + 1)
+        return (Kind.WHOLE if record.end <= end else Kind.CUT), record
+
+    def is_checked(self, opcode: int) -> bool:
+        """Whether records of an opcode contain a second length."""
+        return opcode in _ENTRY_SIZES
+
+    def inside(self, source: Source, position: int) -> int | None:
+        """Return the position of a chunk's first record, None if the chunk is compressed."""
+        fields, start, _ = split_record(source.read(position, _HEAD_READ), 0)
+        return position + start if fields[b'compression'] == b'none' else None
+
+    def compression(self, record: Buffer) -> str:
+        """Return the name of a chunk's compression."""
+        return split_record(record, 0)[0][b'compression'].decode('ascii', 'replace')
+
+    def unpacked_size(self, data: Buffer) -> int:
+        """Return the most bytes that unpack makes of a piece."""
+        chunk = _parse_chunk(data)
+        if chunk is None:
+            return len(data)
+        # decompress_beginning is bounded by the same where the size is not known.
+        return chunk.size or largest_block(len(data))
+
+    def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
+        """Return the records of a piece, and whether it is whole."""
+        chunk = _parse_chunk(data)
+        if chunk is None:
+            return data, True
+        compression, size, start, end = chunk
+        stored = memoryview(data)[start:]
+        if size == 0 or end - start > len(stored):
+            # Recorders write the size once the chunk is full.
+            return decompress_beginning(compression, stored, size), False
+        return decompress(compression, stored[: end - start], size), True
+
+    split_record = staticmethod(split_record)
+    split_records = staticmethod(split_records)
+
+    def stored_message(self, head: Fields, body: memoryview) -> StoredMessage | None:
+        """Return the message that a record is, None for others."""
+        if opcode_of(head) != MESSAGE:
+            return None
+        channel_id, stamp_ns = parse_message(head)
+        return stamp_ns, channel_id, body
+
+
+def _begins_after_chunk(head: Buffer) -> bool:
+    """Whether a record begins that is behind a chunk, never in it: then the chunk is empty."""
+    try:
+        return opcode_of(split_record(head, 0)[0]) in {CHUNK, INDEX, CHUNK_INFO}
+    except ValueError:
+        return False
+
+
+def _agrees(opcode: int, fields: Fields, length: int) -> bool:
+    """Whether the opcode is known and the header agrees with the data's length."""
+    if opcode in _ENTRY_SIZES:
+        (count,) = _UINT32.unpack(fields[b'count'])
+        return bool(length == count * _ENTRY_SIZES[opcode])
+    if opcode == CHUNK and fields[b'compression'].decode('ascii', 'replace') in UNCOMPRESSED:
+        return bool(length == _UINT32.unpack(fields[b'size'])[0])
+    return opcode != 0
+
+
+ROS1 = Ros1Format()
+
+
+# The scan of a ROS 1 .bag file (or .bag.active), and the descriptions of its connections.
+
+
+@dataclass(frozen=True)
+class Ros1Channel(StoredChannel):
+    """A connection.
+
+    Attributes:
+        md5sum: Of the definition.
+        callerid: The publisher's node.
+    """
+
+    md5sum: str = ''
+    callerid: str | None = None
+
+
+class DescribedConnections:
+    """The connections of a file.
+
+    Args:
+        room: How many there may be.
+
+    Attributes:
+        by_id: The last description of each.
+    """
+
+    def __init__(self, room: DescriptionLimits) -> None:
+        self.by_id: dict[int, StoredChannel] = {}
+        self._room = room
+
+    def enter(self, fields: Fields, body: Buffer) -> None:
+        """Enter a connection.
+
+        Raises:
+            LimitError: There are too many.
+            ValueError: The connection is damaged.
+        """
+        channel_id, channel = parse_connection(fields, body)
+        if channel_id not in self.by_id:
+            self._room.add(len(body))
+        self.by_id[channel_id] = channel
+
+
+class Ros1Scan(ChunkScan[Fields]):
+    """A scan of a ROS 1 .bag file.
+
+    Args:
+        file: The file to read.
+        findings: Damage is entered there.
+    """
+
+    noun = 'connection'
+    descriptions = (CONNECTION,)
+
+    def __init__(self, file: FileBytes, findings: Findings) -> None:
+        super().__init__(file, findings, ROS1)
+        self._connections = DescribedConnections(file.limits.descriptions())
+
+    def _enter_record(self, head: Fields, body: Buffer, run: Run) -> None:
+        opcode = opcode_of(head)
+        if opcode == MESSAGE:
+            channel_id, stamp_ns = parse_message(head)
+            self._stamps.setdefault(channel_id, array('Q')).append(stamp_ns)
+            run.add(channel_id, stamp_ns)
+        elif opcode == CONNECTION and self._refused is None:
+            try:
+                self._connections.enter(head, body)
+            except LimitError as error:
+                self._refused = error
+            except ValueError as error:
+                text = f'{self._file.name}: a connection is damaged ({error})'
+                self._findings.lose(text)
+
+    def _channels(self) -> dict[int, StoredChannel]:
+        return self._connections.by_id
+
+
+def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
+    """Parse a connection and its id.
+
+    Raises:
+        ValueError: The connection is damaged.
+    """
+    described = parse_fields(body)
+    try:
+        topic, msgtype = fields[b'topic'].decode(), described[b'type'].decode()
+        definition = described[b'message_definition'].decode(errors='replace')
+        md5sum = described[b'md5sum'].decode('ascii')
+    except KeyError as error:
+        raise ValueError(f'it has no {error}') from error
+    caller = described.get(b'callerid')
+    latched = described.get(b'latching') == b'1'
+    return int.from_bytes(fields[b'conn'], 'little'), Ros1Channel(
+        '/' * topic.startswith('/') + '/'.join(filter(None, topic.split('/'))),
+        ros2_spelling(msgtype),
+        'ros1',
+        definition,
+        'ros1msg',
+        md5sum,
+        None if caller is None else caller.decode(errors='replace'),
+        **(latched_qos() if latched else {}),
+    )
+
+
+# A ROS 1 .bag file open for reading: by its index, or by a scan if the index is missing.
+
+
+_CHUNK_HEAD_READ = 4096
+_COUNT = struct.Struct('<II')
+_ENTRY = np.dtype([('seconds', '<u4'), ('nanoseconds', '<u4'), ('offset', '<u4')])
+
+
+class Ros1File(ChunkedFile[Fields]):
+    """A ROS 1 .bag file, format 2.0.
+
+    Args:
+        file: The file.
+        findings: Damage is entered there.
+
+    Raises:
+        BadBagError: The magic bytes are missing.
+        OSError: The file cannot be read.
+    """
+
+    def __init__(self, file: NamedFile, findings: Findings) -> None:
+        data = open_bytes(file)
+        if data.read(0, len(MAGIC)) != MAGIC:
+            raise BadBagError(file.name, 'does not begin as a ROS 1 bag of format 2.0 does')
+        contents = _read_index(data, findings) or Ros1Scan(data, findings).run()
+        super().__init__(data, findings, contents, ROS1)
+        if self.pieces:
+            with suppress(ValueError):
+                self._chunk_end(self.pieces[0])
+
+    def _messages_in(
+        self, records: Buffer, wanted: Collection[int], since_ns: int
+    ) -> tuple[list[StoredMessage], int]:
+        return messages_in(records, wanted, since_ns, self._compare_connection)
+
+    def _compare_connection(self, fields: Fields, body: Buffer) -> None:
+        """Enter a loss if a chunk and the index describe a connection differently."""
+        try:
+            channel_id, channel = parse_connection(fields, body)
+        except ValueError as error:
+            self._findings.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
+            return
+        known = self.channels.get(channel_id)
+        if known is not None and known != channel:
+            both = f'{known.topic} ({known.msgtype}) and {channel.topic} ({channel.msgtype})'
+            text = f'connection {channel_id} is described in two ways, {both}; the first counts'
+            self._findings.lose(f'{self._file.name}: {text}', 0)
+
+    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
+        end = self._chunk_end(piece)
+        block = self._file.read(piece.position + end, piece.length - end)
+        found = {}
+        position = 0
+        while position < len(block):
+            fields, start, position = split_record(block, position)
+            if opcode_of(fields) == INDEX:
+                entries = np.frombuffer(block[start:position], _ENTRY)
+                times = entries['seconds'].astype(np.int64) * 10**9 + entries['nanoseconds']
+                found[int.from_bytes(fields[b'conn'], 'little')] = times
+        return found
+
+    def _chunk_end(self, piece: Piece) -> int:
+        """Return the offset in the piece of the indexes behind its chunk.
+
+        Raises:
+            ValueError: The chunk is damaged.
+        """
+        fields, _, end = split_record(self._file.read(piece.position, _CHUNK_HEAD_READ), 0)
+        if opcode_of(fields) == CHUNK:
+            self.compressions.add(fields[b'compression'].decode('ascii', 'replace'))
+        return end
+
+    def _scanned(self) -> Mapping[int, array[int]]:
+        return Ros1Scan(self._file, self._findings).run().stamps or {}
+
+
+def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
+    """Read the index at the end; None if it is missing or damaged."""
+    try:
+        fields, _, _ = split_record(file.read(len(MAGIC), _CHUNK_HEAD_READ), 0)
+        start = int.from_bytes(fields.get(b'index_pos', b''), 'little')
+        if start == 0 and opcode_of(fields) == BAG_HEADER:
+            findings.lose(f'{file.name}: was not closed by its recorder', 0)
+            return None
+        if start > file.size:
+            return None  # the scan reports where it is truncated
+        section = file.read_part(start, file.size - start)
+        return _indexed_contents(section, start, fields, file.limits)
+    except LimitError:
+        return None  # the scan tells what is left out
+    except ValueError as error:
+        findings.lose(f'{file.name}: its index is damaged ({error})', 0)
+        return None
+
+
+def _indexed_contents(
+    section: bytes, start: int, header: Fields, limits: FileLimits
+) -> FileContents:
+    """Parse an index, which must list as many chunks as the bag's header.
+
+    Raises:
+        ValueError: The index is damaged, or lists more than the limits of the file allow.
+    """
+    if opcode_of(header) != BAG_HEADER:
+        raise ValueError('the header does not tell where it is')
+    expected = int.from_bytes(header[b'chunk_count'], 'little')
+    connections = DescribedConnections(limits.descriptions())
+    infos: list[tuple[int, int, int, dict[int, int]]] = []
+    position = 0
+    while position < len(section):
+        fields, at, position = split_record(section, position)
+        if position > len(section):
+            raise ValueError('cut')
+        body = section[at:position]
+        opcode = opcode_of(fields)
+        if opcode == CONNECTION:
+            connections.enter(fields, body)
+        elif opcode == CHUNK_INFO:
+            times = parse_time(fields[b'start_time']), parse_time(fields[b'end_time'])
+            if len(body) != _COUNT.size * int.from_bytes(fields[b'count'], 'little'):
+                raise ValueError('a chunk with other connections than it counts')
+            counts = dict(_COUNT.iter_unpack(body))
+            limits.add_records(start, len(infos))
+            infos.append((int.from_bytes(fields[b'chunk_pos'], 'little'), *times, counts))
+    if len(infos) != expected:
+        raise ValueError(f'{len(infos)} chunks instead of {expected}')
+    if any(not counts.keys() <= connections.by_id.keys() for _, _, _, counts in infos):
+        raise ValueError('a connection is missing')
+    infos.sort(key=itemgetter(0))
+    ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
+    pieces = [
+        Piece(start_ns, end_ns, place, end - place, counts)
+        for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
+    ]
+    return FileContents(connections.by_id, pieces)
+
+
+# Conversion of ROS 2 messages to ROS 1: definitions, md5 sums and bytes.
+#
+# All differences are handled here:
+#
+# - std_msgs/Header has a seq in ROS 1 (written as 0), which rosbags' byte conversion handles.
+# - CameraInfo's d k r p are named D K R P; the bytes are the same.
+# - Fields of Marker that are missing in ROS 1 (texture, uv_coordinates, mesh_file) are left out.
+# - Types missing in Noetic's store (tf2_msgs, vision_msgs) keep ROS 2's fields with ROS 1's Header.
+#   For TFMessage this equals ROS 1's definition; Detection3DArray, which ROS 1 defined differently
+#   (class numbers instead of names), stays readable by the definition in the bag.
+
+
+class Ros1Types:
+    """The ROS 1 counterparts of the types in a ROS 2 typestore."""
+
+    def __init__(self, typestore: Typestore) -> None:
+        self._ros2 = typestore
+        self._ros1 = get_typestore(Stores.ROS1_NOETIC)
+
+    def definition(self, msgtype: str) -> tuple[str, str]:
+        """Return the text and the md5 sum of a type in ROS 1."""
+        self._complete(msgtype)
+        return self._ros1.generate_msgdef(msgtype, ros_version=1)
+
+    def converter(self, msgtype: str) -> Callable[[bytes | memoryview], memoryview]:
+        """Return a function that converts the type's CDR to ROS 1's serialization."""
+        self._complete(msgtype)
+        if self._same_layout(msgtype):
+            return lambda data: self._ros2.cdr_to_ros1(data, msgtype)
+        return lambda data: self._ros1.serialize_ros1(
+            self._rebuild(self._ros2.deserialize_cdr(data, msgtype), msgtype), msgtype
+        )
+
+    def _complete(self, msgtype: str) -> None:
+        known = self._ros1.fielddefs
+        types = {**self._ros2.fielddefs, **known}
+        missing = {name: types[name] for name in closure(types, msgtype) if name not in known}
+        if missing:
+            self._ros1.register(missing)
+
+    def _same_layout(self, msgtype: str) -> bool:
+        if msgtype == HEADER:
+            return True
+        fields1, fields2 = (store.fielddefs[msgtype][1] for store in (self._ros1, self._ros2))
+        if len(fields1) != len(fields2):
+            return False
+        for (name1, kind1), (name2, kind2) in zip(fields1, fields2, strict=True):
+            if name1.lower() != name2.lower() or kind1 != kind2:
+                return False
+            nested = nested_type(kind1)
+            if nested is not None and not self._same_layout(nested):
+                return False
+        return True
+
+    def _rebuild(self, message: object, msgtype: str) -> object:
+        values = {
+            name: self._value(message, name, nested_type(description))
+            for name, description in self._ros1.fielddefs[msgtype][1]
+        }
+        build: Callable[..., object] = self._ros1.types[msgtype]
+        return build(**values)
+
+    def _value(self, message: object, name: str, nested: str | None) -> object:
+        # Only Header has a field that ROS 2 dropped, and only CameraInfo has capitals.
+        value = getattr(message, name.lower(), 0)
+        if nested is None:
+            return value
+        if isinstance(value, list):
+            return [self._rebuild(item, nested) for item in value]
+        return self._rebuild(value, nested)
+
+
+# One ROS 1 .bag file (format 2.0), with ROS 1's own message definitions and md5 sums.
+
+
+if TYPE_CHECKING:
+    _Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
+
+# roscpp writes the name of the publisher's node, which some readers show.
+_CALLER = '/kitti_ros2'
+_NUMBER = struct.Struct('<I')
+_HEADER_BYTES = 4096  # of the bag header and its padding, without the length of either
+
+
+class _ConnectionsById(list[Connection]):
+    """The connections of a bag by id, in which one is found at once."""
+
+    def __contains__(self, connection: object) -> bool:
+        if not isinstance(connection, Connection):
+            return False
+        return self[connection.id : connection.id + 1] == [connection]
+
+
+class Ros1Writer(Writer):
+    """rosbags' writer of a .bag file, changed so that ROS 1 reads every compression and reindexes.
+
+    Three things differ. Chunks of lz4 are as roslz4 requires them. A connection is not compared
+    with all others when it is added or written to, which takes a minute for 65,000. The record of
+    the bag header has the size of that in ROS 1's own bags: rosbag, when it appends or reindexes,
+    overwrites that many bytes, and with them the first chunk if the record is shorter.
+
+    Args:
+        path: The file, which must not exist.
+        compression: none, lz4 or bz2.
+
+    Source: ros_comm, tools/rosbag_storage/src/bag.cpp, writeFileHeaderRecord.
+    """
+
+    def __init__(self, path: Path, compression: str) -> None:
+        super().__init__(path)
+        self.connections = _ConnectionsById()
+        if compression != 'none':
+            self.set_compression(self.CompressionFormat[compression.upper()])
+        if compression == 'lz4':
+            self.compressor = ros1_lz4
+
+    def open(self) -> None:
+        """Create the file.
+
+        Raises:
+            OSError: The file cannot be created.
+        """
+        super().open()
+        if self.bio is not None:
+            self.bio.flush()
+            _lengthen_header(self.path)
+            self.bio.seek(0, os.SEEK_END)
+
+    def add(self, channel: Channel, definition: str, md5sum: str, caller: str | None) -> Connection:
+        """Add a connection, of a topic that no other one has."""
+        connection = Connection(
+            len(self.connections),
+            channel.topic,
+            channel.msgtype,
+            MessageDefinition(MessageDefinitionFormat.MSG, definition),
+            md5sum,
+            -1,
+            ConnectionExtRosbag1(caller, int(channel.latched)),
+            self,
+        )
+        self.write_connection(connection, self.chunks[-1].data)
+        self.connections.append(connection)
+        return connection
+
+    def close(self) -> None:
+        """Write the rest and the index."""
+        super().close()  # which writes the bag header again
+        _lengthen_header(self.path)
+
+
+def _lengthen_header(path: Path) -> None:
+    with path.open('r+b') as file:
+        file.seek(len(MAGIC))
+        (header_bytes,) = _NUMBER.unpack(file.read(_NUMBER.size))
+        file.seek(header_bytes, os.SEEK_CUR)
+        padding_bytes = _HEADER_BYTES - header_bytes
+        file.write(_NUMBER.pack(padding_bytes) + b' ' * padding_bytes)
+
+
+class Ros1Segment:
+    """The writer of one .bag file."""
+
+    def __init__(self, path: Path, context: SegmentContext) -> None:
+        self._types = Ros1Types(context.typestore)
+        self._writer = Ros1Writer(path, context.options.compression)
+        self._channels: list[tuple[Connection, _Convert]] = []
+        self._writer.open()
+        self._writing_out = WritingOut(path)
+
+    def add_channel(self, channel_id: int, channel: Channel) -> None:
+        """Write the connection's record, unchanged if it is copied from another ROS 1 bag."""
+        del channel_id  # connections are numbered in order as well
+        caller: str | None = _CALLER
+        convert: _Convert
+        if isinstance(channel, Ros1Channel):
+            definition, md5sum = channel.definition, channel.md5sum
+            caller, convert = channel.callerid, _unchanged
+        else:
+            definition, md5sum = self._types.definition(channel.msgtype)
+            convert = self._types.converter(channel.msgtype)
+        connection = self._writer.add(channel, definition, md5sum, caller)
+        self._channels.append((connection, convert))
+
+    def write(self, channel_id: int, stamp_ns: int, parts: Parts) -> None:
+        """Append one message, converted unless it is copied from another ROS 1 bag."""
+        connection, convert = self._channels[channel_id]
+        data = parts[0] if len(parts) == 1 else b''.join(parts)
+        self._writer.write(connection, stamp_ns, convert(data))
+        self._writing_out.advance(len(data))
+
+    def close(self, information: bytes) -> None:
+        """Write the index."""
+        del information  # the format cannot store it
+        self._writing_out.close()
+        self._writer.close()
+
+    def abort(self) -> None:
+        """Close the file."""
+        self._writing_out.close()
+        self._writer.abort()
+
+
+def _unchanged(data: bytes | memoryview) -> bytes | memoryview:
+    return data

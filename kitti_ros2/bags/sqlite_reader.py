@@ -1,0 +1,634 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A rosbag2 .db3 file open for reading, even if it is truncated or damaged."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import sys
+import threading
+from collections import deque
+from contextlib import ExitStack, suppress
+from itertools import repeat
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from ..files.remote import is_remote
+from ..files.threads import SpareThreads
+from ..model.errors import BadBagError, one_line
+from .container_file import BagFile, FileBytes, Piece, StoredChannel, offered_qos, ros2_spelling
+from .decompression import ZSTD_MAGIC, FileLimits, LimitError
+from .sqlite_pages import Pages, TableTree
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from typing import TypeGuard
+
+    import numpy.typing as npt
+    from typing_extensions import Self
+
+    from ..files.threads import ThreadTask
+    from .container_file import FetchedPiece, Findings, NamedFile, StoredMessage
+    from .decompression import Buffer, DescriptionLimits
+    from .sqlite_pages import MessageRow
+
+
+# Connections to databases of any origin, which may hold programs in place of tables.
+
+
+_TABLES = ('topics', 'messages', 'message_definitions')
+_PERIOD = 100_000  # SQLite's instructions between two looks at the budget
+_ALWAYS = 20_000_000  # about a second
+_QUERY_BYTES = 1_000_000  # of what is no value of the file, such as a query
+_LONGEST = 2**31 - 1
+_PER_BYTE = 20  # a row has at least 20 bytes, and takes about 10
+
+
+class GuardedConnection(sqlite3.Connection):
+    """A connection whose queries end after a number of steps in proportion to the file.
+
+    A tree of pages may lead to the same page again and again.
+    """
+
+    _left = 0
+    _budget = 0
+
+    def guard(self, size: int) -> None:
+        """Refuse views and virtual tables where rosbag2 has tables, and bound the queries.
+
+        Args:
+            size: Of the file, in bytes.
+
+        Raises:
+            ValueError: A table of rosbag2 is none, or computes its columns.
+            sqlite3.Error: The database cannot be read.
+        """
+        self._budget = _ALWAYS + _PER_BYTE * size
+        if sys.version_info >= (3, 11):
+            # A chain of pages may lead back to itself: no value is longer than the file.
+            self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size + _QUERY_BYTES, _LONGEST))
+        self.set_progress_handler(self._is_spent, _PERIOD)
+        self.execute('PRAGMA trusted_schema = OFF')
+        kinds = {
+            name.lower(): (kind, root)
+            for kind, name, root in self.execute('SELECT type, name, rootpage FROM sqlite_master')
+            if kind in {'table', 'view'} and isinstance(name, str)
+        }
+        for name in _TABLES:
+            kind, root = kinds.get(name, ('table', 1))
+            if kind != 'table' or not root:
+                raise ValueError(f'{name} is a {"view" if kind == "view" else "virtual table"}')
+            if any(hidden for *_, hidden in self.execute(f'PRAGMA table_xinfo({name})')):
+                raise ValueError(f'{name} has columns that are computed')
+
+    def execute(self, sql: str, values: Any = (), /) -> sqlite3.Cursor:  # noqa: ANN401 - as sqlite3
+        """Run a query with a budget of its own."""
+        self._left = self._budget
+        return super().execute(sql, values)
+
+    def _is_spent(self) -> bool:
+        self._left -= _PERIOD
+        return self._left < 0
+
+
+# The topics of a rosbag2 database: from its tables, or from its pages if it is damaged.
+
+
+_DEFINITION_COLUMNS = 4
+_LEAST_TOPIC_COLUMNS = 3
+
+
+def stored_topics(
+    connection: sqlite3.Connection, room: DescriptionLimits
+) -> dict[int, StoredChannel]:
+    """Read the topics by the id of their row; earlier versions of the schema have fewer columns.
+
+    Raises:
+        sqlite3.Error: The topics cannot be read.
+        TypeError: The topics are damaged.
+        LimitError: There are too many.
+    """
+    definitions = {}
+    with suppress(sqlite3.OperationalError):  # the table is missing before version 4
+        for row in connection.execute(
+            'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+        ):
+            room.add(_size(row))
+            definitions[row[0]] = (row[2], row[1])
+    # Columns by number: the id, and about four texts.
+    topics = {}
+    for topic_id, *texts in connection.execute('SELECT * FROM topics'):
+        room.add(_size(texts))
+        topics[topic_id] = _channel(texts, definitions)
+    return topics
+
+
+def scanned_topics(pages: Pages, room: DescriptionLimits) -> dict[int, StoredChannel]:
+    """Return the topics found in the pages, by the id of their row.
+
+    Raises:
+        LimitError: There are too many.
+    """
+    definitions = {}
+    topics = {}
+    for row_id, texts in pages.texts():
+        room.add(_size(texts))
+        if len(texts) == _DEFINITION_COLUMNS and texts[1].startswith('ros2'):
+            definitions[texts[0]] = (texts[2], texts[1])
+        elif len(texts) >= _LEAST_TOPIC_COLUMNS and '/' in texts[1]:
+            topics[row_id] = texts
+    return {topic_id: _channel(texts, definitions) for topic_id, texts in topics.items()}
+
+
+def _size(row: Sequence[object]) -> int:
+    return sum(len(each) for each in row if isinstance(each, (str, bytes)))
+
+
+def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> StoredChannel:
+    """Make a topic from its row: name, type, serialization format, from version 2 on QoS profiles.
+
+    Raises:
+        TypeError: A column is not a text.
+    """
+    topic, msgtype, encoding, *rest = texts
+    if not all(isinstance(text, str) for text in (topic, msgtype, encoding or '')):
+        raise TypeError('the names of topics are no texts')
+    return StoredChannel(
+        topic,
+        ros2_spelling(msgtype) if '/' in msgtype else msgtype,
+        encoding or '',
+        *definitions.get(msgtype, ('', '')),
+        **offered_qos(rest[0] if rest else ''),
+    )
+
+
+# The messages of a rosbag2 database as a query gives them.
+#
+# Of large data the query tells the size only: they are read by the table's tree, unless that fails
+# where SQLite succeeds. Where their start is enough, threads read ahead. Whole data they would read
+# no faster: they would wait for each other's new memory.
+
+
+# SQLite does not read data of which it needs type and length only.
+_DATA = (
+    "SELECT id, CASE WHEN typeof(data) = 'blob' AND length(data) >= 65536 THEN NULL ELSE data END,"
+    ' length(data)'
+    ' FROM messages {} WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
+)
+_ONE = 'SELECT data FROM messages WHERE id = ?'
+_ROOT = "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = 'messages'"
+_IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
+_TO_SORT = _DATA.format('', '{}', 'timestamp, id')
+# A thread reads a batch at a time: handing one over costs as much as reading some 100 kB.
+_BATCH_BYTES = 2**22
+_AHEAD = 3
+_LEAST_AHEAD = 400_000  # bytes; with less to read at once, threads wait for each other
+_ROW_BYTES = 2**12  # of a row besides its data, generously
+_ADVISED_BYTES = 2**22
+
+
+class _FoundRow(NamedTuple):
+    """A row without its data if they are large: None."""
+
+    row_id: int
+    topic_id: int
+    stamp_ns: int
+    size: int
+    data: bytes | None
+
+
+class QueriedRows:
+    """The rows of a table of messages, by the fastest query; a context manager.
+
+    Args:
+        connection: To the database.
+        file: The database.
+        pages: Its pages.
+        size: Of the file and the log beside it, in bytes.
+        in_pages: Whether the file holds all of the table.
+        is_start_enough: As in BagFile.
+
+    Raises:
+        sqlite3.Error: The database cannot be read.
+    """
+
+    def __init__(
+        self,
+        connection: sqlite3.Connection,
+        file: FileBytes,
+        pages: Pages,
+        size: int,
+        *,
+        in_pages: bool,
+        is_start_enough: Callable[[int], bool] | None,
+    ) -> None:
+        self._connection = connection
+        self._file = file
+        self._pages = pages
+        self._size = size
+        self._is_start_enough = is_start_enough or (lambda _: False)
+        found = connection.execute(_ROOT).fetchone() if in_pages else None
+        self._root: int | None = found[0] if found else None
+        self._of_thread = threading.local()
+        self._threads = SpareThreads()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.close()
+
+    def read(self, rows: npt.NDArray[np.void], wanted: Collection[int]) -> Iterator[StoredMessage]:
+        """Yield the messages of rows, up to the first damage.
+
+        Args:
+            rows: (N,) with id, topic_id and stamp_ns, in time order: those of some topics from a
+                stamp on, one at least.
+            wanted: The ids of the topics.
+
+        Raises:
+            sqlite3.Error: The damage, where SQLite finds it.
+        """
+        for row, read in self._in_turn(_batches(self._queried(rows, wanted))):
+            data = self._data(row, read)
+            if data is None:
+                return
+            yield row.stamp_ns, row.topic_id, data
+
+    def _in_turn(
+        self, batches: Iterable[Sequence[_FoundRow]]
+    ) -> Iterator[tuple[_FoundRow, Buffer | None]]:
+        """Yield rows with what threads have read of them, a few batches ahead.
+
+        Their number grows with the batches taken: who wants the first message only does not wait
+        for others.
+        """
+        waiting: deque[tuple[Sequence[_FoundRow], ThreadTask[list[Buffer | None]] | None]] = deque()
+        most = 0
+        for batch in batches:
+            waiting.append((batch, self._request(batch) if most else None))
+            if len(waiting) > most:
+                yield from _with_data(*waiting.popleft())
+                most = min(most + 1, _AHEAD)
+        while waiting:
+            yield from _with_data(*waiting.popleft())
+
+    def _request(self, batch: Sequence[_FoundRow]) -> ThreadTask[list[Buffer | None]] | None:
+        """Have a thread read the starts of the large data among rows, where these are enough."""
+        wanted = [
+            row
+            if row.data is None and row.size >= _LEAST_AHEAD and self._is_start_enough(row.topic_id)
+            else None
+            for row in batch
+        ]
+        return self._threads.submit(self._read_starts, wanted) if any(wanted) else None
+
+    def _read_starts(self, rows: Sequence[_FoundRow | None]) -> list[Buffer | None]:
+        return [row and self._in_pages(row, start_only=True) for row in rows]
+
+    def _queried(self, rows: npt.NDArray[np.void], wanted: Collection[int]) -> Iterator[_FoundRow]:
+        """Yield rows as SQLite finds them, up to the first damage."""
+        # The database's index sorts the rows, unless they are stored in order.
+        query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
+        query = query.format(', '.join('?' * len(wanted)))
+        done = advised = 0
+        with suppress(sqlite3.Error):
+            found = self._connection.execute(query, [*wanted, int(rows['stamp_ns'][0])])
+            for (row_id, topic_id, stamp_ns), (found_id, data, size) in zip(
+                rows.tolist(), found, strict=False
+            ):
+                if found_id != row_id or not isinstance(size, int):
+                    return
+                # Rows stored in order lie about as far in the file as their data together.
+                done += size
+                if done >= advised:
+                    self._file.expect(done + _ADVISED_BYTES, _ADVISED_BYTES)
+                    advised = done + _ADVISED_BYTES
+                row = _FoundRow(row_id, topic_id, stamp_ns, size, data)
+                if (data is None and size <= self._size) or self._is_sound(data):
+                    yield row
+                else:
+                    return
+
+    def _is_sound(self, data: object) -> TypeGuard[bytes]:
+        """Whether SQLite gave data, and not zeros since the file was truncated meanwhile."""
+        return isinstance(data, bytes) and not self._file.is_cut()
+
+    def _data(self, row: _FoundRow, ahead: Buffer | None) -> Buffer | None:
+        """Return the data of a row, or their MessageStart; None if they cannot be read.
+
+        Args:
+            row: The row.
+            ahead: Its MessageStart, or all its data, as a thread has read them; None if none has.
+
+        Raises:
+            sqlite3.Error: They cannot be read.
+            OSError: The disk refuses.
+        """
+        if row.data is not None:
+            return row.data
+        start_only = self._is_start_enough(row.topic_id)  # at its turn it may not be any more
+        data = ahead if start_only else None
+        if data is None:
+            data = self._in_pages(row, start_only=start_only)
+        if data is not None:
+            return data
+        found = self._connection.execute(_ONE, [row.row_id]).fetchone()
+        return found[0] if found and self._is_sound(found[0]) else None
+
+    def _in_pages(self, row: _FoundRow, *, start_only: bool) -> Buffer | None:
+        """Read large data from the file's pages, on any thread; None if they are not there.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        if self._root is None:
+            return None
+        tree: TableTree | None = getattr(self._of_thread, 'tree', None)
+        if tree is None:
+            tree = self._of_thread.tree = TableTree(self._file, self._pages, self._root)
+        with suppress(ValueError):
+            start = tree.start(row.row_id, row.size) if start_only else None
+            # What rosbag2 compressed is read whole.
+            if start is None or start[:4] == ZSTD_MAGIC:
+                return tree.blob(row.row_id, row.size)
+            return start
+        return None
+
+
+def _with_data(
+    batch: Sequence[_FoundRow], ahead: ThreadTask[list[Buffer | None]] | None
+) -> Iterable[tuple[_FoundRow, Buffer | None]]:
+    # What a thread could not read is tried again in turn, where errors are handled.
+    read = ahead is not None and not ahead.error()
+    return zip(batch, ahead.result() if ahead and read else repeat(None), strict=False)
+
+
+def _batches(rows: Iterable[_FoundRow]) -> Iterator[Sequence[_FoundRow]]:
+    """Split rows into batches: one row, then twice as much each time, up to a size in bytes."""
+    batch: list[_FoundRow] = []
+    size, least = 0, 1
+    for row in rows:
+        batch.append(row)
+        size += row.size + _ROW_BYTES
+        if size >= least:
+            yield batch
+            batch, size, least = [], 0, min(2 * size, _BATCH_BYTES)
+    yield batch
+
+
+# A rosbag2 .db3 file open for reading, even if it is truncated or damaged.
+#
+# All rows are listed first, without their data, and sorted by time. Their data are read by one
+# query up to the first failure, then from the file's pages.
+
+
+_ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
+_ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
+
+
+class SqliteFile(BagFile):
+    """A .db3 file.
+
+    Args:
+        file: The file.
+        findings: Damage is entered there.
+
+    Attributes:
+        channels: By the id of their row.
+        pieces: All rows are one piece.
+        compressions: Empty; rosbag2 compresses messages or whole files.
+
+    Raises:
+        BadBagError: The file is no rosbag2 database.
+        OSError: The file cannot be read.
+    """
+
+    def __init__(self, file: NamedFile, findings: Findings) -> None:
+        if is_remote(file.path):
+            raise BadBagError(
+                file.name,
+                'is a sqlite3 bag, which is read from a local disk only',
+                'an MCAP file or a ROS 1 bag at a URL; copy it to this machine first',
+            )
+        self._name = file.name
+        self._findings = findings
+        self._file = FileBytes(file)
+        self._connection: sqlite3.Connection | None = None
+        self._by_id: dict[int, MessageRow] | None = None
+        self._left = ExitStack()
+        self._is_whole = True
+        self._size = self._file.size  # with the log beside it
+        self._limits = self._file.limits
+        try:
+            self._pages = Pages(self._file)
+            rows = self._open(file.path)
+        except LimitError as error:
+            self.close()
+            raise BadBagError(file.name, str(error), expected='') from error
+        except ValueError as error:
+            self.close()
+            raise BadBagError(file.name, f'is no rosbag2 sqlite3 file ({error})') from error
+        known = np.isin(rows['topic_id'], list(self.channels))
+        if not known.all():
+            count = int(np.count_nonzero(~known))
+            self._lose(f'{count} messages are of topics that are not described', count)
+            rows = rows[known]
+        # Stable: equal stamps stay in the order of ids.
+        self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
+        self.pieces = [self._piece()] if len(rows) else []
+
+    def read(
+        self,
+        piece: Piece,
+        wanted: Collection[int],
+        since_ns: int,
+        fetched: FetchedPiece | None = None,
+    ) -> Iterator[StoredMessage]:
+        """Yield the messages of some topics from a stamp on, in time order."""
+        del piece, fetched  # there is only one piece, which is read row by row
+        rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
+        rows = rows[np.isin(rows['topic_id'], list(wanted))]
+        done = 0
+        for message in self._in_one_query(rows, wanted):
+            yield message
+            done += 1
+        for row_id, topic_id, stamp_ns in rows[done:].tolist():
+            data = self._data(row_id)
+            if data is not None:
+                yield stamp_ns, topic_id, data
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        if self._connection is not None:
+            self._connection.close()
+        self._left.close()
+
+    def _all_stamps(self) -> Iterator[tuple[int, npt.NDArray[np.int64]]]:
+        # Sorted once: a search for each topic takes time with the square of their number.
+        order = self._rows['topic_id'].argsort(kind='stable')
+        stamps = self._rows['stamp_ns'][order]
+        ids, starts = np.unique(self._rows['topic_id'][order], return_index=True)
+        by_topic = dict(zip(ids.tolist(), np.split(stamps, starts[1:]), strict=False))
+        for topic_id in self.channels:
+            yield topic_id, by_topic.get(topic_id, stamps[:0])
+
+    def _lose(self, text: str, messages: int | None) -> None:
+        self._findings.lose(f'{self._name}: {text}', messages)
+
+    def _piece(self) -> Piece:
+        stamps = self._rows['stamp_ns']
+        ids, counts = np.unique(self._rows['topic_id'], return_counts=True)
+        by_topic = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        return Piece(int(stamps[0]), int(stamps[-1]), 0, len(stamps), by_topic)
+
+    def _open(self, path: Path) -> npt.NDArray[np.void]:
+        """Read id, topic and stamp of every readable row, by id; set the channels.
+
+        Raises:
+            LimitError: There are too many topics or rows.
+            ValueError: There are no topics.
+        """
+        size = self._file.size
+        if size < self._pages.expected:
+            self._lose(f'cut off at byte {size} of {self._pages.expected}', None)
+        else:
+            try:
+                self._connection = self._connect(path)
+                self.channels = stored_topics(self._connection, self._limits.descriptions())
+                return _listed_rows(self._connection, self._limits)
+            except LimitError:
+                raise
+            except _ERRORS as error:
+                if self._connection is not None:
+                    self._connection.close()
+                    self._connection = None
+                self._lose(f'is damaged ({one_line(str(error))})', None)
+        self.channels = scanned_topics(self._pages, self._limits.descriptions())
+        if not self.channels:
+            raise ValueError('it has no list of topics')
+        return self._scanned_rows()
+
+    def _connect(self, path: Path) -> sqlite3.Connection:
+        """Open the database read-only.
+
+        Raises:
+            sqlite3.Error: The database cannot be opened.
+            ValueError: It has views in place of tables.
+        """
+        mode = 'immutable=1'
+        wal = path.with_name(f'{path.name}-wal')
+        if wal.is_file() and wal.stat().st_size:
+            self._lose(f'its recorder did not close it; what {wal.name} adds is read', 0)
+            mode = 'mode=ro'
+            self._size += wal.stat().st_size
+            self._limits = FileLimits(self._size)
+            self._is_whole = False
+            shared = path.with_name(f'{path.name}-shm')
+            if not shared.exists():
+                if not os.access(path.parent, os.W_OK):
+                    path = self._copied(path, wal)
+                else:
+                    # SQLite creates and leaves it.
+                    self._left.callback(shared.unlink, missing_ok=True)
+        uri = f'file:{quote(os.fsencode(path.absolute()))}?{mode}'
+        # Several threads may read, one at a time.
+        connection = sqlite3.connect(
+            uri, uri=True, check_same_thread=False, factory=GuardedConnection
+        )
+        try:
+            connection.guard(min(self._size, self._limits.largest_part))
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _copied(self, *files: Path) -> Path:
+        """Copy a database and its log to where SQLite may create a file beside them.
+
+        Raises:
+            OSError: The disk has no room for the copy.
+        """
+        folder = Path(self._left.enter_context(TemporaryDirectory(prefix='kitti_ros2_')))
+        try:
+            for file in files:
+                shutil.copyfile(file, folder / file.name)
+        except OSError as error:
+            self.close()
+            error.filename = f'{self._name} (copied to {folder.parent})'
+            raise
+        return folder / files[0].name
+
+    def _scanned_rows(self) -> npt.NDArray[np.void]:
+        found = self._scanned()
+        ids = np.array(sorted(found), dtype=np.int64)
+        # Recorders number without gaps and delete nothing.
+        for gap in np.flatnonzero(np.diff(ids) > 1).tolist():
+            first, last = int(ids[gap]) + 1, int(ids[gap + 1]) - 1
+            which = f'row {first}' if first == last else f'rows {first} to {last}'
+            self._lose(f'{which} cannot be read', last - first + 1)
+        rows = [(row_id, found[row_id].topic_id, found[row_id].stamp_ns) for row_id in ids.tolist()]
+        return np.array(rows, _ROW)
+
+    def _scanned(self) -> dict[int, MessageRow]:
+        """Return the messages found in the pages, by the id of their row."""
+        if self._by_id is None:
+            self._by_id = {}
+            try:
+                for message in self._pages.messages():
+                    self._by_id[message.row.row_id] = message
+            except LimitError as error:
+                self._lose(f'{error}; no more rows are read', None)
+        return self._by_id
+
+    def _in_one_query(
+        self, rows: npt.NDArray[np.void], wanted: Collection[int]
+    ) -> Iterator[StoredMessage]:
+        """Yield the messages of rows by the fastest query, up to the first damage."""
+        if self._connection is None or not len(rows):
+            return
+        with (
+            suppress(sqlite3.Error),
+            QueriedRows(
+                self._connection,
+                self._file,
+                self._pages,
+                self._size,
+                in_pages=self._is_whole,
+                is_start_enough=self.is_start_enough,
+            ) as queried,
+        ):
+            yield from queried.read(rows, wanted)
+
+    def _data(self, row_id: int) -> bytes | None:
+        message = self._scanned().get(row_id)
+        if message is None:
+            self._lose(f'row {row_id} cannot be read', 1)
+            return None
+        try:
+            return self._pages.data(message)
+        except ValueError as error:
+            self._lose(f'row {row_id} cannot be read ({error})', 1)
+            return None
+
+
+def _listed_rows(connection: sqlite3.Connection, limits: FileLimits) -> npt.NDArray[np.void]:
+    """Read id, topic and stamp of all rows, by id.
+
+    Raises:
+        LimitError: There are too many.
+        sqlite3.Error, TypeError, ValueError, OverflowError: The table is damaged.
+    """
+    query = 'SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id LIMIT ?'
+    rows = np.fromiter(connection.execute(query, [limits.most_records + 1]), _ROW)
+    limits.add_records(0, len(rows))
+    if (np.diff(rows['id']) <= 0).any():
+        raise ValueError('its rows are not in order')
+    return rows

@@ -1,0 +1,495 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Jobs on the workers of a Dask cluster, one that exists or one that is started on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import pydoc
+import socket
+import tempfile
+import time
+import uuid
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from ..files.local_staging import taking_over
+from ..files.processes import keep_freed_memory
+from ..model.errors import ClusterError, UsageError
+from ..options.table import LOCAL
+from .pool import UnitResult, no_interrupt, prepare_workers, use_one_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping
+
+    from .pool import JobQueue, Outcome, RunUnit, ShowUnit, UnitJob
+
+
+# A unit as a task of Dask: runs on a worker, reports its progress, stops when it is cancelled.
+
+
+TOPIC = 'kitti_ros2'
+"""Topic of the events that workers report: run, kind, name of the unit, samples done, of all."""
+_ADVANCE_S = 1.0  # between two reports of progress: all go through the scheduler
+_RUNNING = 'executing'
+
+
+@dataclass(frozen=True)
+class UnitTask:
+    """A job as it is sent to a worker.
+
+    Attributes:
+        run: Runs a job; a function of a module.
+        job: The job, with absolute paths.
+        number: Of the run over the collection, random: it tells its events from those of others.
+        version: Of this package, at the client.
+        witness: A file in the output folder, which every worker must see; None if it is remote.
+    """
+
+    run: RunUnit
+    job: UnitJob
+    number: str
+    version: str
+    witness: Path | None
+
+
+class _UnwantedError(BaseException):
+    """The unit is not wanted any more. No Exception: units turn those into results."""
+
+
+def distributed() -> Any:  # noqa: ANN401 - it has few types
+    """Return the package distributed of Dask; most commands do not need it."""
+    return import_module('distributed')
+
+
+def absolute_job(job: UnitJob) -> UnitJob:
+    """Return a job without relative paths: workers have working folders of their own."""
+    options: Mapping[str, object] = {
+        name: _absolute(value) if isinstance(value, Path) else value
+        for name, value in job.options.items()
+    }
+    unit = replace(job.unit, source=_absolute(job.unit.source))
+    return replace(job, unit=unit, out=_absolute(job.out), options=options)
+
+
+def is_url(path: Path) -> bool:
+    """Whether a path is that of a store, which all workers reach under the same name."""
+    return '://' in str(path)
+
+
+def _absolute(path: Path) -> Path:
+    return path if is_url(path) else path.absolute()
+
+
+def run_task(task: UnitTask) -> UnitResult | None:
+    """Run a unit on a worker of Dask; None if it was cancelled.
+
+    Raises:
+        ClusterError: The worker has another version of this package.
+    """
+    worker = distributed().get_worker()
+    if (found := own_version()) != task.version:
+        raise ClusterError(wrong_version(worker.address, found, task.version))
+    unseen = _unseen(task)
+    if unseen is not None:
+        return UnitResult(
+            reason=f'{unseen}: not found on the worker {worker.address} ({socket.gethostname()});'
+            ' SRC and OUT must be at the same path on all workers, or be URLs'
+        )
+    use_one_thread()
+    keep_freed_memory()
+    reporter = _Reporter(worker, task)
+    reporter.report('begin')
+    try:
+        with taking_over():  # of an attempt on a worker that Dask has given up
+            return task.run(task.job, reporter)
+    except _UnwantedError:
+        return None
+    finally:
+        reporter.report('end')
+
+
+def wrong_version(address: str, found: str | None, expected: str) -> str:
+    """Describe a worker, or the scheduler, that cannot run units of this version."""
+    has = 'has no kitti_ros2' if found is None else f'has kitti_ros2 {found}'
+    return (
+        f'{address} {has}, expected {expected}; install the same version on the scheduler and on'
+        ' all workers'
+    )
+
+
+@cache
+def own_version() -> str:
+    """Return the version of this package in this process."""
+    from .. import __version__  # noqa: PLC0415 - 22 ms
+
+    return __version__
+
+
+def _unseen(task: UnitTask) -> Path | None:
+    """Return a path that this worker does not see.
+
+    Without its folder an output would be written to the worker's own disk, and lost.
+    """
+    places = (task.job.unit.source, task.witness, task.job.out.parent)
+    for path in places:
+        if path is not None and not is_url(path) and not os.path.lexists(path):
+            return path
+    return None
+
+
+class _Reporter:
+    """Reports the progress of a unit; raises when it is not wanted any more."""
+
+    def __init__(self, worker: Any, task: UnitTask) -> None:  # noqa: ANN401 - Dask is untyped
+        self._worker = worker
+        self._key = worker.get_current_task()
+        self._run, self._name = task.number, task.job.unit.name
+        self._last = time.monotonic()
+
+    def report(self, kind: str, *counts: int) -> None:
+        self._worker.log_event(TOPIC, (self._run, kind, self._name, *counts))
+
+    def __call__(self, done: int, total: int) -> None:
+        if not self._is_wanted():
+            raise _UnwantedError
+        now = time.monotonic()
+        if now - self._last >= _ADVANCE_S:
+            self._last = now
+            self.report('advance', done, total)
+
+    def _is_wanted(self) -> bool:
+        """Whether the worker still counts, and its task too.
+
+        Threads cannot be killed: a worker that the scheduler has given up, or whose task the
+        client has cancelled, stops here.
+        """
+        task = self._worker.state.tasks.get(self._key)
+        closing = self._worker.status.name in {'closing', 'closed', 'failed'}
+        return task is not None and task.state == _RUNNING and not closing
+
+
+# Connects to a Dask cluster, or starts one on this machine.
+
+
+_CONNECT_S = 10.0
+_CLOSE_S = 10.0
+_FAILURES = 1  # of a local cluster: how often a unit may lose its worker and be run again
+
+
+@contextmanager
+def connected(scheduler: str, jobs: int) -> Iterator[Any]:
+    """Yield a client of a cluster; end the cluster if it was started here.
+
+    Args:
+        scheduler: Address of the scheduler; LOCAL starts one on the loopback interface.
+        jobs: Number of worker processes of a local cluster, of one thread each.
+
+    Raises:
+        UsageError: Dask is not installed.
+        ClusterError: The scheduler does not answer.
+    """
+    if find_spec('distributed') is None:
+        raise UsageError(
+            '--scheduler needs distributed, which is not installed; run pip install'
+            " 'kitti_ros2[cluster]'"
+        )
+    with distributed().utils.silence_logging_cmgr(logging.CRITICAL):
+        if scheduler == LOCAL:
+            with _local_cluster(jobs) as local, _client(local, LOCAL) as client:
+                yield client
+        else:
+            with _client(scheduler, scheduler) as client:
+                yield client
+
+
+@contextmanager
+def _client(target: object, name: str) -> Iterator[Any]:
+    try:
+        if isinstance(target, str):
+            asyncio.run(asyncio.wait_for(_greet(target), 2 * _CONNECT_S))
+        client = distributed().Client(target, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, asyncio.TimeoutError, ValueError) as error:
+        raise ClusterError(
+            f'{name}: no Dask scheduler answers ({first_line(error)}); is it running, and is this'
+            ' its address?'
+        ) from error
+    try:
+        yield client
+    finally:
+        with suppress(Exception):  # of a scheduler that has ended
+            client.close(timeout=_CLOSE_S)
+
+
+async def _greet(address: str) -> None:
+    """Connect once: the client waits without end for a server that accepts and says nothing."""
+    connection = await distributed().comm.connect(address, timeout=_CONNECT_S)
+    await connection.close()
+
+
+@contextmanager
+def _local_cluster(jobs: int) -> Iterator[Any]:
+    """Start a scheduler and worker processes on the loopback interface."""
+    prepare_workers(cluster=True)
+    # The server of workers runs: Dask would import pandas here, for a list of what it is to import.
+    distributed().utils._forkserver_preload_set = True  # noqa: SLF001
+    folder = tempfile.TemporaryDirectory(prefix='kitti_ros2_')
+    settings = {
+        'temporary-directory': folder.name,  # of the scheduler; it would leave one behind
+        'distributed.scheduler.allowed-failures': _FAILURES,
+        'distributed.worker.multiprocessing-method': 'forkserver',
+        'distributed.worker.profile.enabled': False,  # no dashboard shows it
+        # Dask lets malloc return freed memory at once; reading images would fetch it again.
+        'distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None,
+    }
+    with folder, distributed().dask.config.set(settings):
+        with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
+            cluster = distributed().LocalCluster(
+                n_workers=jobs,
+                threads_per_worker=1,
+                env=dict(os.environ),  # the server of workers has the one of its start
+                processes=True,
+                host='127.0.0.1',
+                # Without an address it takes port 8787, and warns if that is in use.
+                dashboard_address='127.0.0.1:0',
+                scheduler_kwargs={'dashboard': False},
+                memory_limit=0,
+                local_directory=folder.name,
+                silence_logs=logging.CRITICAL,
+            )
+        try:
+            yield cluster
+        finally:
+            cluster.close(timeout=_CLOSE_S)
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error's message, or its type."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+# Runs jobs on the workers of a Dask cluster, one that exists or one that is started here.
+#
+# Dask places the tasks, moves those of a lost worker to another one, and uses workers that join.
+# Only a few tasks for each thread are at the scheduler at a time, so that a collection may be of
+# any size.
+
+
+_POLL_S = 1.0  # between two looks at the number of workers
+_PATIENCE_S = 10.0  # for cancelled units to remove their partial outputs
+_AHEAD = 2  # tasks for each thread: the one that runs and the next
+_VERSION = 'kitti_ros2.__version__'
+
+
+@contextmanager
+def open_cluster(
+    scheduler: str, jobs: int, version: str, remark: Callable[[str], None]
+) -> Iterator[DaskCluster]:
+    """Connect to a cluster and wait for its first worker; end it if it was started here.
+
+    Args:
+        scheduler: Address of the scheduler; LOCAL starts one on the loopback interface.
+        jobs: Number of worker processes of a local cluster, of one thread each.
+        version: Of this package, which the workers must have.
+        remark: Called with a line about the workers.
+
+    Raises:
+        UsageError: Dask is not installed.
+        ClusterError: The scheduler does not answer, or has workers of another version.
+    """
+    with connected(scheduler, jobs) as client:
+        name = 'the local cluster' if scheduler == LOCAL else scheduler
+        yield DaskCluster(client, name, version, remark)
+
+
+class DaskCluster:
+    """A cluster whose workers have the same version of this package.
+
+    Attributes:
+        workers: Number of threads of its workers, when it was last seen.
+
+    Args:
+        client: Of Dask.
+        name: The cluster in messages.
+        version: Of this package.
+        remark: Called with a line about the workers.
+
+    Raises:
+        ClusterError: The scheduler or a worker has another version, or the scheduler has ended.
+    """
+
+    def __init__(
+        self,
+        client: Any,  # noqa: ANN401 - Dask has few types
+        name: str,
+        version: str,
+        remark: Callable[[str], None],
+    ) -> None:
+        self._client = client
+        self._name = name
+        self._version = version
+        self._remark = remark
+        self._number = uuid.uuid4().hex
+        self._events: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+        self._looked = -_POLL_S
+        self._checked: set[str] = set()
+        self._pending: dict[str, tuple[Any, UnitJob]] = {}
+        self._running: set[str] = set()
+        self.workers = 1
+        while not self._count_workers():
+            with suppress(Empty):
+                self._events.get(timeout=_POLL_S)
+        self._check_scheduler()
+
+    def run(
+        self, queue: JobQueue, run: RunUnit, show: ShowUnit, witness: Path
+    ) -> Iterator[Outcome]:
+        """Yield the results of jobs in the order in which they end.
+
+        When the iterator ends early, all tasks are cancelled.
+
+        Args:
+            queue: The jobs; asked for more after each outcome.
+            run: Runs a job; a function of a module, since it is pickled.
+            show: As in run_serially.
+            witness: A file in the output folder, which shows a worker that it sees that folder.
+
+        Raises:
+            ClusterError: The scheduler has ended, or a worker has another version.
+        """
+        seen = None if is_url(witness) else witness.absolute()
+        self._client.subscribe_topic(TOPIC, lambda event: self._events.put(('event', event[1])))
+        try:
+            while self._submit(queue, run, seen):
+                outcome = self._receive(show)
+                if outcome is not None:
+                    yield outcome
+        finally:
+            self._cancel()
+
+    def _submit(self, queue: JobQueue, run: RunUnit, witness: Path | None) -> bool:
+        """Keep a few tasks for each thread at the scheduler; return False when all have ended."""
+        window = _AHEAD * max(self._count_workers(), 1)
+        while len(self._pending) < window and (job := queue.take()) is not None:
+            task = UnitTask(run, absolute_job(job), self._number, self._version, witness)
+            key = f'kitti_ros2-{uuid.uuid4().hex}'
+            future = self._client.submit(run_task, task, key=key, pure=False)
+            self._pending[key] = future, job
+            future.add_done_callback(lambda future: self._events.put(('done', future.key)))
+        return bool(self._pending)
+
+    def _receive(self, show: ShowUnit) -> Outcome | None:
+        """Wait a moment for an event; return the outcome if a task has ended."""
+        try:
+            kind, content = self._events.get(timeout=_POLL_S)
+        except Empty:
+            return None
+        if kind == 'done':
+            future, job = self._pending.pop(content)
+            return job, self._result(future)
+        self._follow(content, show)
+        return None
+
+    def _follow(self, event: tuple[Any, ...], show: ShowUnit | None) -> None:
+        number, kind, name, *counts = event
+        if number != self._number:
+            return
+        if kind == 'begin':
+            self._running.add(name)
+        elif kind == 'end':
+            self._running.discard(name)
+        elif show is not None:
+            show(name, *counts)
+
+    def _result(self, future: Any) -> UnitResult:  # noqa: ANN401 - Dask is untyped
+        try:
+            result: UnitResult = future.result()
+        except distributed().KilledWorker as error:
+            times = error.allowed_failures + 1
+            return UnitResult(reason=f'its worker was lost, {times} times; is there enough memory?')
+        except ClusterError:
+            raise
+        except ImportError as error:
+            raise ClusterError(
+                f'{self._name}: a worker cannot run units ({first_line(error)}); install'
+                f' kitti_ros2 {self._version} on all workers'
+            ) from error
+        except BaseException as error:
+            if future.status in {'cancelled', 'lost'} or self._client.status != 'running':
+                raise self._ended() from error
+            if not isinstance(error, Exception):
+                raise
+            text = f'{type(error).__name__}: {first_line(error)}'
+            return UnitResult(reason=f'internal error on its worker, {text}; please report it')
+        return result
+
+    def _count_workers(self) -> int:
+        """Return the number of threads of all workers, as it is now and then; say when none."""
+        now = time.monotonic()
+        if now - self._looked < _POLL_S:
+            return self.workers
+        self._looked = now
+        if self._client.status != 'running':
+            raise self._ended()
+        try:
+            threads: dict[str, int] = self._client.nthreads()
+            self._check_workers(threads.keys() - self._checked)
+        except OSError as error:
+            raise self._ended() from error
+        if self.workers and not threads:
+            self._remark(f'{self._name} has no workers; waiting for one (Ctrl-C ends)')
+        self.workers = sum(threads.values())
+        return self.workers
+
+    def _check_workers(self, joined: Collection[str]) -> None:
+        """Refuse workers of another version; one that has gone meanwhile is ignored."""
+        if not joined:
+            return
+        found = self._client.run(pydoc.locate, _VERSION, workers=list(joined), on_error='return')
+        for address, version in found.items():
+            if not isinstance(version, OSError):
+                self._compare(f'the worker {address}', version)
+                self._checked.add(address)
+
+    def _check_scheduler(self) -> None:
+        """Refuse a scheduler of another version: it reads the tasks, too."""
+        try:
+            found = self._client.run_on_scheduler(pydoc.locate, _VERSION)
+        except OSError as error:
+            raise self._ended() from error
+        except Exception:  # noqa: BLE001 - the package fails to import there
+            found = None
+        self._compare(f'the scheduler of {self._name}', found)
+
+    def _compare(self, name: str, found: object) -> None:
+        if found != self._version:
+            known = found if isinstance(found, str) else None
+            raise ClusterError(wrong_version(name, known, self._version))
+
+    def _ended(self) -> ClusterError:
+        return ClusterError(
+            f'{self._name}: the scheduler has ended or cannot be reached any more; run the command'
+            ' again to do what is left (kitti-ros2 status OUT shows it)'
+        )
+
+    def _cancel(self) -> None:
+        """Cancel the tasks, and wait until those that run have removed their partial outputs."""
+        futures = [future for future, _ in self._pending.values()]
+        self._pending.clear()
+        if not futures or self._client.status != 'running':
+            return
+        end = time.monotonic() + _PATIENCE_S
+        with suppress(OSError, Empty):
+            self._client.cancel(futures)
+            while self._running or not self._events.empty():
+                kind, content = self._events.get(timeout=max(end - time.monotonic(), 0.0))
+                if kind == 'event':
+                    self._follow(content, None)

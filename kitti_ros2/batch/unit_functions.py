@@ -1,0 +1,382 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The functions that run the units of each command: a job in, its result out.
+
+Worker processes import them by name.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..files.staging import (
+    KEEP_ALL_BUT_JSON,
+    KEEP_ALL_BUT_PAGES,
+    json_text,
+    keep_all,
+    losses_json,
+    staged_file,
+)
+from ..model.bag_formats import CONTAINERS
+from ..model.errors import KittiRos2Error, UsageError, describe_error, interruption_of
+from .pool import UnitResult
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from ..exporter.to_bag import ExportReport
+    from ..model.errors import Loss
+    from ..options.read import ReadOptions
+    from ..validation.rule import ValidationReport
+    from .pool import Advance, UnitJob
+    from .units import WorkUnit
+
+
+# What the functions that run units share: errors become reasons, losses lines of text.
+
+
+_KEPT_LINES = 20
+
+
+def run_guarded(
+    work: Callable[[UnitJob, Advance], UnitResult], job: UnitJob, advance: Advance
+) -> UnitResult:
+    """Run a unit and measure the time; errors of its data become the reason of a failed result.
+
+    Raises:
+        KeyboardInterrupt, SystemExit: A signal ended it, also where that broke a lock.
+    """
+    started = time.monotonic()
+    try:
+        result = work(job, advance)
+    except (KittiRos2Error, OSError) as error:
+        result = UnitResult(reason=describe_error(error))
+    except MemoryError:
+        result = UnitResult(reason='not enough memory; lower --jobs, and run it again with --retry')
+    except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
+        if interruption := interruption_of(error):
+            raise interruption from None
+        reason = f'internal error, {type(error).__name__}: {error}; please report it'
+        result = UnitResult(reason=reason)
+    return replace(result, seconds=time.monotonic() - started)
+
+
+def first_lines(lines: Iterable[str]) -> tuple[str, ...]:
+    """Return the first few different lines."""
+    return tuple(islice(dict.fromkeys(lines), _KEPT_LINES))
+
+
+def loss_lines(losses: Iterable[Loss]) -> tuple[str, ...]:
+    """Return the first few losses as lines."""
+    return first_lines(f'{loss.stream} ({loss.count}): {loss.text()}' for loss in losses)
+
+
+def write_unit_json(job: UnitJob, values: object) -> None:
+    """Write the output of a unit as JSON.
+
+    Raises:
+        OutputError: It exists and may not be replaced, or the disk refuses.
+    """
+    refusal = KEEP_ALL_BUT_JSON if job.options.get('overwrite') else keep_all
+    with staged_file(job.out, refusal) as path:
+        path.write_text(json_text(values), 'utf-8')
+
+
+@contextmanager
+def samples_shown(advance: Advance, samples: int, _frames: int) -> Iterator[Advance]:
+    """Show the progress of a conversion: yield a function of the samples done and the bytes."""
+    yield lambda done, _bytes: advance(done, samples)
+
+
+# The unit of to-bag: one recording, or a slice of one, to one bag.
+
+
+def bag_suffix(options: Mapping[str, object]) -> str:
+    """Return the ending of the bags: a container's, or empty where a bag is a directory.
+
+    Raises:
+        UsageError: An option is invalid.
+    """
+    from ..bags.writer import guess_storage  # noqa: PLC0415 - as below
+    from ..options.table import make_settings  # noqa: PLC0415 - as below
+
+    settings = make_settings(options)
+    storage = guess_storage(Path(), settings.storage)
+    bag = settings.bag(storage)
+    container = CONTAINERS[storage]
+    return container.suffix if container.in_file and not bag.split else ''
+
+
+def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Convert a unit; errors of its data become the reason of a failed result."""
+    return run_guarded(_convert_recording, job, advance)
+
+
+def _convert_recording(job: UnitJob, advance: Advance) -> UnitResult:
+    report = _exported(job, advance)
+    return UnitResult(
+        counts={
+            'frames': report.frames,
+            'messages': sum(report.counts.values()),
+            'bytes': report.size_bytes,
+        },
+        bad=sum(loss.count for loss in report.losses),
+        losses=loss_lines(report.losses),
+        notes=report.notes,
+    )
+
+
+def _exported(job: UnitJob, advance: Advance) -> ExportReport:
+    # What one kind of units needs takes tenths of a second, and workers import it at their start.
+    from ..bags.open_source import open_folder  # noqa: PLC0415
+    from ..exporter.to_bag import ExportOptions, convert  # noqa: PLC0415
+    from ..kitti.extract_oxts import add_extract  # noqa: PLC0415
+    from ..kitti.prepare import add_predictions  # noqa: PLC0415
+    from ..options.read import Bound  # noqa: PLC0415
+    from ..options.table import make_settings  # noqa: PLC0415
+
+    unit, settings = job.unit, make_settings(job.options)
+    read = replace(settings.read, layout=unit.layout, sequence=unit.sequence)
+    selection = settings.selection
+    if unit.first is not None:
+        if not selection.is_whole:
+            raise UsageError('--slice-frames chooses the frames; leave --start and --end out')
+        selection = replace(selection, start=Bound(frame=unit.first), end=Bound(frame=unit.last))
+    recording = open_folder(unit.source, read)
+    add_predictions(recording, settings.predictions.path)
+    add_extract(recording, settings.imu)
+    return convert(
+        recording,
+        job.out,
+        ExportOptions.of(replace(settings, selection=selection), job.out),
+        progress=partial(samples_shown, advance),
+    )
+
+
+# The unit of to-kitti: one bag, to a folder of its own.
+
+
+PLAN_FILE = 'plan_file'
+"""Name of the plan among the options of a unit."""
+
+
+def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Convert a bag; errors of its data become the reason of a failed result."""
+    return run_guarded(_convert_bag, job, advance)
+
+
+def _convert_bag(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
+    from ..options.table import make_import_options  # noqa: PLC0415 - as above
+    from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
+
+    chosen = dict(job.options)
+    plan_file = chosen.pop(PLAN_FILE, None)
+    options = make_import_options(chosen)
+    notes: list[str] = []
+    with open_bag_source(job.unit.source) as bag:
+        conversion = Conversion(
+            [bag],
+            job.out,
+            options,
+            plan_file,  # type: ignore[arg-type] # a path, put there by the command
+            notes.append,
+            partial(samples_shown, advance),
+        )
+        reports = conversion.run()
+    losses = [loss for report in reports for loss in report.losses]
+    return UnitResult(
+        counts={
+            'frames': sum(report.frames for report in reports),
+            'files': sum(sum(report.counts.values()) for report in reports),
+            'bytes': sum(report.size_bytes for report in reports),
+        },
+        bad=sum(loss.count for loss in losses),
+        losses=loss_lines(losses),
+        notes=(*notes, *(note for report in reports for note in report.notes)),
+    )
+
+
+# The unit of report: one recording or bag, to its HTML page.
+
+
+def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Write the report of a recording or bag; errors of its data become the reason of failure."""
+    return run_guarded(_write_report, job, advance)
+
+
+def _write_report(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..options.table import make_settings  # noqa: PLC0415 - as above
+    from ..report.gather import gather  # noqa: PLC0415 - as above
+    from ..report.page import make_page  # noqa: PLC0415 - as above
+
+    unit = job.unit
+    read = make_settings({n: v for n, v in job.options.items() if n != 'overwrite'}).read
+    report = gather(unit.source, replace(read, layout=unit.layout, sequence=unit.sequence), advance)
+    refusal = KEEP_ALL_BUT_PAGES if job.options.get('overwrite') else keep_all
+    with staged_file(job.out, refusal) as path:
+        size = path.write_bytes(make_page(report).encode())
+    losses = [each for each in report.findings if each.is_loss]
+    return UnitResult(
+        counts={'frames': report.frames or 0, 'bytes': size},
+        bad=len(losses),
+        losses=first_lines(
+            f'{each.where + ": " if each.where else ""}{each.text}' for each in losses
+        ),
+    )
+
+
+# The unit of stats: one recording or bag, to its statistics as JSON.
+
+
+def run_statistics_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Count what is in a recording or bag; errors of its data become the reason of failure."""
+    return run_guarded(_count, job, advance)
+
+
+def _count(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..datasets.set_statistics import count_set, find_sources, plain_values  # noqa: PLC0415 - as above
+    from ..options.datasets import make_statistics_options  # noqa: PLC0415 - as above
+
+    unit = job.unit
+    chosen = {name: value for name, value in job.options.items() if name != 'overwrite'}
+    read, options = make_statistics_options(chosen)
+    read = replace(read, layout=unit.layout, sequence=unit.sequence)
+    found = count_set(unit.source, find_sources(unit.source, read), options, advance)
+    write_unit_json(job, plain_values(found))
+    return UnitResult(
+        counts={'frames': found.total.frames, 'objects': found.total.objects},
+        bad=sum(loss.count for loss in found.total.losses),
+        losses=loss_lines(found.total.losses),
+    )
+
+
+# The unit of validate: one recording or bag, to its findings as JSON.
+
+
+def run_validation_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Check a recording or bag; its errors are findings, not failures.
+
+    A unit that cannot be checked at all has failed.
+    """
+    return run_guarded(_check, job, advance)
+
+
+def _check(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..validation.validate import validate  # noqa: PLC0415 - as above
+
+    unit = job.unit
+    chosen: Any = {name: value for name, value in job.options.items() if name != 'overwrite'}
+    chosen |= {'layout': unit.layout, 'sequence': unit.sequence}
+    report = validate(unit.source, progress=advance, **chosen)
+    write_unit_json(job, {**asdict(report), 'ok': report.ok})
+    return UnitResult(
+        counts={
+            'files': sum(source.files for source in report.sources),
+            'warnings': report.warnings,
+            'bytes': sum(source.size_bytes for source in report.sources),
+        },
+        bad=report.errors,
+        losses=first_lines(_error_lines(report)),
+    )
+
+
+def _error_lines(report: ValidationReport) -> Iterator[str]:
+    from ..validation.rule import RuleSeverity  # noqa: PLC0415 - as above
+
+    for each in report.findings:
+        if each.severity == RuleSeverity.ERROR.value:
+            yield f'{each.rule}: {each.place}: {each.message} ({each.remedy})'
+
+
+# The units of evaluations: a result with its ground truth, to its scores as JSON.
+
+
+def run_detection_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Score detections; errors of the data become the reason of a failed result."""
+    return run_guarded(_score_detections, job, advance)
+
+
+def run_tracking_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Score tracks; errors of the data become the reason of a failed result."""
+    return run_guarded(_score_tracks, job, advance)
+
+
+def run_odometry_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Score a trajectory; errors of the data become the reason of a failed result."""
+    return run_guarded(_score_trajectory, job, advance)
+
+
+def _score_detections(job: UnitJob, _: Advance) -> UnitResult:
+    from ..evaluation.detection import score_paths  # noqa: PLC0415 - as above
+    from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
+    from ..options.evaluation import make_detection_options  # noqa: PLC0415 - as above
+
+    read, options, recorded = make_detection_options(_chosen(job))
+    layout = job.unit.layout
+    if layout is None or not layout.traits.frame_set:  # whose labels are read as label_2
+        read = _read(job.unit, read)
+    scores = score_paths(job.unit.source, _result(job.unit), read, options, recorded)
+    return _finish(job, detection_values(scores), scores.frames, scores.losses)
+
+
+def _score_tracks(job: UnitJob, advance: Advance) -> UnitResult:
+    from ..evaluation.score_values import tracking_values  # noqa: PLC0415 - as above
+    from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - as above
+    from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - as above
+    from ..options.evaluation import make_tracking_options  # noqa: PLC0415 - as above
+
+    read, options = make_tracking_options(_chosen(job))
+    read = replace(read, sequence=job.unit.sequence)
+    scores = score_tracking(job.unit.source, _result(job.unit), read, options, advance)
+    values = {**tracking_values(scores), 'parts': plain_parts(scores.parts)}
+    return _finish(job, values, scores.frames, scores.losses)
+
+
+def _score_trajectory(job: UnitJob, _: Advance) -> UnitResult:
+    from ..evaluation.odometry import score_trajectory  # noqa: PLC0415 - as above
+    from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
+    from ..options.evaluation import make_odometry_options  # noqa: PLC0415 - as above
+
+    read, options = make_odometry_options(_chosen(job))
+    read = _read(job.unit, read)
+    scores = score_trajectory(job.unit.source, _result(job.unit), read, options)
+    poses = int(scores.known.sum())
+    counted = {'ape_poses': len(scores.errors.ape_m), 'rpe_pairs': len(scores.errors.rpe_m)}
+    return _finish(job, {**odometry_values(scores), **counted}, poses, scores.losses)
+
+
+def _chosen(job: UnitJob) -> dict[str, object]:
+    return {name: value for name, value in job.options.items() if name != 'overwrite'}
+
+
+def _read(unit: WorkUnit, read: ReadOptions) -> ReadOptions:
+    return replace(read, layout=unit.layout, sequence=unit.sequence)
+
+
+def _result(unit: WorkUnit) -> Path:
+    if unit.result is None:
+        raise RuntimeError(f'{unit.name}: a unit of an evaluation without a result')
+    return unit.result
+
+
+def _finish(
+    job: UnitJob, values: dict[str, Any], frames: int, losses: Sequence[Loss]
+) -> UnitResult:
+    """Write the scores, with what they are of and the losses."""
+    about = {'ground_truth': job.unit.source, 'sequence': job.unit.sequence}
+    write_unit_json(
+        job,
+        {**about, 'result': job.unit.result, **values, 'losses': losses_json(losses)},
+    )
+    return UnitResult(
+        counts={'frames': frames},
+        bad=sum(loss.count for loss in losses),
+        losses=loss_lines(losses),
+    )

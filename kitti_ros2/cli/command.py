@@ -1,0 +1,630 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The options of sub-commands: declared, in YAML files, parsed, completed, in help texts."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from contextlib import ExitStack, contextmanager
+from functools import lru_cache
+from importlib import import_module
+from inspect import Parameter, Signature, signature
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeAlias, TypeVar, get_args, get_origin
+
+import typer
+from typer.core import TyperCommand
+from typer.main import get_click_type
+
+from ..model.errors import BadFileError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+
+    from ..options.declare import Option
+    from ..options.read import ReadOptions
+
+
+# A sub-command: help with options in groups and examples, several values after one option.
+
+
+_NUMBER = re.compile(r'-\.?\d')
+_SPECIAL = re.compile(r'[^\w ,.:()/*-]')
+_EXAMPLES = '\n\nExamples:\n'
+_LISTS = (
+    '{lists} takes all words up to the next option or --. Give {arguments} before it, after --, or'
+    ' as its last words.'
+)
+OPEN_LIST = 'kitti_ros2.open_list'
+"""Key of a context's meta: the option whose list of values the last word belongs to."""
+
+
+def complete_open_list(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 - typer's context
+    """Complete a word that stands where an argument may, but belongs to a list of values."""
+    option = ctx.meta.get(OPEN_LIST)
+    if option is None:
+        return []
+    return [each.value for each in option.shell_complete(ctx, incomplete)]
+
+
+class Command(TyperCommand):
+    """A command whose help is its docstring: a summary, an explanation, and Examples:."""
+
+    def __init__(self, *args: Any, **rest: Any) -> None:  # noqa: ANN401 - those of the base class
+        super().__init__(*args, **rest)
+        text, _, examples = (self.help or '').partition(_EXAMPLES)
+        self.help: str = text
+        self.examples = examples
+
+    def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - click's form
+        """Return the first line, whole."""
+        return self.help.partition('\n')[0]
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - click's form
+        """Return the words of the usage line: arguments as help texts write them."""
+        names = [each.metavar if each.required else f'[{each.metavar}]' for each in self._arguments]
+        return ['[OPTIONS]', *names]
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
+        """Write the help as plain text, in old versions of typer too."""
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        self.format_options(ctx, formatter)
+        self.format_epilog(ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
+        """Write arguments and options, by group; those without a group last."""
+        rows = [(each.metavar, each.help or '') for each in self._arguments]
+        if rows:
+            with formatter.section('Arguments'):
+                formatter.write_dl(rows)
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for each in self.get_params(ctx):
+            record = each.get_help_record(ctx)
+            if each.param_type_name == 'option' and record is not None:
+                groups.setdefault(getattr(each, 'rich_help_panel', None) or '', []).append(record)
+        others = groups.pop('', [])
+        for title, records in (*groups.items(), ('Options', others)):
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
+        """Write the rule of options with several values, and the examples as they are."""
+        lists = [each.metavar for each in self._lists(ctx).values()]
+        if lists:
+            formatter.write_paragraph()
+            names = ' and '.join(each.metavar for each in self._arguments)
+            formatter.write_text(_LISTS.format(lists=lists[0], arguments=names))
+        if self.examples:
+            formatter.write_paragraph()
+            formatter.write(f'Examples:\n{self.examples}\n')
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as above
+        """Parse, after repeating options with several values before each of them."""
+        valued = {
+            flag
+            for each in self.get_params(ctx)
+            if not getattr(each, 'is_flag', True)
+            for flag in each.opts
+        }
+        words = _GivenWords(args, self._lists(ctx), valued)
+        if ctx.resilient_parsing:  # for a completion
+            ctx.meta[OPEN_LIST] = words.open_list
+            args = words.spread()
+            if args and args[-1] in valued:
+                args.pop()  # an option without its value would hide the arguments
+        else:
+            words.place_arguments([each.metavar for each in self._arguments])
+            args = words.spread()
+        parsed: list[str] = super().parse_args(ctx, args)
+        return parsed
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:  # noqa: ANN401 - as above
+        """Complete a value of a list, or an option; its help without what shells interpret."""
+        option = ctx.meta.get(OPEN_LIST)
+        if option is not None and not incomplete.startswith('-'):
+            found: list[Any] = option.shell_complete(ctx, incomplete)
+            return found
+        found = super().shell_complete(ctx, incomplete)
+        for each in found:
+            each.help = _SPECIAL.sub('', (each.help or '').partition(' [default')[0])
+        return found
+
+    @property
+    def _arguments(self) -> list[Any]:
+        return [each for each in self.params if each.param_type_name == 'argument']
+
+    def _lists(self, ctx: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
+        """Return the options with several values, by spelling."""
+        params = [each for each in self.get_params(ctx) if getattr(each, 'multiple', False)]
+        return {flag: each for each in params for flag in each.opts}
+
+
+class _GivenWords:
+    """The words after a command, in parts: a list option with its values, any other word or option.
+
+    Args:
+        words: The words.
+        lists: Spellings of the options with several values.
+        valued: Spellings of all options with a value.
+    """
+
+    def __init__(self, words: Sequence[str], lists: Mapping[str, Any], valued: set[str]) -> None:
+        self._lists = lists
+        self._parts: list[list[str]] = []
+        self._arguments = 0
+        rest = iter(words)
+        for word in rest:
+            if word == '--':
+                self._parts.append([word, *rest])
+                self._arguments += len(self._parts[-1]) - 1
+            elif word.startswith('-') and word != '-' and not self._is_number(word):
+                self._parts.append([word])
+                if word in valued and word not in lists:
+                    self._parts[-1] += islice(rest, 1)
+            elif self.open_list is not None:
+                self._parts[-1].append(word)
+            else:
+                self._parts.append([word])
+                self._arguments += 1
+
+    def _is_number(self, word: str) -> bool:
+        """Whether a word is a negative number in a list."""
+        return self.open_list is not None and _NUMBER.match(word) is not None
+
+    @property
+    def open_list(self) -> Any:  # noqa: ANN401 - an option of typer's copy of click
+        """The list option whose values the words end with."""
+        return self._lists.get(self._parts[-1][0]) if self._parts else None
+
+    def place_arguments(self, names: Sequence[str]) -> None:
+        """Take missing arguments from the end of a list, if it is clear that they are there.
+
+        Raises:
+            UsageError: It is not: some arguments are given, or several lists may hold them. Or a
+                list has no values.
+        """
+        for part in self._parts:
+            if part[0] in self._lists and len(part) == 1:
+                raise UsageError(f"Option '{part[0]}' requires an argument")
+        missing = len(names) - self._arguments
+        long = [part for part in self._parts if part[0] in self._lists and len(part) > 2]
+        if missing <= 0 or not long:
+            return
+        part, *others = long
+        if self._arguments or others or len(part) < missing + 2:
+            raise UsageError(
+                f'{part[0]} takes {" ".join(part[1:])}; give {" ".join(names)} before it,'
+                f' or after --'
+            )
+        place = self._parts.index(part) + 1
+        self._parts[place:place] = [[word] for word in part[-missing:]]
+        del part[-missing:]
+
+    def spread(self) -> list[str]:
+        """Return all words, with each list option repeated before each of its values."""
+        found = []
+        for first, *values in self._parts:
+            if first in self._lists and values:
+                found += [word for value in values for word in (first, value)]
+            else:
+                found += [first, *values]
+        return found
+
+
+# Words of the command line that are paths or URLs.
+
+
+class _PathWord:
+    """Stands for Path, of which typer would make one of URLs, too, without their `//`."""
+
+
+_KINDS: tuple[tuple[Any, Any], ...] = (
+    (Path, _PathWord),
+    (Optional[Path], Optional[_PathWord]),
+    (list[Path], list[_PathWord]),
+    (Optional[list[Path]], Optional[list[_PathWord]]),
+)
+
+
+def accept_urls(parameter: Parameter) -> Parameter:
+    """Return a parameter of a command that takes URLs, too, if it takes a path."""
+    if get_origin(parameter.annotation) is not Annotated:
+        return parameter
+    kind, described = get_args(parameter.annotation)
+    stand_in = next((other for known, other in _KINDS if kind == known), None)
+    if stand_in is None:
+        return parameter
+    described.click_type = _path_or_url()
+    return parameter.replace(annotation=Annotated[stand_in, described])
+
+
+@lru_cache(maxsize=1)
+def _path_or_url() -> Any:  # noqa: ANN401 - a type of typer's copy of click
+    base: Any = type(get_click_type(annotation=Path, parameter_info=typer.Argument()))
+
+    class PathOrUrl(base):  # type: ignore[misc]
+        """A path, completed as paths are, or a URL."""
+
+        def convert(self, value: Any, param: Any, ctx: Any) -> Path:  # noqa: ANN401, ARG002 - click's form
+            from ..files.remote import as_path
+
+            return as_path(value)
+
+    return PathOrUrl()
+
+
+# Completion of a command line that is being typed: option values, topics and sequences of SRC.
+#
+# The shell starts the command with the words so far in the environment; see completion_words.
+# What is asked of SRC reads the names of its files, or the summary of a bag.
+
+
+Complete: TypeAlias = 'Callable[[Any, str], list[str]]'
+"""A function that typer calls with its context and the word that is being typed."""
+
+VARIABLE = '_KITTI_ROS2_COMPLETE'
+"""The variable of the environment that asks for a completion; typer's scripts set it."""
+_WORDS = ('COMP_WORDS', '_TYPER_COMPLETE_ARGS')
+_LONGEST_S = 3.0
+
+
+def completion_words() -> list[str]:
+    """Return the words typed so far, after the name of the program."""
+    found = next((os.environ[name] for name in _WORDS if name in os.environ), '')
+    return found.split()[1:]
+
+
+@contextmanager
+def answering() -> Iterator[None]:
+    """Answer in time or not at all, without a message: the terminal belongs to the shell."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+    signal.signal(signal.SIGALRM, _give_up)
+    signal.setitimer(signal.ITIMER_REAL, _LONGEST_S)
+    try:
+        yield
+    except Exception:  # noqa: BLE001 - whatever it is, there is nothing to complete
+        sys.exit(1)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _give_up(*_: object) -> None:
+    raise TimeoutError
+
+
+def complete_at_first_tab() -> None:
+    """Let typer's script for zsh complete at the first TAB, when zsh loads it.
+
+    Loading runs the script as the function _kitti-ros2, which only defines another function.
+    """
+    from typer import _completion_shared
+
+    scripts: dict[str, str] = getattr(_completion_shared, '_completion_scripts', {})
+    if 'zsh' in scripts:
+        scripts['zsh'] += '\n[[ $funcstack[1] == _%(prog_name)s ]] && %(complete_func)s "$@"\n'
+
+
+def complete_option(name: str, choices: Collection[str] = ()) -> Complete | None:
+    """Return the completion of the values of an option; None where the shell completes files.
+
+    Args:
+        name: Name of the option.
+        choices: Its values, if it takes one of a few words.
+    """
+    values = (lambda _: choices) if choices else _VALUES.get(name)
+    if values is None:
+        return None
+
+    def complete(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 - typer's copy of click
+        try:
+            return sorted({each for each in values(ctx.params) if each.startswith(incomplete)})
+        except Exception:  # noqa: BLE001 - nothing is known of an unfinished command line
+            return []
+
+    return complete
+
+
+def _topics(given: Mapping[str, Any]) -> Iterable[str]:
+    """List the topics of SRC: those of a bag, or those that to-bag makes of a folder."""
+    from ..bags.locate import locate_bag, looks_like_bag
+
+    path = _source(given)
+    if not looks_like_bag(path):
+        return _topics_of_folder(path, given)
+    located = locate_bag(path)
+    if located.topics:
+        return located.topics
+    from ..bags.bag_files import open_files
+    from ..bags.container_file import Findings
+
+    with ExitStack() as stack:
+        files = open_files(located, Findings(), stack)
+        return [channel.topic for _, file in files for channel in file.channels.values()]
+
+
+def _source(given: Mapping[str, Any]) -> Path:
+    """Return SRC, or the first PATH of a command that takes several."""
+    from ..files.remote import as_path
+
+    return as_path(given['src'] if 'src' in given else given['paths'][0]).expanduser()
+
+
+def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
+    from ..kitti.opening import open_recording
+    from ..messages.naming import naming_of
+    from ..messages.topics import make_table
+    from ..model.streams import Stream
+    from ..options.messages import Images, MessageOptions, Preset
+    from ..stacks.stack_names import StackName
+
+    recording = open_recording(path, _reading(given), scans=False)
+    preset = Preset(given.get('preset') or Preset.DEFAULT)
+    stack = StackName(given['stack']) if given.get('stack') else None
+    options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)
+    image = naming_of(options).image_topic(recording.layout, recording.image_topic)
+    table = make_table(recording.cameras, image, options)
+    once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
+    predicted = {Stream.PREDICTIONS} if given.get('predictions') else set()
+    present = {*recording.streams, *once, *predicted}
+    return [row.topic for row in table if row.stream in present]
+
+
+def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
+    """List the drives, splits or sequences of SRC."""
+    from ..kitti.opening import find_candidates
+
+    _, candidates = find_candidates(_source(given), _reading(given))
+    return [candidate.name for candidate in candidates]
+
+
+def _reading(given: Mapping[str, Any]) -> ReadOptions:
+    from ..options.table import make_settings
+
+    return make_settings({name: given.get(name) for name in ('layout', 'sequence')}).read
+
+
+def _streams(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..model.streams import Stream
+
+    return ['image', *(stream.value for stream in Stream)]
+
+
+def _classes(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..drawing.drawn_objects import CLASS_COLORS
+
+    return [name for name in CLASS_COLORS if ' ' not in name]
+
+
+def _categories(_: Mapping[str, Any]) -> Iterable[str]:
+    from ..fetch.catalogue import CATEGORIES
+
+    return CATEGORIES
+
+
+_VALUES = {
+    'category': _categories,
+    'topics': _topics,
+    'exclude_topics': _topics,
+    'sequence': _sequences,
+    'streams': _streams,
+    'classes': _classes,
+}
+
+
+# Options of commands: from their declarations in options/, and one that several have.
+
+
+QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
+OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
+FsyncOption = Annotated[
+    bool,
+    typer.Option(
+        '--fsync/--no-fsync',
+        show_default=False,
+        help='Wait until the output is on the disk, safe from a power cut [default: on]',
+    ),
+]
+AllOverwriteOption = Annotated[
+    bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
+]
+JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
+
+
+def argument(name: str, help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
+    """Return an argument of a command, such as SRC."""
+    return typer.Argument(metavar=name, help=help_text, autocompletion=complete_open_list)
+
+
+def out_option(help_text: str, **rest: Any) -> Any:  # noqa: ANN401 - an option of typer
+    """Return the option -o OUT; the rest are keywords of typer.Option."""
+    return typer.Option('--out', '-o', metavar='OUT', help=help_text, **rest)
+
+
+def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an option of typer
+    """Return an option that takes one of a few words."""
+    complete = complete_option('', [*words])
+    return typer.Option(metavar=_one_of(words), help=help_text, autocompletion=complete)
+
+
+def _one_of(words: Iterable[str]) -> str:
+    return f'[{"|".join(words)}]'
+
+
+Marked = TypeVar('Marked', bound='Callable[..., object]')
+
+_TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
+"""By name of a function: its table and its module, the options left out, its parameters."""
+
+
+def takes(
+    table: str, *, of: str = 'table', but: tuple[str, ...] = ()
+) -> Callable[[Marked], Marked]:
+    """Mark a command whose **given are the options of a table in options/.
+
+    Args:
+        table: Name of the table.
+        of: Its module.
+        but: Options that the command declares itself.
+    """
+
+    def mark(command: Marked) -> Marked:
+        own = [
+            each.replace(kind=Parameter.KEYWORD_ONLY)
+            for each in signature(command, eval_str=True).parameters.values()
+            if each.kind is not Parameter.VAR_KEYWORD
+        ]
+        _TABLES[command.__name__] = table, of, frozenset(but), own
+        return _with_parameters(command, own)
+
+    return mark
+
+
+def add_options(command: Callable[..., object]) -> None:
+    """Add the options of its table to the signature of a command, for typer to read.
+
+    Only the command that runs needs them: `kitti-ros2 --help` does not import options/.
+    """
+    if command.__name__ not in _TABLES:
+        _with_parameters(command, [*signature(command, eval_str=True).parameters.values()])
+        return
+    name, module, excluded, own = _TABLES[command.__name__]
+    table = getattr(import_module(f'..options.{module}', __package__), name)
+    declared = [_parameter(each) for each in table if each.name not in excluded]
+    _with_parameters(command, [*own, *declared])
+
+
+def _with_parameters(command: Marked, parameters: list[Parameter]) -> Marked:
+    with_urls = [accept_urls(each) for each in parameters]
+    command.__signature__ = Signature(with_urls)  # type: ignore[attr-defined]
+    return command
+
+
+def chosen(given: Mapping[str, object]) -> dict[str, object]:
+    """Return the options that are given: those that are neither None nor an empty list."""
+    return {name: value for name, value in given.items() if value is not None and value != []}
+
+
+def _parameter(option: Option) -> Parameter:
+    described = typer.Option(
+        *_spellings(option),
+        help=_help(option),
+        metavar=_metavar(option),
+        rich_help_panel=option.group or None,
+        autocompletion=complete_option(option.name, option.choices),
+    )
+    kind: Any = Annotated[_kind(option), described]
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+
+
+def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
+    from ..options import declare
+
+    kinds: dict[Any, Any] = {
+        declare.parse_flag: Optional[bool],
+        declare.parse_integer: Optional[int],
+        declare.parse_number: Optional[float],
+        declare.parse_path: Optional[Path],
+        declare.parse_texts: Optional[list[str]],
+        declare.parse_boxes: Optional[list[str]],
+        declare.parse_class_map: Optional[list[str]],
+        declare.parse_labels: Optional[list[str]],
+        declare.parse_class_overlaps: Optional[list[str]],
+        declare.parse_paths: Optional[list[str]],
+        declare.parse_shares: Optional[list[str]],
+        declare.parse_least_overlaps: Optional[list[str]],
+    }
+    return kinds.get(option.parse, Optional[str])
+
+
+def _metavar(option: Option) -> str | None:
+    """Return the placeholder of a value in help texts; None for a flag."""
+    from ..options import declare
+
+    general: dict[Any, str] = {
+        declare.parse_integer: 'N',
+        declare.parse_number: 'X',
+        declare.parse_path: 'PATH',
+        declare.parse_seconds_ns: 'SECONDS',
+        declare.parse_texts: 'NAME...',
+    }
+    if option.choices and not option.metavar:
+        return _one_of(option.choices)
+    return option.metavar or general.get(option.parse)
+
+
+def _spellings(option: Option) -> tuple[str, ...]:
+    from ..options.declare import parse_flag
+
+    if any(flag.startswith('--') for flag in option.flags):
+        return option.flags
+    dashed = option.name.replace('_', '-')
+    no = f'/--no-{dashed}' if option.parse is parse_flag else ''
+    return (f'--{dashed}{no}', *option.flags)
+
+
+def _help(option: Option) -> str:
+    return option.meaning + (
+        '' if option.default is False else f' [default: {option.default_text}]'
+    )
+
+
+# Reader of the YAML file of --config.
+
+
+# YAML reads 0010 as 8 and truncates a stamp to microseconds.
+_KEPT_AS_TEXT = ('int', 'timestamp')
+
+
+def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
+    """Read the options of a YAML file, a mapping of names to values.
+
+    Args:
+        path: The file.
+        known: The valid names.
+
+    Raises:
+        UsageError: The file is missing, invalid YAML, or not a mapping of known names.
+    """
+    from ..kitti.store import STORE
+    from ..model.yaml_text import YamlTextError, load_yaml
+    from ..options.declare import check_names
+
+    try:
+        values = load_yaml(STORE.read_text(path), _KEPT_AS_TEXT)
+    except OSError as error:
+        raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
+    except BadFileError as error:
+        raise UsageError(f'{error}; --config takes a YAML file') from None
+    except YamlTextError as error:
+        where = path if error.line is None else f'{path}:{error.line}'
+        raise UsageError(
+            f'{where}: invalid YAML, {error.problem}; expected lines like "images: raw"'
+        ) from None
+    if values is None:
+        return {}
+    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
+        raise UsageError(f'{path}: not a mapping; expected lines like "images: raw"')
+    check_names(values, known, f'{path}: ')
+    return values
+
+
+def add_config(
+    config: Path, given: Mapping[str, object], declared: Sequence[Option]
+) -> dict[str, object]:
+    """Add the options of a YAML file to those of the command line, which win.
+
+    With a stack, a default in the file is not given: a file may list all options.
+
+    Raises:
+        UsageError: See load_config.
+    """
+    of_file = load_config(config, [each.name for each in declared])
+    if {**of_file, **given}.get('stack') is not None:
+        plain = {each.name: each.plain(each.default) for each in declared}
+        of_file = {name: value for name, value in of_file.items() if value != plain[name]}
+    return {name: value for name, value in of_file.items() if value is not None} | dict(given)

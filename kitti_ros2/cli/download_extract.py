@@ -1,0 +1,267 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""kitti-ros2 download, and extract."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from ..files.processes import keep_imports
+from ..files.staging import losses_json
+from ..model.errors import UsageError, format_bytes, format_count
+from ..options.datasets import make_download_options, make_extract_options
+from .command import JsonOption, QuietOption, chosen, takes
+from .exits import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
+from .output import bytes_progress, complain, format_path, print_json, say, show_losses
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..fetch.download import DownloadReport
+    from ..fetch.extract import ExtractReport
+    from ..options.datasets import DownloadOptions
+
+
+# kitti-ros2 extract.
+
+
+_MOST_NAMED = 3
+
+
+def run_extract(paths: list[Path], given: dict[str, object], *, json: bool, quiet: bool) -> int:
+    """Extract archives into the last path and report what was written.
+
+    Returns:
+        The exit code.
+    """
+    from ..fetch.extract import extract_all
+    from ..kitti.archives import is_archive
+
+    keep_imports()
+    *archives, root = paths
+    if is_archive(root.name) and (root.is_file() or not archives):
+        raise UsageError(
+            f'{root}: ROOT is missing (the folder to extract into);'
+            f' usage: kitti-ros2 extract ARCHIVE... ROOT [OPTIONS]'
+        )
+    options = make_extract_options(given)
+    with bytes_progress('extracting', show=not quiet) as (progress,):
+        report = extract_all(archives, root, options, progress)
+    show_losses(report.losses)
+    if json:
+        print_json(report_json(report))
+    elif not quiet:
+        say_extracted(report)
+    return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def report_json(report: ExtractReport) -> dict[str, Any]:
+    """Return a report for print_json."""
+    return {**asdict(report), 'losses': losses_json(report.losses)}
+
+
+def say_extracted(report: ExtractReport) -> None:
+    """Print what was extracted, and the commands that show it."""
+    for note in report.notes:
+        say(f'note: {note}')
+    for each in report.archives:
+        kept = f', {format_count(each.kept, "file")} kept as equal' if each.kept else ''
+        removed = '; archive removed' if each.removed else ''
+        say(
+            f'{format_path(each.path)}: {format_count(each.written, "file")} written,'
+            f' {format_bytes(each.size_bytes)}{kept}{removed}'
+        )
+    say_data_sets(report.root)
+
+
+def say_data_sets(root: Path) -> None:
+    """Print the commands that show the data sets in a folder, if they are few."""
+    from ..kitti.opening import data_sets_below
+
+    found, complete = data_sets_below(root)
+    if complete and len(found) <= _MOST_NAMED:
+        for data_set in found:
+            say(f'next: kitti-ros2 info {shlex.quote(format_path(data_set.folder))}')
+
+
+# kitti-ros2 download.
+
+
+_USAGE = 'usage: kitti-ros2 download WHAT... ROOT [OPTIONS]'
+
+
+def run_download(
+    words: Sequence[str], given: dict[str, object], *, listing: bool, json: bool, quiet: bool
+) -> int:
+    """Download what words name into the folder that is the last of them, or list what there is.
+
+    Returns:
+        The exit code.
+    """
+    from ..fetch.download import download_all, select_entries
+
+    keep_imports()
+    options, extraction = make_download_options(given)
+    if listing:
+        return _list(words, options, json=json)
+    what, root = _split(words, options)
+    entries = select_entries(what, options)
+    try:
+        with bytes_progress('downloading', 'extracting', show=not quiet) as (fetching, extracting):
+            progress = fetching, extracting
+            report = download_all(entries, root, options, extraction, progress)
+    except KeyboardInterrupt:
+        complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
+        sys.exit(EXIT_INTERRUPTED)
+    show_losses(report.losses)
+    if json:
+        print_json({**asdict(report), 'losses': losses_json(report.losses)})
+    elif not quiet:
+        _say(report)
+    return EXIT_LOSSES if report.losses else EXIT_OK
+
+
+def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str], Path]:
+    """Split the words into what to download and where to."""
+    from ..fetch.download import select_entries
+
+    if not words:
+        raise UsageError(
+            f'WHAT is missing (such as raw 2011_09_26_drive_0005, or object calib); {_USAGE};'
+            f' --list shows what there is'
+        )
+    *what, last = words
+    if '/' not in last and not Path(last).exists():
+        try:
+            select_entries(words, options)
+        except UsageError:
+            pass
+        else:
+            raise UsageError(f'ROOT is missing (the folder to download into); {_USAGE}')
+    return what, Path(last)
+
+
+def _say(report: DownloadReport) -> None:
+    for note in report.notes:
+        say(f'note: {note}')
+    files = sum(each.written for each in report.extracted)
+    size = sum(each.size_bytes for each in report.extracted)
+    existing = f', {len(report.existing)} there before' if report.existing else ''
+    say(
+        f'{format_path(report.root)}: {format_count(len(report.downloaded), "archive")}'
+        f' downloaded{existing}; {format_count(files, "file")} extracted, {format_bytes(size)}'
+    )
+    for folder in report.folders:
+        say_data_sets(folder)
+
+
+# The list.
+
+
+def _list(words: Sequence[str], options: DownloadOptions, *, json: bool) -> int:
+    """Print the archives and drives of benchmarks, all without words."""
+    from ..fetch.catalogue import BENCHMARKS, ENTRIES, raw_drives
+
+    for word in words:
+        if word not in BENCHMARKS:
+            raise UsageError(f'--list takes {" ".join(BENCHMARKS)}, not {word}')
+    chosen = words or BENCHMARKS
+    entries = [each for each in ENTRIES if each.benchmark in chosen]
+    drives = [
+        each
+        for each in raw_drives().values()
+        if 'raw' in chosen and each.category in (options.categories or (each.category,))
+    ]
+    if json:
+        archives = [{**asdict(each), 'size_bytes': each.about_bytes} for each in entries]
+        print_json({'archives': archives, 'drives': [asdict(each) for each in drives]})
+        return EXIT_OK
+    rows = [(each.benchmark, each.part, _about(each.about_bytes), each.name) for each in entries]
+    _print_table(('benchmark', 'part', 'size', 'archive'), rows)
+    if drives:
+        sys.stdout.write('\n')
+        _print_table(
+            ('raw drive', 'category', 'frames', 'size', 'tracklets'),
+            [
+                (
+                    each.name,
+                    each.category,
+                    '-' if each.frames is None else str(each.frames),
+                    format_bytes(each.sync_bytes),
+                    'yes' if each.has_tracklets else '-',
+                )
+                for each in drives
+            ],
+        )
+    return EXIT_OK
+
+
+def _about(size: int | None) -> str:
+    return '-' if size is None else format_bytes(size).replace('.0 ', ' ')
+
+
+def _print_table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    for row in (heads, *rows):
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        sys.stdout.write('  '.join(cells).rstrip() + '\n')
+
+
+@takes('DOWNLOAD', of='datasets')
+def download(
+    words: Annotated[
+        Optional[list[str]],
+        typer.Argument(
+            metavar='WHAT... ROOT',
+            help='A benchmark with its parts, or raw drives; then the folder to download into',
+        ),
+    ] = None,
+    list_: Annotated[
+        bool, typer.Option('--list', help='List what there is, with sizes, and stop; no ROOT')
+    ] = False,
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Download KITTI's archives by name and extract them.
+
+    WHAT: object, tracking or odometry with parts (image_2, calib, ... or all); raw with drives
+    (2011_09_26_drive_0005), ranges (2011_09_26_drive_0001..0017), days (2011_09_26) or all. Drives
+    come with the calibration of their day. An interrupted run goes on.
+
+    Examples:
+      kitti-ros2 download raw 2011_09_26_drive_0005 kitti --accept-license
+      kitti-ros2 download object velodyne calib label_2 kitti
+    """
+    return run_download(words or [], chosen(given), listing=list_, json=json, quiet=quiet)
+
+
+@takes('EXTRACT', of='datasets')
+def extract(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar='ARCHIVE... ROOT',
+            help='Zip or tar archives, then the folder to extract them into',
+        ),
+    ],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+    **given: object,
+) -> int:
+    """Extract KITTI's archives into the folders that readers expect.
+
+    Each file goes where its known folders belong (2011_09_26/..., training/..., dataset/...),
+    whatever the archive has above them. Equal files are kept: an interrupted run goes on.
+
+    Examples:
+      kitti-ros2 extract 2011_09_26_drive_0005_sync.zip 2011_09_26_calib.zip kitti
+      kitti-ros2 extract downloads/data_object_calib.zip object --remove-archives
+    """
+    return run_extract(paths, chosen(given), json=json, quiet=quiet)

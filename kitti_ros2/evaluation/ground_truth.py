@@ -1,0 +1,661 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ground truth of an evaluation: labels and poses, by frame and by stamp."""
+
+from __future__ import annotations
+
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from ..bags.locate import is_bag
+from ..importer.box_labels import ImageOf, TrackIds, make_boxes
+from ..importer.sync import NONE, default_tolerance_ns
+from ..kitti import names
+from ..kitti.kitti_recording import rect_from_imu
+from ..kitti.label_file import ResultFiles, find_frame_files
+from ..kitti.names import LABEL_FOLDERS, SIX_DIGITS, SPLITS, TRACKING_LABELS, TXT, FileNames
+from ..kitti.opening import open_recording
+from ..kitti.recording_index import find_turns
+from ..kitti.store import STORE
+from ..messages.naming import base_t_imu
+from ..model.errors import (
+    BadFileError,
+    KittiRos2Error,
+    Loss,
+    MissingDataError,
+    MissingPathError,
+    UsageError,
+    describe_error,
+)
+from ..model.recording import MovingRecording
+from ..model.samples import Pose, nearest_stamps
+from ..model.streams import FRAME_STREAMS, LAST_NS, Clock, Layout, Stream
+from ..options.messages import MessageOptions
+from ..options.read import ReadOptions
+from .trajectories import CameraTrajectory, kitti_links, read_trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from ..kitti.kitti_recording import KittiRecording
+    from ..model.boxes import Box
+    from ..model.geometry import Transform
+    from ..model.recording import StreamIndex
+    from ..model.samples import FrameLabels, Int64Array, Turn
+    from ..own_bags.recording import BagRecording
+    from ..rig.tf_tree import Link
+
+
+# The frames of a recording by stamp, and the time of a player by log time.
+#
+# All evaluations match the stamps of results to frames here.
+
+
+_STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
+ROUNDED_NS = 1_000_000
+"""Stamps pass through float64 seconds, or microseconds."""
+
+
+class FramedRecording(Protocol):
+    """The part of a recording that its frames have their stamps from."""
+
+    layout: Layout
+    common_numbers: bool
+
+    @property
+    def streams(self) -> Mapping[Stream, StreamIndex]:
+        """Index by stream."""
+        ...
+
+    @property
+    def period_ns(self) -> int:
+        """Time between frames without stamps."""
+        ...
+
+    @property
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan; empty of scans that are compensated for motion."""
+        ...
+
+
+class StampMatch(NamedTuple):
+    """The frames of M stamps.
+
+    Attributes:
+        numbers: (M,) of the frame, NONE where the nearest is too far.
+        distances_ns: (M,) from the nearest stamp of the frame, nanoseconds.
+        offsets_ns: (M,) how much later than the frame they are: 0 at the stamp of a sensor.
+        moment: What they are stamps of; empty: of sensors, or of nothing known.
+    """
+
+    numbers: Int64Array
+    distances_ns: Int64Array
+    offsets_ns: Int64Array
+    moment: str = ''
+
+
+class _Moments(NamedTuple):
+    """A stamp of each of N frames.
+
+    Attributes:
+        name: For users; empty for the samples of a sensor.
+        numbers: (N,) of the frames.
+        stamps_ns: (N,) ascending.
+        late_ns: (N,) how much later than the frame they are.
+    """
+
+    name: str
+    numbers: Int64Array
+    stamps_ns: Int64Array
+    late_ns: Int64Array
+
+    def frames_at(self, stamps_ns: Int64Array, within_ns: int) -> int:
+        """Return how many of the frames have one of (M,) stamps."""
+        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
+        return len(np.unique(place[np.abs(off) <= within_ns]))
+
+
+class StampedFrames:
+    """The frames of a recording by stamp.
+
+    A frame has the stamps of its scan and of its images; results are stamped at one of them. It
+    also has the start of the scanner's turn, which is the stamp of a scan with ring time, and the
+    end, which is that of odometry whose scans are compensated to it. These are half a period from
+    the frame, as near to another: a stamp is at one of them if it differs by rounding only. The end
+    of a turn is also the start of the next, so all stamps of a result are judged together.
+
+    Args:
+        samples: Of the sensors, by number of the frame; the first is the moment of the frame.
+        tolerance_ns: The largest distance from the stamp of a frame.
+        turns: By number of the frame.
+
+    Attributes:
+        numbers: Of the frames to be answered, ascending.
+        stamps_ns: (N,) those of the samples, ascending.
+        tolerance_ns: As given.
+        first_ns: The stamp of the first frame.
+    """
+
+    def __init__(
+        self,
+        samples: Sequence[StreamIndex],
+        tolerance_ns: int,
+        turns: Mapping[int, Turn] | None = None,
+    ) -> None:
+        numbers = np.concatenate([index.numbers for index in samples])
+        stamps = np.concatenate([index.stamps_ns for index in samples])
+        order = np.argsort(stamps, kind='stable')
+        self.stamps_ns, self._numbers = stamps[order], numbers[order]
+        self._first_of: dict[int, int] = {}
+        for number, stamp in zip(self._numbers.tolist(), self.stamps_ns.tolist(), strict=True):
+            self._first_of.setdefault(number, stamp)
+        self._known, first = np.unique(numbers, return_index=True)
+        self._moments_ns = stamps[first]
+        self._moments = _moments_of(samples, turns or {})
+        self.numbers: list[int] = self._known.tolist()
+        self.first_ns = int(self.stamps_ns[0])
+        self.tolerance_ns = tolerance_ns
+
+    def stamp_of(self, number: int) -> int:
+        """Return the first stamp of a frame."""
+        return self._first_of[number]
+
+    def moment_of(self, number: int) -> int:
+        """Return the stamp of a frame: that of its scan, or of the first of its other samples."""
+        return int(self._moments_ns[np.searchsorted(self._known, number)])
+
+    def match(self, stamps_ns: Int64Array, tolerance_ns: int | None = None) -> StampMatch:
+        """Match the stamps of a result to frames.
+
+        Args:
+            stamps_ns: (M,) in any order.
+            tolerance_ns: Another one than that of the frames.
+        """
+        tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
+        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
+        distances, nearest = np.abs(off), self._numbers[place]
+        offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
+        numbers = np.where(distances <= tolerance, nearest, NONE)
+        rounded = min(ROUNDED_NS, tolerance)
+        frames, best = max(
+            ((each.frames_at(stamps_ns, rounded), each) for each in self._moments),
+            key=lambda pair: pair[0],
+        )
+        if 2 * frames < min(len(stamps_ns), len(self.numbers)):
+            return StampMatch(numbers, distances, offsets)
+        place, off = nearest_stamps(best.stamps_ns, stamps_ns)
+        at_it = np.abs(off) <= rounded
+        return StampMatch(
+            np.where(at_it, best.numbers[place], numbers),
+            np.where(at_it, np.abs(off), distances),
+            np.where(at_it, off + best.late_ns[place], offsets),
+            best.name,
+        )
+
+    def nearest(self, stamp_ns: int) -> tuple[int, int] | None:
+        """Return the number of the frame of a stamp and its distance; None if it is too far."""
+        found = self.match(np.array([min(stamp_ns, LAST_NS)], dtype=np.int64))
+        number = int(found.numbers[0])
+        return None if number == NONE else (number, int(found.distances_ns[0]))
+
+    def latest(self, stamp_ns: int) -> tuple[int, int] | None:
+        """Return the number of the last frame before a time and the distance.
+
+        None if it is further than twice the tolerance, which is the time between frames.
+        """
+        place = int(np.searchsorted(self.stamps_ns, stamp_ns, 'right')) - 1
+        distance = stamp_ns - int(self.stamps_ns[place]) if place >= 0 else -1
+        within = 0 <= distance <= 2 * self.tolerance_ns
+        return (int(self._numbers[place]), distance) if within else None
+
+
+def frames_of(recording: FramedRecording, tolerance_ns: int | None = None) -> StampedFrames:
+    """Return the frames of a recording that results are expected of.
+
+    These are the frames with labels where each frame has a file of labels, else all with a scan or
+    an image.
+
+    Args:
+        recording: The recording.
+        tolerance_ns: The largest distance from the stamp of a frame; None is half the median time
+            between frames, at most half the nominal one.
+    """
+    streams = recording.streams
+    known: list[Stream] = [stream for stream in _STAMPED if stream in streams]
+    found = _stamped_by(recording, known or [*streams], tolerance_ns)
+    if Stream.LABELS in streams and recording.layout.traits.frame_set:
+        found.numbers = sorted({*streams[Stream.LABELS].numbers.tolist()})
+    return found
+
+
+def posed_frames_of(recording: FramedRecording) -> StampedFrames:
+    """Return the frames of a recording with poses; they also have the stamps of these."""
+    known = [stream for stream in _STAMPED if stream in recording.streams]
+    return _stamped_by(
+        recording, [*known, Stream.POSE] if recording.common_numbers else [Stream.POSE], None
+    )
+
+
+def _stamped_by(
+    recording: FramedRecording, known: Sequence[Stream], tolerance_ns: int | None
+) -> StampedFrames:
+    """Return frames with the stamps of some streams.
+
+    Args:
+        recording: The recording.
+        known: The streams; the first has the numbers of frames where others have their own.
+        tolerance_ns: As frames_of.
+    """
+    used = [recording.streams[each] for each in known]
+    if tolerance_ns is None:
+        tolerance_ns = min(default_tolerance_ns(used[0].stamps_ns), recording.period_ns // 2)
+    if not recording.common_numbers:
+        return StampedFrames(used[:1], tolerance_ns)
+    return StampedFrames(used, tolerance_ns, _turns(recording))
+
+
+def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> list[_Moments]:
+    """Return the samples of each sensor, and starts and ends of turns."""
+    none = np.zeros(1, dtype=np.int64)
+    found = [('', index.numbers, index.stamps_ns, none) for index in samples]
+    if turns:
+        rows = [
+            (number, turn.start_ns, turn.forward_ns, turn.end_ns) for number, turn in turns.items()
+        ]
+        numbers, starts, forward, ends = np.array(rows, dtype=np.int64).T
+        found.append(('start of turn', numbers, starts, starts - forward))
+        found.append(('end of turn', numbers, ends, ends - forward))
+    return [_in_order(*each) for each in found]
+
+
+def _in_order(
+    name: str, numbers: Int64Array, stamps_ns: Int64Array, late_ns: Int64Array
+) -> _Moments:
+    order = np.argsort(stamps_ns, kind='stable')
+    late = np.broadcast_to(late_ns, order.shape)
+    return _Moments(name, numbers[order], stamps_ns[order], late[order])
+
+
+def _turns(recording: FramedRecording) -> Mapping[int, Turn]:
+    """Return the turns of a recording, also of scans that it has not, or that are compensated.
+
+    Its scans may have been played with --undo-deskew.
+    """
+    if recording.turns:
+        return recording.turns
+    streams = recording.streams
+    index = streams[Stream.SCAN] if Stream.SCAN in streams else next(iter(streams.values()))
+    forward = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
+    return find_turns(forward, {}, {}, recording.period_ns)
+
+
+class PlayedTime:
+    """The recording's time at the log times of a bag, by the messages of /clock in it.
+
+    Without such messages log times are taken for it: recorders with use_sim_time store it.
+
+    Args:
+        log_ns: (N,) log times of the messages, ascending.
+        clock_ns: (N,) the times in them.
+    """
+
+    def __init__(self, log_ns: Sequence[int], clock_ns: Sequence[int]) -> None:
+        self._log: Int64Array = np.array(log_ns, dtype=np.int64)
+        self._clock: Int64Array = np.array(clock_ns, dtype=np.int64)
+
+    def at(self, log_ns: int) -> int:
+        """Return the time of the last message of /clock before a log time."""
+        if not len(self._log):
+            return log_ns
+        place = int(np.searchsorted(self._log, log_ns, 'right')) - 1
+        return int(self._clock[max(place, 0)])
+
+
+# The ground truth of a trajectory: a poses file, or a KITTI folder.
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """The true poses of the vehicle, and its frames.
+
+    Attributes:
+        name: Sequence or drive, such as 09.
+        trajectory: Of camera 0, in its first frame.
+        frames: Its frames by stamp; None without stamps.
+        links: Static transforms up to camera 0; empty without a calibration.
+        epoch_ns: Stamp of second 0 in recordings without absolute time; None for others.
+    """
+
+    name: str
+    trajectory: CameraTrajectory
+    frames: StampedFrames | None = None
+    links: Sequence[Link] = ()
+    epoch_ns: int | None = None
+
+
+def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
+    """Read a poses file; stamps and calibration are read from the folder of its sequence, if any.
+
+    Raises:
+        KittiRos2Error: It holds no poses.
+        OSError: It cannot be read.
+    """
+    found = read_trajectory(path)
+    if found.numbers is None:
+        raise UsageError(
+            f'{path}: is a TUM file; as ground truth give a poses file of KITTI, the folder of a'
+            f' sequence or drive, or a bag'
+        )
+    folder = path.parent.parent / names.SEQUENCES / path.stem
+    if path.parent.name != names.POSES or not folder.is_dir():
+        return GroundTruth(path.stem, found)
+    try:
+        beside = truth_of_folder(open_recording(folder, replace(read, layout=None, sequence=None)))
+    except (KittiRos2Error, OSError):
+        return GroundTruth(path.stem, found)
+    if beside.trajectory.numbers is None or not np.array_equal(
+        beside.trajectory.numbers, found.numbers
+    ):
+        return GroundTruth(path.stem, found, links=beside.links)
+    timed = replace(found, stamps_ns=beside.trajectory.stamps_ns)
+    return replace(beside, name=path.stem, trajectory=timed)
+
+
+def truth_of_folder(recording: KittiRecording) -> GroundTruth:
+    """Read the poses of a KITTI folder.
+
+    Raises:
+        MissingDataError: It has none.
+    """
+    epoch_ns = None if recording.clock is Clock.UTC else recording.options.epoch_ns
+    return truth_of_recording(recording, base_t_imu(MessageOptions()), epoch_ns)
+
+
+class PosedRecording(MovingRecording, Protocol):
+    """A recording with losses: of a folder, or of a bag."""
+
+    root: Path
+    common_numbers: bool
+
+    @property
+    def turns(self) -> Mapping[int, Turn]:
+        """The turn of each scan, by file number."""
+        ...
+
+    @property
+    def losses(self) -> Sequence[Loss]:
+        """Missing or damaged data."""
+        ...
+
+
+def truth_of_recording(
+    recording: PosedRecording, base_t_imu: Transform, epoch_ns: int | None
+) -> GroundTruth:
+    """Read the poses of imu_link, and convert them to camera 0 in its first frame.
+
+    KITTI's matrices have seven digits. The conversion of poses/NN.txt to imu_link is undone by its
+    inverse, not by its transpose, so that the result is poses/NN.txt again.
+
+    Raises:
+        MissingDataError: It has no poses.
+    """
+    index = recording.streams.get(Stream.POSE)
+    if index is None:
+        raise MissingDataError(
+            f'{recording.root}: {recording.name} has no poses; the ground truth is poses/NN.txt of'
+            f' odometry, or oxts of raw drives and tracking'
+        )
+    calibration = recording.calibration(int(index.numbers[0]))
+    imu_t_cam0 = np.linalg.inv(rect_from_imu(calibration).matrix())
+    nominal = list(calibration.nominal) if Stream.OXTS in recording.streams else []
+    if calibration.cam0_T_velo is None:
+        nominal.append('cam0_T_velo')
+    about = {Stream.POSE.value, recording.root.name}
+    losses = [loss for loss in recording.losses if loss.stream in about]
+    kept, poses = [], []
+    for place, number in enumerate(index.numbers.tolist()):
+        try:
+            pose = recording.read(Stream.POSE, number)
+        except (KittiRos2Error, OSError) as error:
+            losses.append(Loss(Stream.POSE.value, 1, describe_error(error)))
+            continue
+        if isinstance(pose, Pose):
+            kept.append(place)
+            poses.append(pose.world_T_imu.matrix() @ imu_t_cam0)
+    if not poses:
+        raise MissingDataError(f'{recording.root}: no pose can be read; {losses[0].text()}')
+    found = CameraTrajectory(
+        f'{recording.root} ({recording.layout.value} {recording.name})',
+        np.linalg.inv(poses[0]) @ np.array(poses),
+        index.numbers[kept],
+        index.stamps_ns[kept],
+        losses=tuple(losses),
+        notes=tuple(f'{part}: not known, a nominal value is used' for part in nominal),
+    )
+    links = kitti_links(calibration, base_t_imu)
+    return GroundTruth(recording.name, found, posed_frames_of(recording), links, epoch_ns)
+
+
+# The boxes of label files or result files, by frame.
+
+
+if TYPE_CHECKING:
+    Progress = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class FrameBoxes:
+    """The boxes of labels or results by frame.
+
+    Attributes:
+        source: The file or folder.
+        boxes: By frame number, ascending; a frame may have none.
+        complete: Whether frames that are not in boxes have no objects, as in a tracker's file;
+            otherwise nothing is known of them.
+        losses: Lines and files that could not be read.
+        notes: Other remarks, one line each.
+        frames: How the frames are named.
+    """
+
+    source: Path
+    boxes: Mapping[int, Sequence[Box]]
+    complete: bool = False
+    losses: tuple[Loss, ...] = ()
+    notes: tuple[str, ...] = ()
+    frames: FileNames = SIX_DIGITS
+
+
+def read_boxes(
+    path: Path,
+    stream: str,
+    progress: Progress = lambda: None,
+    frames: FileNames | None = None,
+) -> FrameBoxes:
+    """Read all boxes of a folder of files named by frame, or of a tracker's file.
+
+    Args:
+        path: See ResultFiles.
+        stream: For losses: invalid lines and files.
+        progress: Called for each frame.
+        frames: How the frames of the labels are named.
+
+    Raises:
+        UsageError: The path contains no such files; the message says what to give.
+        BadFileError: A tracker's file is no text, or has no frame numbers.
+        OSError: A tracker's file cannot be read.
+    """
+    files = ResultFiles(path, stream, frames)
+    boxes: dict[int, list[Box]] = {}
+    losses = [*files.losses]
+    for number in files.numbers:
+        progress()
+        try:
+            boxes[number], errors = files.boxes(number)
+        except (BadFileError, OSError) as error:
+            losses.append(Loss(stream, 1, describe_error(error), (number,)))
+            continue
+        losses += [Loss(stream, 1, str(error), (number,)) for error in errors]
+    return FrameBoxes(files.root, boxes, files.complete, tuple(losses), frames=files.frames)
+
+
+# The labels that results are compared with: label files, or the labels of a recording.
+
+
+_STREAM = 'ground truth'
+_CAMERA = 2
+
+
+def read_ground_truth(
+    path: Path, options: ReadOptions, progress: Progress = lambda: None
+) -> FrameBoxes:
+    """Read the labels of a path.
+
+    Args:
+        path: label_2, a split or root of the object layout, label_02 or a file of it, or a
+            recording with labels: its folder, or a bag that to-bag wrote.
+        options: Layout and sequence of a recording.
+        progress: Called for each frame.
+
+    Raises:
+        KittiRos2Error: There are no labels; the message says what to give.
+    """
+    if not path.exists():
+        raise MissingPathError(path)
+    if holds_bag(path):
+        with open_truth_bag(path) as recording:
+            return _read_recording(path, recording, progress)
+    files = path if path.is_file() else _label_folder(path, options)
+    if files is not None:
+        return read_boxes(files, _STREAM, progress, _names_around(files))
+    return _read_recording(
+        path, open_recording(*recording_of(path, options), scans=False), progress
+    )
+
+
+def holds_bag(path: Path) -> bool:
+    """Whether a path is a bag; a text file named .txt is none, even if it is empty."""
+    return path.suffix != TXT and is_bag(path)
+
+
+@contextmanager
+def open_truth_bag(path: Path) -> Iterator[BagRecording]:
+    """Open the recording in a bag.
+
+    Raises:
+        UsageError: to-bag did not write the bag.
+    """
+    from ..bags.open_source import open_bag_source  # noqa: PLC0415 - readers of bags take 0.2 s
+    from ..importer.survey import look  # noqa: PLC0415 - as above
+    from ..pictures.bag_frames import open_own_recording  # noqa: PLC0415 - as above
+
+    with open_bag_source(path) as bag:
+        recording = open_own_recording(bag, look([bag]))
+        if recording is None:
+            raise UsageError(
+                f'{path}: was not written by to-bag, so that its labels have no frame numbers;'
+                f' convert it with to-kitti, and give that folder'
+            )
+        with closing(recording):
+            yield recording
+
+
+def recording_of(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
+    """Return the path of the recording that labels belong to, and the options to open it.
+
+    Args:
+        path: As given to read_ground_truth.
+        options: The same.
+    """
+    whole = path.absolute()
+    if whole.name == TRACKING_LABELS:
+        return whole.parent, replace(options, layout=Layout.TRACKING)
+    if whole.parent.name == TRACKING_LABELS and whole.is_file():
+        sequence = options.sequence or whole.stem
+        return whole.parents[1], replace(options, layout=Layout.TRACKING, sequence=sequence)
+    folder = _label_folder(whole, options)
+    if folder is not None and folder.name in LABEL_FOLDERS:
+        return folder.parent, options
+    return path, options
+
+
+def _names_around(files: Path) -> FileNames | None:
+    """Return the names of the frames of the set that labels belong to, if they are no numbers."""
+    if files.name not in LABEL_FOLDERS or not STORE.find_frames({files: (TXT,)}, 1).stems:
+        return None
+    return open_recording(files.parent, ReadOptions(layout=Layout.OBJECT)).file_names
+
+
+def _label_folder(path: Path, options: ReadOptions) -> Path | None:
+    """Return the folder with the labels of the object layout; None for other recordings."""
+    if options.layout is not None or options.sequence is not None:
+        return None
+    folders = [
+        path,
+        *(folder / name for folder in (path, path / SPLITS[0]) for name in LABEL_FOLDERS),
+    ]
+    return next(filter(None, map(find_frame_files, folders)), None)
+
+
+def _read_recording(
+    path: Path, recording: KittiRecording | BagRecording, progress: Progress
+) -> FrameBoxes:
+    """Read the labels of a recording; a frame of a drive or sequence may have none."""
+    if Stream.LABELS not in recording.streams:
+        raise UsageError(
+            f'{path}: {recording.layout.value} {recording.name} has no labels (KITTI publishes'
+            f' none of {SPLITS[1]}); give label_2 of {SPLITS[0]}, or a drive or sequence that has'
+            f' labels'
+        )
+    numbers = set(recording.streams[Stream.LABELS].numbers.tolist())
+    if not recording.layout.traits.frame_set:
+        for stream in {Stream.SCAN, Stream.IMAGE_2} & recording.streams.keys():
+            numbers |= {*recording.streams[stream].numbers.tolist()}
+    labelled = {*recording.streams[Stream.LABELS].numbers.tolist()}
+    tracks = TrackIds()
+    boxes: dict[int, Sequence[Box]] = {}
+    losses: list[Loss] = []
+    unset = 0
+    for number in sorted(numbers):
+        progress()
+        boxes[number] = ()
+        if number not in labelled:
+            continue
+        try:
+            labels: FrameLabels = recording.read(Stream.LABELS, number)  # type: ignore[assignment]
+            boxes[number] = _boxes_of(labels, recording, number, tracks)
+        except (KittiRos2Error, OSError, ValueError) as error:
+            del boxes[number]
+            reason = str(error) if isinstance(error, ValueError) else describe_error(error)
+            losses.append(Loss(_STREAM, 1, reason, (number,)))
+            continue
+        losses += [Loss(_STREAM, 1, reason, (number,)) for reason in labels.missing.values()]
+        unset += sum(each.occluded is None for each in labels.cuboids)
+    notes = (f'{path}: {unset} boxes without occlusion count as visible',) if unset else ()
+    return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes, frames=recording.file_names)
+
+
+def _boxes_of(
+    labels: FrameLabels,
+    recording: KittiRecording | BagRecording,
+    number: int,
+    tracks: TrackIds,
+) -> list[Box]:
+    """Return the labels of a frame; those of tracklets are projected into camera 2.
+
+    Raises:
+        ValueError: A required part of the calibration is missing.
+    """
+    if not labels.cuboids:
+        return [box for box in labels.boxes if box is not None]
+    calibration = recording.calibration(number)
+    camera = calibration.cameras.get(_CAMERA)
+    if camera is None or camera.size is None:
+        raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
+    image = ImageOf(_CAMERA, camera.size)
+    # The benchmark limits the truncated part, of which tracklets have a level.
+    cuboids = [replace(each, truncation=None) for each in labels.cuboids]
+    return make_boxes(cuboids, calibration, image, tracks)[0]

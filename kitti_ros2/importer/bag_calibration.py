@@ -1,0 +1,429 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The calibrations of a plan: from CameraInfo and static transforms, or from their source."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..files.remote import as_path
+from ..kitti import names
+from ..kitti.archives import day_of_drive
+from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.store import STORE
+from ..messages.camera_info import PLUMB_BOB, RATIONAL
+from ..messages.naming import CALIBRATION
+from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
+from ..model.samples import Calibration, CameraCalibration
+from ..rig.rectified_cameras import angle_of, viewpoints
+from .plan import NONE, SOURCE, TF, camera_of, of_images, optical_name, topic_of
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from ..messages.camera_info import CameraModel
+    from ..model.geometry import Float64Array
+    from ..model.samples import TextFile
+    from ..rig.rectified_cameras import Viewpoint
+    from ..rig.tf_tree import FrameTree
+    from .plan import CameraPlan, Plan
+    from .survey import Survey
+
+
+# CameraInfo and static transforms -> a calibration as KITTI's files have it.
+#
+# KITTI's frame is the rectified frame of the lowest-numbered camera: its optical frame, turned by
+# the R of its CameraInfo. P_i projects points of that frame to camera i's rectified pixels.
+
+
+# R of seven digits, as KITTI's files have it, makes turns of up to 2e-7 of cameras that have none.
+_PARALLEL_RAD = 1e-6
+_REPORTED_TURN_RAD = np.radians(0.01)
+_PLUMB_BOB_NUMBERS = 5
+
+
+def make_calibration(
+    tree: FrameTree,
+    lidar_frame: str | None,
+    cameras: Mapping[int, CameraModel],
+    imu_frame: str | None,
+    *,
+    rectified: bool,
+    straightened: Collection[int] = (),
+    others: Sequence[CameraModel] = (),
+) -> tuple[Calibration, tuple[str, ...]]:
+    """Make the calibration of a rig; also return remarks for the user, a line each.
+
+    Args:
+        tree: The static transforms.
+        lidar_frame: KITTI's velodyne frame; None for a rig without scanner.
+        cameras: By KITTI index.
+        imu_frame: KITTI's imu frame; None for a rig without one.
+        rectified: Whether the images are; if not, KITTI's files must support their distortion.
+        straightened: Cameras whose images are rectified among others that are not: KITTI's
+            unrectified camera is then the rectified one, with its K and without distortion.
+        others: As viewpoints.
+
+    Raises:
+        MissingDataError: There is no camera; the tree does not connect the frames; KITTI's files do
+            not support a distortion.
+    """
+    if not cameras:
+        raise MissingDataError(
+            'no camera has a CameraInfo, so there is no calibration; set calibration: none in the'
+            ' plan, or give --calib'
+        )
+    views, notes = viewpoints(tree, cameras, others)
+    first = min(cameras)
+    cam0_t_velo, velo_t_imu, nominal = _mountings(tree, views[first], lidar_frame, imu_frame)
+    found = {}
+    for index, model in sorted(cameras.items()):
+        cam_t_cam0 = Transform.identity()
+        if index != first:
+            cam_t_cam0 = _between(tree, views[index], views[first])
+        turn = model.r @ cam_t_cam0.rotation @ cameras[first].r.T
+        p_rect = _projection(views[index].p, Transform(turn, model.r @ cam_t_cam0.translation))
+        k, d = _distorted(index, model, rectified=rectified or index in straightened)
+        found[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
+        if angle_of(turn) > _REPORTED_TURN_RAD:
+            notes.append(
+                f'camera {index} is turned by {np.degrees(angle_of(turn)):.3g} degrees against'
+                f' camera {first}: P{index} holds the turn, so its left part is no plain K'
+            )
+    calibration = Calibration(
+        found,
+        r0_rect=cameras[first].r,
+        cam0_T_velo=cam0_t_velo,
+        velo_T_imu=velo_t_imu,
+        rectified=rectified,
+        nominal=nominal,
+    )
+    if straightened:
+        calibration = _straightened(calibration, cameras, straightened)
+    return calibration, tuple(notes)
+
+
+def _straightened(
+    rig: Calibration, models: Mapping[int, CameraModel], which: Collection[int]
+) -> Calibration:
+    """Return the rig with some unrectified cameras replaced by the rectified ones."""
+    image_t_cam = {
+        index: Transform(model.r if index in which else np.eye(3), np.zeros(3))
+        for index, model in models.items()
+    }
+    first = image_t_cam[min(models)]
+    cameras = {}
+    for index, camera in rig.cameras.items():
+        place = None if camera.cam_T_cam0 is None else camera.cam_T_cam0 @ first.inverse()
+        cameras[index] = replace(
+            camera,
+            cam_T_cam0=None if place is None else image_t_cam[index] @ place,
+            r_rect=models[index].r @ image_t_cam[index].rotation.T,
+        )
+        if index in which:
+            k, d = models[index].p[:, :3], np.zeros(_PLUMB_BOB_NUMBERS)
+            cameras[index] = replace(cameras[index], k=k, d=d)
+    cam0_t_velo = None if rig.cam0_T_velo is None else first @ rig.cam0_T_velo
+    r0_rect = cameras[min(models)].r_rect
+    return replace(rig, cameras=cameras, r0_rect=r0_rect, cam0_T_velo=cam0_t_velo)
+
+
+def rect_in_frame(
+    tree: FrameTree, cameras: Mapping[int, CameraModel], others: Sequence[CameraModel] = ()
+) -> tuple[str, Transform]:
+    """Return a frame of the tree, and KITTI's rectified camera 0 in it (frame_T_rect).
+
+    Others are as of viewpoints.
+    """
+    first = min(cameras)
+    view = viewpoints(tree, cameras, others)[0][first]
+    cam_t_rect = Transform(cameras[first].r.T.copy(), np.zeros(3))
+    return view.frame, view.cam_T_frame.inverse() @ cam_t_rect
+
+
+def _mountings(
+    tree: FrameTree, view: Viewpoint, lidar_frame: str | None, imu_frame: str | None
+) -> tuple[Transform, Transform, tuple[str, ...]]:
+    """Return cam0_T_velo, velo_T_imu, and which of them are nominal.
+
+    Without a scanner its nominal place is used, and the imu is placed relative to that.
+    """
+    nominal = []
+    cam0_t_velo, velo_t_imu = NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
+    if lidar_frame is not None:
+        cam0_t_velo = view.cam_T_frame @ tree.transform(view.frame, lidar_frame)
+    else:
+        nominal.append('cam0_T_velo')
+    if imu_frame is None:
+        nominal.append('velo_T_imu')
+    elif lidar_frame is not None:
+        velo_t_imu = tree.transform(lidar_frame, imu_frame)
+    else:
+        cam0_t_imu = view.cam_T_frame @ tree.transform(view.frame, imu_frame)
+        velo_t_imu = cam0_t_velo.inverse() @ cam0_t_imu
+    return cam0_t_velo, velo_t_imu, tuple(nominal)
+
+
+def _between(tree: FrameTree, view: Viewpoint, first: Viewpoint) -> Transform:
+    """Return cam_T_cam0 of two viewpoints."""
+    frame_t_first = tree.transform(view.frame, first.frame)
+    return view.cam_T_frame @ frame_t_first @ first.cam_T_frame.inverse()
+
+
+def _projection(p: Float64Array, rect_T_rect0: Transform) -> Float64Array:
+    """Return (3, 4) P for points of the rectified camera 0; without a rotation, K is unchanged."""
+    k = p[:, :3]
+    fourth = k @ rect_T_rect0.translation + p[:, 3]
+    if angle_of(rect_T_rect0.rotation) > _PARALLEL_RAD:
+        k = k @ rect_T_rect0.rotation
+    return np.column_stack([k, fourth])
+
+
+def _distorted(
+    index: int, model: CameraModel, *, rectified: bool
+) -> tuple[Float64Array | None, Float64Array | None]:
+    """Return K and D as KITTI has them: plumb_bob of five numbers; None where neither is needed.
+
+    Raises:
+        MissingDataError: The images have another distortion.
+    """
+    # The rational polynomial's denominator is 1 where its last three numbers are 0.
+    plain = model.model == PLUMB_BOB or (
+        model.model == RATIONAL and not model.d[_PLUMB_BOB_NUMBERS:].any()
+    )
+    if plain and not model.d[_PLUMB_BOB_NUMBERS:].any():
+        d = np.zeros(_PLUMB_BOB_NUMBERS)
+        d[: len(model.d)] = model.d[:_PLUMB_BOB_NUMBERS]
+        return model.k, d
+    if rectified:
+        return None, None
+    raise MissingDataError(
+        f'camera {index} is distorted by {model.model} of {len(model.d)} numbers, and KITTI has a'
+        f' place for plumb_bob of 5; set rectify: true in the plan'
+    )
+
+
+# The calibrations of a plan, from their source, and selection of the one valid at a frame.
+
+
+_UNIT_FRAME = 'imu_link'
+_AHEAD = 0.7  # cosine: KITTI's unit has the axes of the scanner, but for a degree
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """The calibrations of a recording.
+
+    Attributes:
+        since_ns: The stamp from which each is valid, ascending.
+        values: The calibrations; none where the plan has none.
+        notes: Non-fatal remarks.
+    """
+
+    since_ns: Sequence[int]
+    values: Sequence[Calibration]
+    notes: tuple[str, ...] = ()
+
+    def at(self, stamp_ns: int) -> Calibration | None:
+        """Return the one valid at a stamp; before the first it is the first."""
+        if not self.values:
+            return None
+        return self.values[max(bisect_right(self.since_ns, stamp_ns) - 1, 0)]
+
+    @property
+    def first(self) -> Calibration | None:
+        """The first, None without any."""
+        return self.values[0] if self.values else None
+
+
+def is_extract(plan: Plan) -> bool:
+    """Whether the plan's images stay unrectified."""
+    return plan.layout.traits.is_extract(plan.name)
+
+
+def make_calibrations(
+    plan: Plan,
+    survey: Survey,
+    tree: FrameTree,
+    cameras: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> Calibrations:
+    """Make the calibrations of a plan.
+
+    Args:
+        plan: The plan.
+        survey: Of its bags.
+        tree: The static transforms.
+        cameras: The plan's, by KITTI index.
+        others: As viewpoints.
+
+    Raises:
+        UsageError: The calibration that the plan names does not exist.
+        MissingDataError: Static transforms or entries of the bag's files are missing.
+        BadFileError: A calibration file cannot be read, or required entries are missing.
+    """
+    if plan.calibration == NONE:
+        return Calibrations((), ())
+    straightened = [index for index, camera in plan.cameras.items() if camera.rectify]
+    if is_extract(plan) and straightened and plan.calibration != TF:
+        raise UsageError(
+            f'camera {straightened[0]} has rectify: true, and {plan.name} is of unrectified images:'
+            f' a calibration other than tf does not have the lens of its rectified ones; set'
+            f' rectify: false, or name a drive that ends in _sync'
+        )
+    if plan.calibration == SOURCE:
+        return _from_source(plan, survey, tree)
+    if plan.calibration != TF:
+        given = _from_path(plan.calibration, plan)
+        return Calibrations((0,), (given,), given.notes)
+    if not cameras:
+        raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
+    scan_frame = plan.scan.frame if plan.scan is not None else None
+    calibration, notes = make_calibration(
+        tree,
+        scan_frame,
+        cameras,
+        plan.imu_frame or _unit_frame(tree, scan_frame),
+        rectified=not is_extract(plan),
+        straightened=straightened if is_extract(plan) else (),
+        others=others,
+    )
+    return Calibrations((0,), (calibration,), notes)
+
+
+def _unit_frame(tree: FrameTree, scan_frame: str | None) -> str | None:
+    """Return the frame of a GPS/IMU unit without a topic: imu_link beside the scans, if x is ahead.
+
+    Of several none is known to be that of the unit.
+    """
+    if scan_frame is None:
+        return None
+    found = [each for each in tree.frames if each.rpartition('/')[2] == _UNIT_FRAME]
+    places = {each: place for each in found if (place := tree.find(scan_frame, each)) is not None}
+    near = [each for each, place in places.items() if place.rotation.diagonal().min() > _AHEAD]
+    return near[0] if len(places) == len(near) == 1 else None
+
+
+def _with_unit(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
+    """Return a calibration with the place of the unit in the static transforms if it has none."""
+    frame = None if plan.scan is None else plan.scan.frame
+    unit = _unit_frame(tree, frame) if 'velo_T_imu' in calibration.nominal else None
+    if frame is None or unit is None:
+        return calibration
+    nominal = tuple(part for part in calibration.nominal if part != 'velo_T_imu')
+    return replace(calibration, velo_T_imu=tree.transform(frame, unit), nominal=nominal)
+
+
+def _from_source(plan: Plan, survey: Survey, tree: FrameTree) -> Calibrations:
+    """Read the files in a bag written by to-bag: one a frame, one a sequence, or the raw three."""
+    if not survey.calibrations:
+        raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
+    by_name = {PurePosixPath(file.name).name: file.text for _, file in survey.calibrations}
+    texts = {name: text for name, text in by_name.items() if name in names.RAW_CALIB}
+    folder = Path(CALIBRATION)
+    if texts:
+        found = parse_raw_calibration(texts, folder, rectified=not is_extract(plan))
+        stamps, values = [0], [found]
+    else:
+        changes = _changes(survey.calibrations)
+        stamps = [stamp_ns for stamp_ns, _ in changes]
+        values = [
+            parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
+        ]
+    values = [_with_unit(each, plan, tree) for each in values]
+    for value in values:
+        lacking = _lacking(value, plan)
+        if lacking:
+            raise MissingDataError(f'{lacking}; set calibration of the plan, or give --calib')
+    if len(values) == 1 or plan.layout.traits.calibration_per_frame:
+        return Calibrations(stamps, values)
+    note = (
+        f'the calibration changes {len(values) - 1} times within the recording;'
+        f' layout {plan.layout.value} has a place for the first one only'
+    )
+    return Calibrations(stamps, values, (note,))
+
+
+def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]]:
+    """Return the files that differ from the one before."""
+    texts = ['', *(file.text for _, file in files)]
+    return [entry for before, entry in zip(texts, files, strict=False) if entry[1].text != before]
+
+
+def _from_path(text: str, plan: Plan) -> Calibration:
+    path = as_path(text)
+    if not text or not path.exists():
+        raise UsageError(
+            f'calibration: {text!r}: no such file or folder; expected {TF}, {SOURCE}, {NONE}, or'
+            f' the path of a KITTI calibration'
+        )
+    if path.is_dir():
+        texts = {
+            name: STORE.read_text(path / name)
+            for name in names.RAW_CALIB
+            if (path / name).is_file()
+        }
+        day = day_of_drive(plan.name)
+        found = parse_raw_calibration(texts, path, rectified=not is_extract(plan), day=day)
+    else:
+        found = parse_calibration(STORE.read_text(path), path, path.name)
+    lacking = _lacking(found, plan)
+    if lacking:
+        raise BadFileError(path, lacking, 'a calibration of every stream of the plan')
+    return found
+
+
+def _lacking(calibration: Calibration, plan: Plan) -> str:
+    """Return the reason why the first required part is missing, empty where none is."""
+    needed = [f'P{index}' for index in plan.cameras]
+    needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []
+    return next((calibration.missing[part] for part in needed if part in calibration.missing), '')
+
+
+def camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
+    """Return the models of the cameras with a CameraInfo.
+
+    Raises:
+        UsageError: The plan needs a CameraInfo that is invalid.
+    """
+    models = {}
+    for index, camera in plan.cameras.items():
+        if not camera.info:
+            continue
+        try:
+            models[index] = _camera_model(camera, survey)
+        except UsageError:
+            if plan.calibration == TF or camera.rectify:
+                raise
+    return models
+
+
+def swapped_sizes(plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> list[str]:
+    """Return a note on the cameras whose CameraInfo has width and height swapped."""
+    names = [
+        plan.cameras[index].info
+        for index, model in sorted(models.items())
+        if camera_of(survey, plan.cameras[index].info).size != model.size
+    ]
+    if not names:
+        return []
+    return [f'{", ".join(names)}: width and height are swapped; the size of the images is taken']
+
+
+def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
+    try:
+        model = camera_of(survey, camera.info)
+    except ValueError as error:
+        raise UsageError(
+            f'{camera.info}: {error}; take the camera out of the plan, or give --calib (and'
+            f' rectify: false where its images are rectified)'
+        ) from None
+    model = of_images(model, topic_of(survey, camera.topic))
+    frame = optical_name(camera.frame or model.frame, camera.forward)
+    return replace(model, frame=frame, turned=camera.rectify)

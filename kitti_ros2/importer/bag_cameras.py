@@ -1,0 +1,861 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The cameras of a bag: their topics, which of them become KITTI's, and their images."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import permutations
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..files.image_files import encode_png, parse_png
+from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
+from ..messages.images import pixels_of, png_of
+from ..model import bag_formats as types
+from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..model.streams import CAMERA_NAMES
+from ..rig.rectified_cameras import Rectifier, angle_of, has_lens_of_larger_image, needs_rectifying
+from ..rig.tf_tree import (
+    AXES,
+    Heading,
+    describe_direction,
+    find_body,
+    is_optical,
+    known_heading,
+    nearest_axis,
+    root_heading,
+)
+from .plan import X_FORWARD, CameraPlan, image_size, of_images, optical_link, optical_name, topic_of
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from ..messages.camera_info import CameraModel
+    from ..messages.images import Pixels
+    from ..model.geometry import Float64Array
+    from ..model.streams import Layout
+    from ..rig.tf_tree import FrameTree, Link
+    from .plan import Plan
+    from .survey import Survey, TopicSurvey
+
+
+# The cameras of a bag: the best image topic of each, and its CameraInfo.
+
+
+_DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
+_GREY = re.compile(r'infra|mono|gr[ae]y', re.IGNORECASE)
+_LEFT = re.compile(r'(^|[/_])left([/_]|$)', re.IGNORECASE)
+_RIGHT = re.compile(r'(^|[/_])right([/_]|$)', re.IGNORECASE)
+_FRONT = re.compile(r'front|forward', re.IGNORECASE)
+_BACK = re.compile(r'back|rear', re.IGNORECASE)
+_ANY_SIDE = re.compile(r'left|right', re.IGNORECASE)
+_DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
+_IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
+_ROTATION = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class RigCamera:
+    """A camera of a bag.
+
+    Attributes:
+        name: The common part of its topics, such as /CAM_FRONT.
+        topic: Its best image topic.
+        info: Its CameraInfo, None without one.
+        own_frame: Its frame where it is not that of the CameraInfo.
+        forward: As in CameraPlan.
+    """
+
+    name: str
+    topic: TopicSurvey
+    info: TopicSurvey | None = None
+    own_frame: str = ''
+    forward: str = ''
+
+    @property
+    def frame(self) -> str:
+        """Its optical frame, which may be made."""
+        return optical_name(self.bag_frame, self.forward)
+
+    @property
+    def bag_frame(self) -> str:
+        """Its frame in the bag."""
+        of_info = self.info.frame if self.info is not None else ''
+        return self.own_frame or of_info or self.topic.frame
+
+    @cached_property
+    def r(self) -> Float64Array:
+        """(3, 3) optical to rectified frame; the identity where the CameraInfo has no rotation."""
+        found = self._matrix('r', (3, 3))
+        if found is None or not np.abs(found @ found.T - np.eye(3)).max() < _ROTATION:
+            return np.eye(3)
+        return found
+
+    @cached_property
+    def offset(self) -> Float64Array:
+        """(3,) metres that P's fourth column adds to points of the rectified frame."""
+        p = self._matrix('p', (3, 4))
+        if p is None or not abs(np.linalg.det(p[:, :3])) > 0:
+            return np.zeros(3)
+        return np.asarray(np.linalg.solve(p[:, :3], p[:, 3]), np.float64)
+
+    @cached_property
+    def focal(self) -> float:
+        """Focal length of the rectified image, pixels; 0 where the camera is not calibrated."""
+        p, k = self._matrix('p', (3, 4)), self._matrix('k', (3, 3))
+        return next((float(m[0, 0]) for m in (p, k) if m is not None and m[0, 0] > 0), 0.0)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height by the CameraInfo, 0 where unknown."""
+        look = self.info.looks[0] if self.info is not None and self.info.looks else None
+        return int(getattr(look, 'width', 0)), int(getattr(look, 'height', 0))
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether its images have one channel, by their encoding or their name."""
+        looks = self.topic.looks
+        encoding = str(getattr(looks[0], 'encoding', '') or getattr(looks[0], 'format', ''))
+        return encoding.startswith(('mono', '8UC1', '16UC1')) or bool(_GREY.search(self.name))
+
+    @property
+    def name_rank(self) -> int:
+        """Rank by name: front, front left, left, others, right, back."""
+        if _BACK.search(self.name):
+            return 5
+        if _RIGHT.search(self.name):
+            return 4
+        if _FRONT.search(self.name):
+            return 1 if _ANY_SIDE.search(self.name) else 0
+        return 2 if _LEFT.search(self.name) else 3
+
+    def is_left_of(self, other: RigCamera) -> bool:
+        """Whether the names are those of a pair: the same but for left and right."""
+        swapped = _LEFT.sub(r'\1right\2', self.name.lower())
+        return bool(_LEFT.search(self.name)) and swapped == other.name.lower()
+
+    def _matrix(self, field: str, shape: tuple[int, int]) -> Float64Array | None:
+        """Return a matrix of the CameraInfo, None where it is absent, all zero or not finite."""
+        look = self.info.looks[0] if self.info is not None and self.info.looks else None
+        numbers = np.asarray(getattr(look, field, ()), np.float64).ravel()
+        if numbers.size != shape[0] * shape[1] or not numbers.any():
+            return None
+        return numbers.reshape(shape) if np.isfinite(numbers).all() else None
+
+
+def find_cameras(survey: Survey) -> list[RigCamera]:
+    """Return the cameras of a bag, by name."""
+    groups: dict[str, list[TopicSurvey]] = {}
+    for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
+        if topic.looks and not _is_depth(topic):
+            groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
+    infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
+    found = [
+        (name, min(own, key=_image_rank))
+        for folder, topics in sorted(groups.items())
+        for name, own in _apart(folder, topics).items()
+    ]
+    owners = {name: _own_info(infos, name, topic) for name, topic in found}
+    taken = {info.name for info in owners.values() if info is not None}
+    for name, topic in sorted(found, key=lambda each: (_image_rank(each[1]), each[0])):
+        # Nodes that draw on images publish them with the frame of the camera.
+        info = owners[name] or _info_of_frame(infos, topic)
+        if owners[name] is None and info is not None:
+            owners[name] = None if info.name in taken else info
+            taken.add(info.name)
+    return [RigCamera(name, topic, owners[name]) for name, topic in found]
+
+
+def leaf(topic: str) -> str:
+    """Return the last part of an image topic, without that of a transport."""
+    return _base(topic).rpartition('/')[2]
+
+
+def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey]]:
+    """Divide the topics of a folder by their frames: several are of as many cameras."""
+    frames = {topic.frame for topic in topics if topic.frame}
+    if len(frames) <= 1:
+        return {folder: topics}
+    found: dict[str, list[TopicSurvey]] = {}
+    names: dict[str, str] = {}
+    for topic in topics:
+        if topic.frame:
+            name = names.setdefault(topic.frame, _base(topic.name))
+            found.setdefault(name, []).append(topic)
+    return found
+
+
+def _own_info(
+    infos: Mapping[str, TopicSurvey], name: str, topic: TopicSurvey
+) -> TopicSurvey | None:
+    """Return the CameraInfo beside an image (image_transport/camera_common.h)."""
+    names = f'{name}/camera_info', f'{_base(topic.name)}/camera_info'
+    return next((infos[each] for each in names if each in infos), None)
+
+
+def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> TopicSurvey | None:
+    """Return the only CameraInfo of an image's frame."""
+    same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
+    return same[0] if len(same) == 1 else None
+
+
+def _is_depth(topic: TopicSurvey) -> bool:
+    first = topic.looks[0]
+    if topic.msgtype == types.IMAGE:
+        return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
+    return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
+
+
+def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
+    """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
+    name = leaf(topic.name)
+    known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
+    if topic.msgtype == types.IMAGE:
+        return known, 1
+    return known, 0 if 'png' in topic.looks[0].format else 2
+
+
+def _base(topic: str) -> str:
+    return topic.removesuffix('/compressed')
+
+
+# Choice of KITTI's cameras by the directions they look in.
+#
+# Camera 2 is the one that looks most along the robot's forward. A pair (2 and 3, 0 and 1) is two
+# cameras that look the same way, the right one a baseline along x away from the left one: by static
+# transforms, or by the P of the right one (sensor_msgs/CameraInfo.msg).
+
+
+_ALIKE_RAD = np.radians(5)
+_SIDEWAYS = 0.2
+_NO_BASELINE_M = 1e-3
+_BASELINE_M = (0.01, 3.0)
+_SAME_FOCAL = 0.1
+_STEEP = np.sin(np.radians(75))
+_MOST_COMPARED = 64  # two by two; rigs have some ten
+_OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The cameras taken.
+
+    Attributes:
+        cameras: By KITTI's numbers.
+        by_name: Whether camera 2 was chosen by its name alone.
+    """
+
+    cameras: dict[int, RigCamera]
+    by_name: bool = False
+
+
+def with_frames(
+    rig: Sequence[RigCamera], tree: FrameTree, heading: Heading | None, notes: list[str]
+) -> list[RigCamera]:
+    """Return the cameras with frames of the tree that are optical ones, and note changes."""
+    return [_with_optical(_with_known(each, tree, notes), tree, heading, notes) for each in rig]
+
+
+def _with_known(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
+    """Take the frame of the images where the tree has not that of the CameraInfo."""
+    named = '' if camera.info is None else camera.info.frame
+    if not named or named in tree.frames or camera.topic.frame not in tree.frames:
+        return camera
+    notes.append(
+        f'{camera.topic.name}: no transform names {named}, the frame of its camera_info; that of'
+        f' its images, {camera.topic.frame}, is taken'
+    )
+    return replace(camera, own_frame=camera.topic.frame)
+
+
+def _with_optical(
+    camera: RigCamera, tree: FrameTree, heading: Heading | None, notes: list[str]
+) -> RigCamera:
+    """Take a frame with z up, unless it is named optical, as one with x forward.
+
+    A camera that looks up in such a frame is not told apart.
+    """
+    frame = camera.bag_frame
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    if camera.info is None or is_optical(frame) or axes is None or axes[2, 2] < _STEEP:
+        return camera
+    notes.append(
+        f'{camera.topic.name}: z of {frame} is up, so it is taken as a frame with x forward, in'
+        f' which the optical one is made (forward of the camera)'
+    )
+    return replace(camera, forward=X_FORWARD)
+
+
+def find_heading(
+    tree: FrameTree, scan_frame: str | None, cameras: Sequence[RigCamera]
+) -> Heading | None:
+    """Return the robot's forward: of its body, its scanner, its cameras, or its scans' x."""
+    sensors = [scan_frame or '', *(camera.frame for camera in cameras)]
+    heading = find_body(tree, sensors)
+    if heading is not None or scan_frame is None:
+        return heading
+    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
+    return (
+        known_heading(tree, scan_frame)
+        or _camera_heading(tree, scan_frame, [each for each in joined if each.name_rank == 0])
+        or root_heading(tree, sensors)
+        or _camera_heading(tree, scan_frame, joined)
+        or Heading(scan_frame, AXES['x'], f'x of {scan_frame}', assumed=True)
+    )
+
+
+def direction_of(
+    tree: FrameTree, heading: Heading | None, camera: RigCamera
+) -> Float64Array | None:
+    """Return (3,) the direction a camera looks in, in forward, left, up; None if not joined."""
+    axes = None if heading is None else heading.axes_of(tree, camera.frame)
+    return None if axes is None else (axes @ camera.r.T)[:, 2]
+
+
+def choose_cameras(
+    tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera]
+) -> Choice:
+    """Choose camera 2, and the pairs beside it; of many, among those that look most ahead.
+
+    Args:
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        cameras: At least one, those with a CameraInfo.
+    """
+    directions = {each.name: direction_of(tree, heading, each) for each in cameras}
+    if len(cameras) > _MOST_COMPARED:
+        cameras = sorted(cameras, key=lambda each: _angle(directions[each.name]))[:_MOST_COMPARED]
+    rights = {
+        right.name
+        for left, right in permutations(cameras, 2)
+        if left.is_grey == right.is_grey and is_pair(tree, left, right)
+    }
+    joined = [each for each in cameras if directions[each.name] is not None]
+    angles = {each.name: _angle(directions[each.name]) for each in joined}
+    nearest = min(angles.values(), default=0.0)
+    ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
+    if joined and all(is_steep(directions[each.name]) for each in joined):
+        ahead = joined  # their frames are no optical ones: names tell more than a lean
+    main = min(
+        ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
+    )
+    chosen = {2: main}
+    mates = [each for each in cameras if is_pair(tree, main, each)]
+    mates = [each for each in mates if not _is_of_another(tree, main, each, cameras)]
+    if not mates and not joined:
+        mates = [each for each in cameras if main.is_left_of(each) and each.frame == main.frame]
+    if mates:
+        chosen[3] = min(mates, key=partial(_mate_rank, main))
+    taken = {each.name for each in chosen.values()}
+    rest = [each for each in cameras if each.name not in taken and _looks_as(tree, main, each)]
+    grey = [pair for pair in permutations(rest, 2) if is_pair(tree, *pair)]
+    if grey:
+        chosen[0], chosen[1] = grey[0]
+    return Choice(chosen, by_name=not joined and len(cameras) > len(chosen))
+
+
+def _is_of_another(
+    tree: FrameTree, left: RigCamera, right: RigCamera, cameras: Sequence[RigCamera]
+) -> bool:
+    """Whether a camera that no transform joins to a left one is by its name of another left one."""
+    if tree.joins(left.frame, right.frame) or left.is_left_of(right):
+        return False
+    return any(each.is_left_of(right) for each in cameras)
+
+
+def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
+    return left.is_grey != right.is_grey, not left.is_left_of(right), right.name
+
+
+def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
+    """Whether two cameras are a stereo pair, in this order."""
+    shortest, longest = sorted((left.focal, right.focal))
+    if left.size != right.size or 0 < shortest < (1 - _SAME_FOCAL) * longest:
+        return False
+    baseline = _baseline(tree, left, right)
+    if baseline is None:
+        return False
+    least, most = _BASELINE_M
+    x, aside = float(baseline[0]), float(np.linalg.norm(baseline[1:]))
+    return least <= x <= most and aside <= _SIDEWAYS * x
+
+
+def _baseline(tree: FrameTree, left: RigCamera, right: RigCamera) -> Float64Array | None:
+    """Return (3,) the right camera in the rectified left one, metres; None if they look apart.
+
+    Where both name one frame, or no transform joins them, the baseline is that of the right P.
+    """
+    place = tree.find(left.frame, right.frame)
+    if place is None:
+        return -right.offset if not _has_baseline(left) and _has_baseline(right) else None
+    if np.linalg.norm(place.translation) < _NO_BASELINE_M:
+        return left.offset - right.offset if angle_of(place.rotation) < _ALIKE_RAD else None
+    if angle_of(left.r @ place.rotation @ right.r.T) > _ALIKE_RAD:
+        return None
+    return np.asarray(left.r @ place.translation, np.float64)
+
+
+def _has_baseline(camera: RigCamera) -> bool:
+    return bool(np.linalg.norm(camera.offset) >= _NO_BASELINE_M)
+
+
+def _looks_as(tree: FrameTree, main: RigCamera, other: RigCamera) -> bool:
+    place = tree.find(main.frame, other.frame)
+    return place is not None and angle_of(main.r @ place.rotation @ other.r.T) <= _ALIKE_RAD
+
+
+def _angle(direction: Float64Array | None) -> float:
+    return np.pi if direction is None else float(np.arccos(np.clip(direction[0], -1, 1)))
+
+
+def is_steep(direction: Float64Array | None) -> bool:
+    """Whether a direction is up or down; not where it is unknown."""
+    return direction is not None and bool(abs(direction[2]) >= _STEEP)
+
+
+def _camera_heading(
+    tree: FrameTree, scan_frame: str, cameras: Sequence[RigCamera]
+) -> Heading | None:
+    """Return the direction of cameras, if all look the same way, as a scanner's axis.
+
+    A camera whose name says another side than front is no front camera.
+    """
+    turns = [
+        tree.transform(scan_frame, each.frame).rotation @ each.r.T @ AXES['z'] for each in cameras
+    ]
+    if not turns or any(angle_of(turns[0].T @ turn) > np.radians(30) for turn in turns):
+        return None
+    if len(cameras) == 1 and cameras[0].name_rank > _OWN_DIRECTION_RANK:
+        return None
+    return Heading(scan_frame, AXES[nearest_axis(turns[0])], f'where {cameras[0].topic.name} looks')
+
+
+# Notes on the cameras of a bag: why each was passed over, and which look up or down.
+
+
+def joined_cameras(
+    tree: FrameTree, cameras: Sequence[RigCamera], scan_frame: str | None
+) -> list[RigCamera]:
+    """Return the cameras that static transforms join to the scans; all if none is, or no scans."""
+    if scan_frame is None:
+        return list(cameras)
+    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
+    return joined or list(cameras)
+
+
+def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
+    """Describe why a camera has no calibration: which link moves, or that there is none."""
+    try:
+        lines = tree.steps(scan_frame, camera.frame)
+    except MissingDataError:
+        lines = ([], [])
+    moving = [f'{above} -> {below}' for line in lines for above, below, fixed in line if not fixed]
+    if not moving:
+        return f'no static transform joins {camera.frame} to {scan_frame}'
+    links = ', '.join(moving)
+    return f'{camera.frame} moves against {scan_frame} ({links}), so it has no fixed calibration'
+
+
+def describe_others(
+    tree: FrameTree,
+    heading: Heading | None,
+    cameras: Sequence[RigCamera],
+    choice: Choice,
+    scan_frame: str | None,
+) -> list[str]:
+    """Return a note on each camera that was not taken, and on a choice by name.
+
+    Args:
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        cameras: All of them.
+        choice: Those that were taken.
+        scan_frame: That of the scans, None without scans.
+    """
+    joined = joined_cameras(tree, cameras, scan_frame)
+    taken = {each.name for each in choice.cameras.values()}
+    others = [each for each in cameras if each.name not in taken]
+    notes = []
+    if choice.by_name:
+        main = choice.cameras[2].topic.name
+        notes.append(
+            f'camera 2 is {main} by its name: no static transform tells where the cameras look'
+        )
+    notes += describe_steep(tree, heading, choice.cameras[2])
+    for each in others:
+        direction = direction_of(tree, heading, each)
+        looks = 'no static transform tells where it looks'
+        if scan_frame is not None and each not in joined:
+            looks = why_not_joined(tree, each, scan_frame)
+        elif direction is not None and heading is not None:
+            looks = f'it looks {describe_direction(direction)} (forward is {heading.source})'
+        notes.append(f'passed over: {each.topic.name}; {looks}')
+    if any(each in joined for each in others):
+        notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
+    return notes
+
+
+def describe_steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
+    """Return a note on a camera that looks up or down: its frame may be no optical one."""
+    direction = direction_of(tree, heading, camera)
+    if direction is None or not is_steep(direction):
+        return []
+    note = (
+        f'{camera.topic.name}: z of {camera.frame}, the direction the camera looks in, is'
+        f' {describe_direction(direction)}; if it is no optical frame, name one as frame of the'
+        f' camera in the plan'
+    )
+    return [note]
+
+
+# Choice of cameras: KITTI's number of each, by geometry, else by names.
+
+
+_NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
+
+
+def main_camera(cameras: Collection[int]) -> int:
+    """Return the left colour camera, that of KITTI's labels, or else the first."""
+    return 2 if 2 in cameras else min(cameras)
+
+
+def guess_cameras(
+    layout: Layout,
+    rig: Sequence[RigCamera],
+    tree: FrameTree,
+    heading: Heading | None,
+    scan_frame: str | None,
+    notes: list[str],
+) -> dict[int, CameraPlan]:
+    """Choose up to four cameras by KITTI's numbers.
+
+    Args:
+        layout: Images of raw may stay distorted.
+        rig: The cameras of the bag.
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        scan_frame: That of the scans, None without scans.
+        notes: A note on each other camera is added.
+    """
+    if not rig:
+        notes.append('missing: images (no camera)')
+        return {}
+    cameras = _with_info(rig, notes)
+    found = _by_own_names(cameras)
+    if not found and not any(each.info is not None and each.frame for each in cameras):
+        # Images without frames: nothing tells directions, and nothing is projected wrongly.
+        order = sorted(cameras, key=lambda each: (each.name_rank, each.name))
+        found = dict(zip((2, 3, 0, 1), order, strict=False))
+        notes += [f'passed over: {each.topic.name}; KITTI has four cameras' for each in order[4:]]
+    elif not found:
+        choice = choose_cameras(tree, heading, cameras)
+        found = choice.cameras
+        notes += describe_others(tree, heading, cameras, choice, scan_frame)
+    notes += _describe_rectified(found.values())
+    return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
+
+
+def guess_camera_sets(
+    layout: Layout,
+    rig: Sequence[RigCamera],
+    tree: FrameTree,
+    heading: Heading | None,
+    scan_frame: str | None,
+    notes: list[str],
+) -> dict[str, CameraPlan]:
+    """Return the plans of all cameras, by the names of their sets.
+
+    Args:
+        layout: Images of raw may stay distorted.
+        rig: The cameras of the bag.
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        scan_frame: That of the scans, None without scans. Cameras that are not joined to it, such
+            as those behind a joint that moves, have no calibration; unless none is joined.
+        notes: A note on each camera without a set is added.
+    """
+    known = _with_info(rig, notes) if rig else []
+    cameras = [each for each in known if each.focal] or known
+    notes += [
+        f'passed over: {each.topic.name}; its camera_info is not calibrated'
+        for each in known
+        if each not in cameras
+    ]
+    if scan_frame is not None:
+        joined = joined_cameras(tree, cameras, scan_frame)
+        notes += [
+            f'passed over: {each.topic.name}; {why_not_joined(tree, each, scan_frame)}'
+            for each in cameras
+            if each not in joined
+        ]
+        cameras = joined
+    notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
+    notes += _describe_rectified(cameras)
+    names = _short_names([each.name for each in cameras])
+    return {
+        name: _plan(layout, camera)
+        for name, camera in zip(names, cameras, strict=True)
+        if camera.info is not None
+    }
+
+
+def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
+    """Whether raw images stay distorted, so that the drive is an extract."""
+    for plan in cameras:
+        looks = survey.topics[plan.info].looks if plan.info else []
+        if not looks or plan.rectify or 'rect' in leaf(plan.topic):
+            continue
+        if np.any(looks[0].d) and not _is_rectified(looks[0], survey.topics[plan.topic]):
+            return True
+    return False
+
+
+def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
+    """Return the cameras with a CameraInfo, or all where none has one."""
+    known = [each for each in rig if each.info is not None]
+    if not known:
+        return list(rig)
+    notes += [
+        f'passed over: {each.topic.name}; it has no camera_info'
+        for each in rig
+        if each.info is None
+    ]
+    return known
+
+
+def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
+    """Return the cameras by KITTI's numbers if all have the names of to-bag and kitti2bag."""
+    found = {
+        index: camera
+        for index, own in CAMERA_NAMES.items()
+        for camera in cameras
+        if camera.name.lower().endswith(f'camera_{own}')
+    }
+    return found if len(found) == len(cameras) else {}
+
+
+def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
+    if camera.info is None:
+        return CameraPlan(camera.topic.name)
+    frame = camera.own_frame or ('' if camera.info.frame else camera.topic.frame)
+    rectify = _rectify(layout, camera)
+    return CameraPlan(camera.topic.name, camera.info.name, rectify, frame, camera.forward)
+
+
+def _rectify(layout: Layout, camera: RigCamera) -> bool:
+    """Whether to rectify: distorted images, except in raw where K and D describe them."""
+    if camera.info is None or not _has_lens(camera):
+        return False
+    message = camera.info.looks[0]
+    d = np.asarray(message.d, np.float64)
+    plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
+    return not (layout.traits.extracts and plain) and not _is_rectified(message, camera.topic)
+
+
+def _has_lens(camera: RigCamera) -> bool:
+    """Whether a camera is not rectified by its numbers, nor by the name of its images."""
+    looks = camera.info.looks if camera.info is not None else []
+    if not looks or 'rect' in leaf(camera.topic.name):
+        return False
+    message = looks[0]
+    return needs_rectifying(message.k, message.d, message.p)
+
+
+def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
+    """Return a note on the cameras whose lens is that of other images."""
+    names = [
+        each.topic.name
+        for each in cameras
+        if each.info is not None
+        and _has_lens(each)
+        and _is_rectified(each.info.looks[0], each.topic)
+    ]
+    if not names:
+        return []
+    note = (
+        f'{", ".join(names)}: taken as rectified already, for K, D and R of the camera_info are'
+        f' those of a larger image, and P is that of its size, as kitti2bag writes them; otherwise'
+        f' set rectify: true'
+    )
+    return [note]
+
+
+def _is_rectified(message: Any, images: TopicSurvey) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether a CameraInfo shows that its images are rectified, though it has a distortion."""
+    try:
+        return has_lens_of_larger_image(of_images(camera_model(message), images))
+    except ValueError:  # the conversion refuses it
+        return False
+
+
+def _short_names(names: Iterable[str]) -> list[str]:
+    """Return names for folders: the last part of each topic, as much as tells them apart."""
+    parts = [
+        [_NOT_IN_NAMES.sub('_', part) for part in name.split('/') if part] or ['camera']
+        for name in names
+    ]
+    for count in range(1, max(map(len, parts), default=0) + 1):
+        short = ['_'.join(each[-count:]) for each in parts]
+        if len({each.lower() for each in short}) == len(short):
+            return short
+    return [f'{"_".join(each)}_{number}' for number, each in enumerate(parts)]
+
+
+# The cameras of a bag beside those of a plan: what frames and P mean shows in all of them.
+#
+# A plan may take one camera of a pair, and each of camera_sets takes one camera.
+
+
+def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[Link]]:
+    """Return the models of the other cameras of a bag, and links to the frames made for them.
+
+    They have the frames that a guessed plan gives them. Cameras that are not calibrated are left
+    out.
+    """
+    tree = survey.tree
+    rig = find_cameras(survey)
+    heading = find_heading(tree, None if plan.scan is None else plan.scan.frame, rig)
+    taken = {camera.info for camera in plan.cameras.values()}
+    models: list[CameraModel] = []
+    links: dict[str, Link] = {}
+    for each in with_frames(rig, tree, heading, []):
+        if each.info is None or each.info.name in taken or not each.info.looks:
+            continue
+        try:
+            model = camera_model(each.info.looks[0])
+        except ValueError:  # of a plan's camera it is an error
+            continue
+        models.append(replace(model, frame=each.frame))
+        if each.forward:
+            links[each.frame] = optical_link(each.bag_frame, each.forward)
+    return models, list(links.values())
+
+
+# Image and CompressedImage -> KITTI's images, rectified where the plan requests it.
+
+
+_DEPTH_BYTE = 24
+"""The place of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
+_USUAL_BITS = 8
+
+
+class ImageConversion:
+    """Converts the images of a plan's cameras; thread-safe.
+
+    Attributes:
+        models: Of the cameras with a CameraInfo, by KITTI index.
+    """
+
+    def __init__(self, plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> None:
+        """Prepare the rectification.
+
+        Args:
+            plan: Names the cameras.
+            survey: Of the bag.
+            models: Of the cameras with a CameraInfo, by KITTI index.
+
+        Raises:
+            UsageError: The plan names a missing topic, or rectifies what cannot be rectified.
+        """
+        self.models = models
+        self._rectifiers = {
+            index: _rectifier(plan.cameras[index], model)
+            for index, model in models.items()
+            if plan.cameras[index].rectify
+        }
+        self._models = models
+        self._topics = {index: camera.topic for index, camera in plan.cameras.items()}
+        self._deep: Counter[int] = Counter()
+        self._lock = Lock()
+        self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
+
+    def model(self, camera: int) -> CameraModel | None:
+        """Return the model of a camera, None without a CameraInfo."""
+        return self._models.get(camera)
+
+    def size(self, camera: int) -> tuple[int, int] | None:
+        """Return (width, height) of a camera's images, None where it is not known yet."""
+        return self._sizes.get(camera)
+
+    def png(self, camera: int, message: Any) -> bytes:  # noqa: ANN401 - of the bag's types
+        """Convert an Image or CompressedImage to a PNG file, rectified where the plan requests it.
+
+        Raises:
+            ValueError: It cannot be decoded, or its size differs from other images of the camera.
+        """
+        rectifier = self._rectifiers.get(camera)
+        compressed = hasattr(message, 'format')
+        own = png_of(message) if compressed and rectifier is None else None
+        if own is not None:
+            try:
+                # png_of has checked its checksums.
+                image = parse_png(own, 'the message', len(own))
+            except BadFileError as error:
+                raise ValueError(str(error)) from None
+            self._check_size(camera, (image.width, image.height))
+            if own[_DEPTH_BYTE] > _USUAL_BITS:
+                self._count_deep(camera)
+            return own
+        pixels = self.pixels(camera, message)
+        if pixels.dtype.itemsize > 1:
+            self._count_deep(camera)
+        return encode_png(pixels)
+
+    def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
+        """Decode an Image or CompressedImage, rectified where the plan requests it.
+
+        Returns:
+            (H, W), or (H, W, 3) BGR, uint8 or uint16.
+
+        Raises:
+            ValueError: As png.
+        """
+        pixels = pixels_of(message, deep=True)
+        self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
+        rectifier = self._rectifiers.get(camera)
+        return pixels if rectifier is None else rectifier.apply(pixels)
+
+    def notes(self) -> list[str]:
+        """Return what should be known of the images so far."""
+        return [
+            f'{self._topics[camera]}: {count} images have 16 bits a channel, and are written so;'
+            f" KITTI's have 8"
+            for camera, count in sorted(self._deep.items())
+        ]
+
+    def _count_deep(self, camera: int) -> None:
+        with self._lock:
+            self._deep[camera] += 1
+
+    def _check_size(self, camera: int, size: tuple[int, int]) -> None:
+        expected = self._sizes.setdefault(camera, size)
+        if size != expected:
+            raise ValueError(
+                f'the image is {size[0]}x{size[1]}; expected {expected[0]}x{expected[1]}, as the'
+                f' rest of its camera: calibration holds for one size only'
+            )
+
+
+def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
+    """Return (width, height) of each camera, from the first of its images with a known size."""
+    found = {}
+    for index, camera in plan.cameras.items():
+        size = image_size(topic_of(survey, camera.topic))
+        if size is not None:
+            found[index] = size
+    return found
+
+
+def _rectifier(camera: CameraPlan, model: CameraModel) -> Rectifier:
+    try:
+        return Rectifier(model)
+    except ValueError as error:
+        raise UsageError(
+            f'{camera.info}: {error}; set rectify: false in the plan where the images are rectified'
+        ) from None

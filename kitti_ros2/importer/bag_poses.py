@@ -1,0 +1,837 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle's poses of a bag: their topic, the frames that they join, moving links, the track."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..bags.reader import Decoder, open_messages
+from ..messages.cdr import stamp_ns_of
+from ..messages.oxts import poses_of, poses_of_link, read_transforms
+from ..messages.topics import own_topics
+from ..model import bag_formats as types
+from ..model.errors import UsageError, did_you_mean
+from ..model.geometry import Transform
+from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
+from ..rig.moving_tree import MovingTree, PoseTrack, ProductTrack, TransformSeries
+from ..rig.tf_tree import FIXED_FRAMES, find_body, plain
+from .kitti_frames import pass_over
+from .plan import Incomplete, PosePlan, topic_of
+from .tf_frames import NamedFrames, child_of, is_renamed, is_truth, moving_pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    import numpy.typing as npt
+
+    from ..bags.bag_files import BagSource
+    from ..model.geometry import Float64Array
+    from ..model.samples import Int64Array
+    from ..rig.moving_tree import Track
+    from .kitti_frames import LossTally
+    from .plan import Plan
+    from .survey import Survey, TopicSurvey
+    from .tf_frames import OdometryLink
+
+
+# Choice of the topic of the vehicle's poses, and of the frames they join.
+
+
+BODIES = ('base_link', 'base_footprint')
+_SHORT = 2
+_GLOBAL = tuple(frame for frame in FIXED_FRAMES if frame != 'odom')
+"""The frames above odom: poses in map do not drift."""
+_FIXED = (*FIXED_FRAMES, 'vision')
+
+
+def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
+    """Choose poses: Odometry, PoseStamped, Path, then transforms; ground truth first.
+
+    A chain of transforms up to map beats poses in odom.
+    """
+    names = NamedFrames(survey)
+    found = _of_topics(survey, notes)
+    if found is not None and (is_truth(found.topic) or found.topic in own_topics()):
+        return found
+    chain = _chain(survey, names, found)
+    if chain is not None:
+        line = ' -> '.join(_line(names, chain))
+        over = '' if found is None else f'; poses in {found.world} would drift'
+        if found is not None or len(_line(names, chain)) > _SHORT:
+            notes.append(f'poses: {line} of {chain.topic}{over}')
+        if found is not None and found.topic != chain.topic:
+            notes.append(f'passed over for poses: {found.topic}')
+        return chain
+    if found is not None:
+        notes += [
+            f'passed over for poses: {each.name}, which joins {found.world} to {found.body}, too'
+            for each in survey.of_type(*types.TF_TYPES)
+            if (found.world, found.body) in survey.moving and 'static' not in each.name
+        ]
+    found = found or _link(survey) or _link_to_world(survey)
+    if found is None:
+        notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
+    return found
+
+
+def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
+    """Choose an Odometry, PoseStamped or Path."""
+    known = survey.tree.frames
+    for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
+        topics = survey.of_type(msgtype)
+        if topics:
+            best = max(topics, key=lambda each: _rank(each, known))
+            if best.name not in own_topics():
+                topics = survey.of_type(types.ODOMETRY, types.POSE, types.PATH)
+            notes += pass_over('poses', best, topics)
+            body = child_of(best)
+            if best.name in own_topics():  # of base_link, also if its tree names it otherwise
+                body = ''
+            return PosePlan(best.name, body or _body(survey), best.frame)
+    return None
+
+
+def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool, int]:
+    """Rank: of a body in the tree, called ground truth, that moves, of most messages."""
+    return child_of(topic) in frames, is_truth(topic.name), _moves(topic), topic.count
+
+
+def _moves(topic: TopicSurvey) -> bool:
+    """Whether the poses of a topic that were looked at have several positions."""
+    found = set()
+    for look in topic.looks:
+        poses = [each.pose for each in look.poses[-1:]] if hasattr(look, 'poses') else [look.pose]
+        for each in poses:
+            place = getattr(each, 'pose', each).position  # of a PoseWithCovariance, or of a Pose
+            found.add((round(place.x, 2), round(place.y, 2), round(place.z, 2)))
+    return len(found) > 1
+
+
+def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePlan | None:
+    """Return the chain of transforms up to map, or that takes the place of missing poses.
+
+    None where the topic's poses are as good.
+    """
+    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    body = _moving_body(survey, names, found)
+    if not body or (found is None and not tf):
+        return None
+    line = names.line_above(body)
+    moving = names.moving_between(line[-1], body)
+    if not moving:
+        return None
+    above = line[line.index(moving[-1][0]) :]  # moving links are in order from the top
+    world = next((frame for frame in _GLOBAL if frame in above), above[-1])
+    if found is None:
+        return PosePlan(tf[0].name, body, world)
+    if found.world == world or world not in _GLOBAL:
+        return None
+    if found.world in above and not names.moving_between(world, found.world):
+        return None  # a static link lies between them
+    by_transforms = tf and not any(
+        (link.frame, link.root) in (names.moving_between(world, body) or ())
+        for link in names.odometry
+    )
+    return PosePlan(tf[0].name if by_transforms else found.topic, body, world)
+
+
+def _link(survey: Survey) -> PosePlan | None:
+    """Return the poses of a single moving link, of a body that has several parents in the tree."""
+    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    links = [link for link in survey.moving if link[1] in BODIES]
+    if not tf or not links:
+        return None
+    parent, child = next((link for link in links if link[0] in _GLOBAL), links[0])
+    return PosePlan(tf[0].name, child, parent)
+
+
+def _link_to_world(survey: Survey) -> PosePlan | None:
+    """Return the poses of a body that is the parent of its fixed frame, as Spot's driver has it."""
+    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    links = [link for link in survey.moving if link[1] in _FIXED]
+    if not tf or not links:
+        return None
+    body, world = min(links, key=lambda link: _FIXED.index(link[1]))
+    return PosePlan(tf[0].name, body, world)
+
+
+def _moving_body(survey: Survey, names: NamedFrames, found: PosePlan | None) -> str:
+    """Return the frame of the vehicle in the tree, empty for none."""
+    if found is not None:
+        return found.body if found.body in names.tree.frames else ''
+    for body in BODIES:
+        if body in names.tree.frames and len(names.line_above(body)) > 1:
+            return body
+    return _carrier(survey, names)
+
+
+def _carrier(survey: Survey, names: NamedFrames) -> str:
+    """Return the frame below the lowest moving link above a lidar or a camera, empty for none."""
+    for topic in survey.of_type(types.CLOUD, types.IMAGE, types.COMPRESSED):
+        line = names.line_above(topic.frame) if topic.frame in names.tree.frames else []
+        moving = names.moving_between(line[-1], topic.frame) if line else None
+        if moving:
+            return moving[-1][1]  # links are in order from the top
+    return ''
+
+
+def _line(names: NamedFrames, chain: PosePlan) -> list[str]:
+    """Return the frames from the world to the body of a chain."""
+    line = names.line_above(chain.body)
+    return line[: line.index(chain.world) + 1][::-1]
+
+
+def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
+    """Return the frame that stands for the vehicle, empty if nothing tells."""
+    found = _of_topics(survey, [])
+    return _moving_body(survey, names, found)
+
+
+def _body(survey: Survey) -> str:
+    known = {name for parent, child, _ in survey.static for name in (parent, child)}
+    named = next((name for name in BODIES if name in known), '')
+    heading = None if named else find_body(survey.tree, known)
+    return named or (BODIES[0] if heading is None else heading.frame)
+
+
+# The moving links of bags, read in a pass of its own over the topics that a plan needs.
+
+
+_FARTHEST_M = 1e9
+_INVALID = 'a transform of NaN, of an impossible place or of an orientation of all zeros'
+
+
+class StampedSeries:
+    """Transforms with their stamps, in the order of reading."""
+
+    def __init__(self) -> None:
+        self._stamps = array('q')
+        self._series = TransformSeries()
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def add(self, stamp_ns: int, numbers: Sequence[float]) -> None:
+        """Append x y z, metres, and x y z w of a quaternion.
+
+        Raises:
+            ValueError: It is not a transform.
+        """
+        norm = math.hypot(*numbers[3:])
+        # Comparisons with NaN are false.
+        if not (max(map(abs, numbers[:3])) <= _FARTHEST_M and 0 < norm < math.inf) or any(
+            map(math.isnan, numbers[:3])
+        ):
+            raise ValueError(_INVALID)
+        self._stamps.append(stamp_ns)
+        self._series.append(numbers)
+
+    def clear(self) -> None:
+        """Remove all."""
+        self._stamps, self._series = array('q'), TransformSeries()
+
+    def track(self, stamps_ns: Sequence[int] | None = None, offset_ns: int = 0) -> PoseTrack:
+        """Return them as a track.
+
+        Args:
+            stamps_ns: Instead of their own.
+            offset_ns: Added to the stamps.
+        """
+        own = np.array(self._stamps if stamps_ns is None else stamps_ns, dtype=np.int64)
+        return PoseTrack(own + offset_ns, self._series)
+
+
+def numbers_of(place: Any, turn: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a bag's types
+    """Return x y z of a Point or Vector3, and x y z w of a Quaternion."""
+    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+
+
+class LinkTracks:
+    """Collects the transforms of moving links from the TFMessages of a bag.
+
+    Args:
+        wanted: (parent, child) of the links to keep; None keeps all.
+    """
+
+    def __init__(self, wanted: Collection[tuple[str, str]] | None = None) -> None:
+        self._wanted = None if wanted is None else frozenset(wanted)
+        self._series: dict[tuple[str, str], StampedSeries] = defaultdict(StampedSeries)
+
+    def add(
+        self,
+        data: bytes | memoryview,
+        log_ns: int,
+        *,
+        by_log: bool = False,
+        offset_ns: int = 0,
+    ) -> None:
+        """Add the transforms of a serialised TFMessage; those with stamp 0 get the log time.
+
+        Args:
+            data: The message.
+            log_ns: When it was recorded.
+            by_log: Whether all transforms get the log time.
+            offset_ns: Added to the stamps.
+
+        Raises:
+            ValueError: It is truncated, or some are not transforms; the others were added.
+        """
+        fault: ValueError | None = None
+        for stamp_ns, parent, child, numbers in read_transforms(data):
+            link = plain(parent), plain(child)
+            if self._wanted is not None and link not in self._wanted:
+                continue
+            try:
+                own_ns = log_ns if by_log else stamp_ns or log_ns
+                self._series[link].add(own_ns + offset_ns, numbers)
+            except ValueError as error:
+                fault = error
+        if fault is not None:
+            raise fault
+
+    def tracks(self) -> dict[tuple[str, str], PoseTrack]:
+        """Return the poses of each link over time."""
+        return {link: series.track() for link, series in self._series.items()}
+
+
+def links_between(names: NamedFrames, pairs: Sequence[tuple[str, str]]) -> frozenset[OdometryLink]:
+    """Return the Odometry, and PoseStamped, on the ways between pairs of frames."""
+    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    return frozenset(each for each in names.odometry if (each.frame, each.root) in wanted)
+
+
+def read_tree(
+    bags: Sequence[BagSource],
+    survey: Survey,
+    names: NamedFrames,
+    pairs: Sequence[tuple[str, str]],
+    losses: LossTally,
+    told: str = '',
+) -> MovingTree:
+    """Read the moving links between pairs of frames, in one pass over their topics.
+
+    Args:
+        bags: Parts of a recording.
+        survey: Of the bags.
+        names: Its links.
+        pairs: Target and source frame of each; those that nothing joins are passed over.
+        losses: Takes messages without a valid transform.
+        told: A topic whose invalid messages are entered elsewhere.
+
+    Raises:
+        BadBagError: A bag cannot be read.
+    """
+    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    used = links_between(names, pairs)
+    # The way from an Odometry's child to the root of its tree may move, too.
+    wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
+    tf_topics = {each.name for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name}
+    links = LinkTracks(wanted)
+    poses = {each.topic: StampedSeries() for each in used}
+    with open_messages(bags, tf_topics | set(poses)) as messages:
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            try:
+                topic = survey.topics[message.topic]
+                if message.topic in poses:
+                    decoded = decode(message)
+                    pose = getattr(decoded.pose, 'pose', decoded.pose)
+                    stamp_ns = 0 if topic.by_log else stamp_ns_of(decoded.header)
+                    own_ns = (stamp_ns or message.stamp_ns) + topic.offset_ns
+                    poses[message.topic].add(own_ns, numbers_of(pose.position, pose.orientation))
+                else:
+                    links.add(
+                        message.data,
+                        message.stamp_ns,
+                        by_log=topic.by_log,
+                        offset_ns=topic.offset_ns,
+                    )
+            except ValueError as error:
+                if message.topic != told:
+                    losses.lose(message.topic, message.stamp_ns, str(error))
+    tracks: dict[tuple[str, str], Track] = {link: PoseTrack([], []) for link in survey.moving}
+    tracks.update(links.tracks())
+    tree = MovingTree(survey.static, tracks)
+    for each in names.odometry:
+        track: Track = poses[each.topic].track() if each.topic in poses else PoseTrack([], [])
+        if each.root != each.child:
+            after = tree.links.find(each.child, each.root) or tree.track(each.child, each.root)
+            track = ProductTrack(Transform.identity(), track, after)
+        tracks[each.frame, each.root] = track
+        tree = MovingTree(survey.static, tracks)
+    return tree
+
+
+# The frames that the poses of a plan join, and those that its topic's poses are given in.
+#
+# They are world_T_body of the plan. A topic's own frames may be others: Odometry in odom of
+# base_footprint becomes that of base_link in map by the transforms at the same stamps.
+
+
+POSE_TYPES = (types.ODOMETRY, types.POSE, types.PATH)
+"""Message types of poses, besides transforms."""
+
+_SHOWN = 12
+
+
+class PoseEnds(NamedTuple):
+    """Frames of poses; frame and moved are equal where transforms are the whole way.
+
+    Attributes:
+        world: In which the plan has its poses.
+        frame: In which the topic has them.
+        moved: Of which the topic has them.
+        body: Of which the plan has them.
+    """
+
+    world: str
+    frame: str
+    moved: str
+    body: str
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """Return the pairs of frames that transforms must join."""
+        if self.frame == self.moved:
+            whole = self.world, self.body
+            return [whole] if self.world != self.body else []
+        ways = (self.world, self.frame), (self.moved, self.body)
+        return [way for way in ways if way[0] != way[1]]
+
+
+_AS_THEY_ARE = PoseEnds('', '', '', '')
+
+
+def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
+    """Return the pairs of frames that transforms must join for the poses of a plan.
+
+    Raises:
+        UsageError: As find_ends.
+    """
+    if plan is None:
+        return []
+    return find_ends(plan, topic_of(survey, plan.topic), survey, names).pairs()
+
+
+def link_topics(plan: Plan, survey: Survey) -> set[str]:
+    """Return the topics whose poses a plan uses as links between frames.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
+    return {each.topic for each in links_between(names, pairs)}
+
+
+def find_ends(plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFrames) -> PoseEnds:
+    """Find the frames of a plan's poses; all are empty where the topic's are used as they are.
+
+    Raises:
+        UsageError: The plan names a frame that is not in the bag, or that nothing joins.
+    """
+    if topic.msgtype in types.TF_TYPES:
+        return _ends_of_links(plan, survey, names)
+    if topic.msgtype in POSE_TYPES and topic.name not in own_topics():
+        return _ends_of_poses(plan, topic, names)
+    return _AS_THEY_ARE
+
+
+def _ends_of_links(plan: PosePlan, survey: Survey, names: NamedFrames) -> PoseEnds:
+    links = [link for link in survey.moving if link[1] == plan.body]
+    world = plan.world or (links[0][0] if links else '')
+    if not world and plan.body in names.tree.frames:
+        world = names.tree.root_of(plan.body)
+    if (world, plan.body) in links:
+        return _AS_THEY_ARE
+    _check_frames(plan, names, '')
+    _check_joined(world, plan.body, names)
+    return PoseEnds(world, plan.body, plan.body, plan.body)
+
+
+def _ends_of_poses(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> PoseEnds:
+    frame, moved = topic.frame, child_of(topic)
+    world, body = plan.world or frame, plan.body or moved
+    if not moved or is_renamed(plan, topic, names):
+        moved = body
+    if (world, body) == (frame, moved):
+        return _AS_THEY_ARE
+    _check_frames(plan, names, moved)
+    _check_joined(world, frame, names)
+    _check_joined(moved, body, names)
+    return PoseEnds(world, frame, moved, body)
+
+
+def _check_frames(plan: PosePlan, names: NamedFrames, child: str) -> None:
+    known = names.tree.frames | ({child} if child else set())
+    for key, name in (('world', plan.world), ('body', plan.body)):
+        if name and plain(name) not in known:
+            shown = ', '.join(sorted(known)[:_SHOWN]) or 'no frames'
+            raise UsageError(
+                f'the plan has pose: {key}: {name}, which is no frame of the bag; expected one of'
+                f' {shown}{did_you_mean(name, sorted(known))}'
+            )
+
+
+def _check_joined(target: str, source: str, names: NamedFrames) -> None:
+    if target != source and names.moving_between(target, source) is None:
+        raise UsageError(
+            f'the plan has poses of {source} in {target}, which no transforms join; the bag has'
+            f' {names.tree}: name frames of one tree in pose: world and pose: body'
+        )
+
+
+# Velocities of a vehicle from its places over time, where no message of a bag has any.
+#
+# A parabola is fitted to the places near each moment, so that a steady acceleration is met, also at
+# the ends. What a vehicle moves within the scatter of the places is no motion: a standing one has
+# the velocity 0.
+
+
+SLOWEST_FIX_M_S = 0.2
+"""Places of a standing receiver wander by some 0.1 m a second."""
+SLOWEST_POSE_M_S = 0.02
+
+_WINDOW_NS = NS_PER_S // 2
+_WINDOW_PERIODS = 1.5
+_WIDENINGS = (1, 2, 4)
+_SIGMAS = 5.0
+_CLEAR_M_S = 0.5
+"""Where scatter looks faster, a wider window tells a slow vehicle from a standing one."""
+_GLITCH, _GLITCH_M = 10.0, 2.0  # of the usual distance, and metres more
+_PARABOLA = 2
+_DIFFERENCES = 3
+_EVEN = 1.2
+_GROWTH = np.sqrt(20)  # of a standard deviation in third differences: 1, 3, 3, 1
+_SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, by the median of absolute values
+
+
+def metres_of(fixes: Float64Array) -> Float64Array:
+    """Return (N, 3) metres east, north, up of the first of (N, 3) places, on KITTI's sphere.
+
+    Args:
+        fixes: Latitude and longitude in degrees, altitude in metres, of which some may be NaN.
+    """
+    if not len(fixes):
+        return np.zeros((0, 3))
+    lat, lon, alt = fixes.T
+    radius_m = EARTH_RADIUS_M * np.cos(np.radians(lat))
+    east = np.radians(np.unwrap(lon, period=360.0) - lon[0]) * radius_m
+    north = np.radians(lat - lat[0]) * EARTH_RADIUS_M
+    return np.column_stack([east, north, np.nan_to_num(alt - np.nanmin(alt, initial=1e9))])
+
+
+class DerivedVelocities:
+    """The velocities of a vehicle by its places, each computed when it is asked for.
+
+    Args:
+        stamps_ns: (N,) of the places, ascending.
+        places: (N, 3) metres.
+        most_ns: A longer gap between two places is not bridged; nor is a moment known that is
+            farther from any place.
+        slowest: Slower than this, m/s, the vehicle stands.
+    """
+
+    def __init__(
+        self, stamps_ns: Int64Array, places: Float64Array, most_ns: int, slowest: float
+    ) -> None:
+        kept = ~_glitches(stamps_ns, places)
+        stamps_ns, places = stamps_ns[kept], places[kept]
+        self._stamps_ns = stamps_ns
+        self._places = places
+        self._most_ns = most_ns
+        self._slowest = slowest
+        steps = np.diff(stamps_ns)
+        self._scatter = _scatter_of(places, steps)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        self._window_ns = max(_WINDOW_NS, round(_WINDOW_PERIODS * usual))
+        self._starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
+
+    def at(self, moment_ns: int) -> Float64Array | None:
+        """Return (3,) m/s along the axes of the places at a moment, None where it is not known."""
+        stamps = self._stamps_ns
+        if len(stamps) < _PARABOLA:
+            return None
+        after = int(np.searchsorted(stamps, moment_ns))
+        around = range(max(after - 1, 0), min(after + 1, len(stamps)))
+        nearest = min(around, key=lambda place: abs(int(stamps[place]) - moment_ns))
+        run = int(np.searchsorted(self._starts, nearest, 'right'))
+        begin = int(self._starts[run - 1])
+        end = int(self._starts[run]) if run < len(self._starts) else len(stamps)
+        if end - begin < _PARABOLA or abs(int(stamps[nearest]) - moment_ns) > self._most_ns:
+            return None
+        seconds = (stamps[begin:end] - moment_ns) / NS_PER_S
+        for times in _WIDENINGS:
+            first, last = _near(seconds, times * self._window_ns / NS_PER_S)
+            places = self._places[begin + first : begin + last]
+            velocity, blur = _slope(seconds[first:last], places, self._scatter)
+            if np.hypot(*velocity[:2]) > max(self._slowest, blur):
+                return velocity
+            if blur <= _CLEAR_M_S:
+                break
+        return np.zeros(3)
+
+
+def _glitches(stamps_ns: Int64Array, places: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return (N,) which single places lie far off the way between their neighbours."""
+    aside = np.zeros(len(places))
+    if len(places) <= _DIFFERENCES:
+        return aside > 0
+    there = places[:, :2]
+    share = (np.diff(stamps_ns)[:-1] / np.maximum(stamps_ns[2:] - stamps_ns[:-2], 1))[:, None]
+    way = there[:-2] + share * (there[2:] - there[:-2])
+    aside[1:-1] = np.linalg.norm(there[1:-1] - way, axis=1)
+    most = np.lib.stride_tricks.sliding_window_view(np.pad(aside, 1), _DIFFERENCES).max(axis=1)
+    limit = _GLITCH_M + _GLITCH * float(np.median(aside))
+    far: npt.NDArray[np.bool_] = (aside > limit) & (aside == most)
+    return far
+
+
+def _near(seconds: Float64Array, window: float) -> tuple[int, int]:
+    """Return the first, and the end, of the times around 0 s; at least two."""
+    first, last = np.searchsorted(seconds, [-window, window + 1e-9]).tolist()
+    if last - first < _PARABOLA:
+        first = max(min(first - 1, len(seconds) - _PARABOLA), 0)
+        last = first + _PARABOLA
+    return first, last
+
+
+def _scatter_of(places: Float64Array, steps: Int64Array) -> float:
+    """Return the standard deviation of places on the ground about their course, metres.
+
+    Third differences of evenly spaced places are free of a steady acceleration; others are not.
+    """
+    if len(steps) < _DIFFERENCES:
+        return 0.0
+    around = np.lib.stride_tricks.sliding_window_view(steps, _DIFFERENCES)
+    even = around.max(axis=1) <= _EVEN * around.min(axis=1)
+    jumps = np.abs(np.diff(places[:, :2], _DIFFERENCES, axis=0))[even]
+    return float(_SIGMA_OF_MEDIAN * np.median(jumps) / _GROWTH) if jumps.size else 0.0
+
+
+def _slope(
+    seconds: Float64Array, places: Float64Array, known_scatter: float
+) -> tuple[Float64Array, float]:
+    """Return (3,) the velocity at 0 s, and the speed up to which it is scatter of the places."""
+    degree = min(_PARABOLA, len(seconds) - 1)
+    powers = np.vander(seconds, degree + 1, increasing=True)
+    middle = places.mean(axis=0)  # maps may be far from their origin
+    inverse = np.linalg.pinv(powers)
+    parts = inverse @ (places - middle)
+    rest = places - middle - powers @ parts
+    freedom = 2 * max(len(seconds) - degree - 1, 1)
+    scatter = max(known_scatter, float(np.sqrt((rest[:, :2] ** 2).sum() / freedom)))
+    return parts[1], _SIGMAS * scatter * float(np.linalg.norm(inverse[1]))
+
+
+# The poses of a plan, from Odometry, PoseStamped, Path or TFMessage, and the links to its frames.
+#
+# They are world_T_body of the plan. A topic's own frames may be others: Odometry in odom of
+# base_footprint becomes that of base_link in map by the transforms at the same stamps.
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """The movements that a plan needs.
+
+    Attributes:
+        track: The poses of the plan, None without any.
+        tree: The links between frames over time, None where all that are needed stand still.
+        of_frames: The track, where frames without a pose are to be dropped.
+        notes: Non-fatal remarks.
+    """
+
+    track: Track | None = None
+    tree: MovingTree | None = None
+    of_frames: Track | None = None
+    notes: tuple[str, ...] = ()
+
+
+def read_motion(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> PlannedMotion:
+    """Read the poses of a plan, and the moving links that its scans and labels need.
+
+    Raises:
+        UsageError: As read_track.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
+    told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
+    tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
+    if plan.pose is None:
+        return PlannedMotion(tree=tree)
+    traits, notes = plan.layout.traits, list[str]()
+    in_lines = Stream.OXTS in traits.line_streams and not plan.fix
+    drops = (
+        Stream.POSE in traits.streams
+        or plan.reference == Stream.POSE.value
+        or (in_lines and plan.incomplete is Incomplete.DROP)
+    )
+    topic = topic_of(survey, plan.pose.topic)
+    if is_renamed(plan.pose, topic, names) and child_of(topic):
+        notes.append(
+            f'{topic.name}: its poses are of {child_of(topic)}, which no transform names; they are'
+            f' taken as those of {plan.pose.body}'
+        )
+    try:
+        track = read_track(bags, plan.pose, survey, losses, tree=tree)
+    except NoPosesError as error:
+        if drops:
+            raise
+        return PlannedMotion(tree=tree, notes=(*notes, str(error)))
+    return PlannedMotion(track, tree, track if drops else None, tuple(notes))
+
+
+def read_moving(
+    bags: Sequence[BagSource], plan: Plan, survey: Survey, losses: LossTally
+) -> MovingTree | None:
+    """Read the moving links that the scans and labels of a plan need, None if they need none.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    names = NamedFrames(survey, plan.pose)
+    pairs = moving_pairs(plan, survey, names)
+    return read_tree(bags, survey, names, pairs, losses) if pairs else None
+
+
+class NoPosesError(UsageError):
+    """A topic of a plan's poses holds none."""
+
+
+def read_track(
+    bags: Sequence[BagSource],
+    plan: PosePlan,
+    survey: Survey,
+    losses: LossTally,
+    *,
+    child: str = '',
+    tree: MovingTree | None = None,
+) -> Track:
+    """Read the poses that a plan names.
+
+    Args:
+        bags: Parts of a recording.
+        plan: The topic or link.
+        survey: Of the bags.
+        losses: Takes messages without a valid pose.
+        child: The only valid child frame of Odometry; empty for any.
+        tree: The links of the bags, where they have been read for the pairs of pose_pairs.
+
+    Raises:
+        UsageError: The topic is missing, or its type has no poses, or it names frames that are not
+            in the bag or that nothing joins.
+    """
+    topic = topic_of(survey, plan.topic)
+    names = NamedFrames(survey, plan)
+    ends = find_ends(plan, topic, survey, names)
+    pairs = ends.pairs()
+    if pairs and tree is None:
+        tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
+    world, frame, moved, body = ends
+    if tree is not None and frame == moved and world != body:
+        found: Track = tree.track(world, body)
+        if not len(found):
+            raise NoPosesError(f'{topic.name}: holds no pose of {body} in {world}')
+        return found
+    found = _read(bags, plan, topic, survey, losses, child)
+    if tree is None or not pairs:
+        return found
+    before: Track | Transform = Transform.identity()
+    after: Track | Transform = Transform.identity()
+    if world != frame:
+        before = tree.links.find(world, frame) or tree.track(world, frame)
+    if moved != body:
+        after = tree.links.find(moved, body) or tree.track(moved, body)
+    return ProductTrack(before, found, after)
+
+
+def _told(topic: TopicSurvey) -> str:
+    """Return the topic if its invalid poses are found when the track is read."""
+    return topic.name if topic.msgtype in POSE_TYPES else ''
+
+
+def _read(
+    bags: Sequence[BagSource],
+    plan: PosePlan,
+    topic: TopicSurvey,
+    survey: Survey,
+    losses: LossTally,
+    child: str,
+) -> Track:
+    """Read the poses of a topic, or of the one link of a TFMessage, as they are."""
+    found = StampedSeries()
+    reason = ''
+    with open_messages(bags, {topic.name}) as messages:
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            try:
+                decoded = decode(message)
+                if child and message.msgtype == types.ODOMETRY:
+                    _check_child(decoded.child_frame_id.lstrip('/'), child)
+                poses = _poses(decoded, message.msgtype, plan, survey, message.stamp_ns)
+            except ValueError as error:
+                reason = reason or f' ({error})'
+                losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
+                continue
+            if message.msgtype == types.PATH:
+                found.clear()  # each path repeats the earlier poses: the last one has all
+            for each in poses:
+                found.add(*each)
+    if not len(found):
+        whose = f' of {plan.body}' if plan.body else ''
+        raise NoPosesError(f'{topic.name}: holds no pose{whose}{reason}')
+    if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
+        return found.track(topic.stamps()[0].tolist())
+    return found.track(offset_ns=topic.offset_ns)
+
+
+def _check_child(found: str, child: str) -> None:
+    if found != child:
+        raise ValueError(f'of {found or "no frame"}, not of {child}')
+
+
+def _poses(
+    message: Any,  # noqa: ANN401 - of the bag's types
+    msgtype: str,
+    plan: PosePlan,
+    survey: Survey,
+    log_ns: int,
+) -> list[tuple[int, tuple[float, ...]]]:
+    """Return stamp and numbers of the poses in a message; a transform of stamp 0 has its log time.
+
+    Raises:
+        ValueError: One is not.
+    """
+    if msgtype in POSE_TYPES:
+        poses_of(message)
+        stamped = getattr(message, 'poses', [message])
+        poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]
+        return [
+            (stamp_ns_of(header), numbers_of(pose.position, pose.orientation))
+            for header, pose in poses
+        ]
+    if msgtype not in types.TF_TYPES:
+        raise UsageError(
+            f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
+        )
+    links = [link for link in survey.moving if link[1] == plan.body]
+    wanted = [link for link in links if link[0] == plan.world] or links
+    if not wanted:
+        return []
+    poses_of_link(message, wanted[0])
+    return [
+        (
+            stamp_ns_of(each.header) or log_ns,
+            numbers_of(each.transform.translation, each.transform.rotation),
+        )
+        for each in message.transforms
+        if (plain(each.header.frame_id), plain(each.child_frame_id)) == wanted[0]
+    ]

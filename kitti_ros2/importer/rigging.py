@@ -1,0 +1,473 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The calibration of a plan, applied to samples; and its changes within a recording."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import Counter
+from dataclasses import replace
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..kitti.kitti_recording import rect_from_imu
+from ..messages.camera_info import camera_model
+from ..model import bag_formats as types
+from ..model.errors import KittiRos2Error, Loss, format_numbers
+from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
+from ..model.samples import rect_from_velo
+from ..model.streams import Stream, format_stamp
+from ..rig.tf_tree import differ
+from .bag_calibration import camera_models, make_calibrations, rect_in_frame, swapped_sizes
+from .bag_cameras import ImageConversion, other_cameras
+from .bag_labels import BoxConversion
+from .bag_scans import ScanConversion
+from .kitti_frames import undecoded
+from .plan import LINK_T_OPTICAL, TF, VelocityAxes, frame_of, made_optical_frames, topic_of
+from .sync import NONE
+from .tf_frames import MovingBase, child_of, made_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration
+    from ..rig.moving_tree import MovingTree
+    from .kitti_frames import Frames
+    from .plan import Plan
+    from .survey import Survey, TopicSurvey
+
+
+# A plan's calibration, applied to samples: points, images, boxes and poses.
+
+
+_REPORTED_LEVER_M = 0.05
+
+
+class Rigging:
+    """The sensors of a plan in KITTI's frames.
+
+    Attributes:
+        calibrations: Of all frames.
+        scans: Converts clouds.
+        images: Converts images.
+        labels: Converts boxes.
+        imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
+    """
+
+    def __init__(self, plan: Plan, survey: Survey, moving: MovingTree | None = None) -> None:
+        """Make the calibration.
+
+        Args:
+            plan: The plan.
+            survey: Of its bags.
+            moving: The links over time, where clouds or boxes are in frames that move.
+
+        Raises:
+            UsageError: The plan names a missing topic.
+            MissingDataError: Required frames are not connected by static transforms.
+            BadFileError: A calibration file cannot be read.
+        """
+        lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
+        scan_frame = '' if plan.scan is None else plan.scan.frame
+        self._models = camera_models(plan, survey)
+        self._others, links = other_cameras(plan, survey)
+        optical = [*links, *made_optical_frames(plan, survey)]
+        tree = survey.tree_with(optical, lost)
+        plan, made = made_frame(plan, tree, self._models, self._others)
+        if made:
+            tree = survey.tree_with([*optical, *made], lost)
+        self._tree = tree
+        self._plan = plan
+        self.calibrations = make_calibrations(plan, survey, self._tree, self._models, self._others)
+        base = self._moving_base(survey, scan_frame, moving)
+        point_labels = plan.layout.traits.point_labels
+        self.scans = ScanConversion(plan.scan, survey, self._tree, base, point_labels=point_labels)
+        self.images = ImageConversion(plan, survey, self._models)
+        self._swapped = swapped_sizes(plan, survey, self._models)
+        self.imu_t_topic = self._unit_transforms(survey)
+        self._lever_arm = list(self._lever_arm_notes(survey))
+        self.labels = BoxConversion(
+            plan,
+            survey,
+            self._tree,
+            self.calibrations,
+            self.images,
+            None if base is None else _of_boxes(base, plan, survey, self.scans),
+        )
+
+    def _moving_base(
+        self, survey: Survey, scan_frame: str, moving: MovingTree | None
+    ) -> MovingBase | None:
+        """Return the frame that boxes are brought to: that of the scans, else that of a camera."""
+        if self._plan.scan is not None:
+            velo_t_frame = self._tree.transform(self._plan.scan.frame, scan_frame)
+            return MovingBase(scan_frame, velo_t_frame, moving)
+        if not self._models:
+            return None
+        camera = self._plan.cameras[min(self._models)]
+        frame = frame_of(camera, survey)
+        velo_t_frame = NOMINAL_CAM0_T_VELO.inverse()
+        if camera.forward:
+            velo_t_frame = velo_t_frame @ LINK_T_OPTICAL.inverse()
+        return MovingBase(frame, velo_t_frame, moving)
+
+    def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
+        found = {}
+        target = self._plan.imu_frame
+        receiver = {self._plan.fix}
+        if self._plan.velocity_axes is VelocityAxes.ENU:
+            receiver.add(self._plan.velocity)
+        for topic in {self._plan.imu, self._plan.velocity} - receiver:
+            frame = _body_of(topic_of(survey, topic)) if topic else ''
+            if frame and target and frame != target:
+                found[topic] = self._tree.transform(target, frame)
+        for topic in receiver:
+            antenna = self._place_of(topic_of(survey, topic).frame if topic else '')
+            if antenna is not None:
+                found[topic] = antenna
+        return found
+
+    def _place_of(self, frame: str) -> Transform | None:
+        """Return imu_T_frame, None where static transforms do not connect them."""
+        target = self._plan.imu_frame
+        if not (frame and target):
+            return None
+        known = frame == target or {frame, target} <= self._tree.frames
+        return self._tree.find(target, frame) if known else None
+
+    def body_t_rect(self) -> Transform:
+        """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
+
+        Without a camera it is at the nominal place of KITTI's camera on the scanner; without a
+        scanner too, at the body's origin, looking ahead.
+
+        Raises:
+            MissingDataError: The static transforms do not connect the frames.
+        """
+        body = self._plan.pose.body if self._plan.pose is not None else ''
+        if self._models and self._plan.calibration == TF:
+            frame, frame_t_rect = rect_in_frame(self._tree, self._models, self._others)
+            return self._tree.transform(body, frame) @ frame_t_rect
+        if self._plan.scan is not None:
+            velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
+            if self.calibrations.first is not None:
+                velo_t_rect = rect_from_velo(self.calibrations.first).inverse()
+            return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
+        return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
+
+    def body_t_unit(self) -> Transform:
+        """Return body_T_imu: KITTI's imu frame in the body frame of the plan's poses.
+
+        Raises:
+            MissingDataError: The static transforms do not connect the frames.
+        """
+        calibration, plan = self.calibrations.first, self._plan
+        if calibration is not None:
+            return self.body_t_rect() @ rect_from_imu(calibration)
+        body = plan.pose.body if plan.pose is not None else ''
+        if plan.imu_frame:
+            return self._tree.transform(body, plan.imu_frame)
+        if plan.scan is not None:
+            return self._tree.transform(body, plan.scan.frame) @ NOMINAL_VELO_T_IMU
+        return Transform.identity()
+
+    def find(self, target: str, source: str) -> Transform | None:
+        """Return target_T_source by static transforms, None where they do not connect the two."""
+        return self._tree.find(target, source)
+
+    def notes(self) -> list[str]:
+        """Return non-fatal remarks on the samples so far."""
+        first = self.calibrations.first
+        nominal = first.nominal if first is not None else ()
+        found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
+        found += self._nominal_places() if first is None else ()
+        found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
+        found += [*self._lever_arm, *self._swapped]
+        return [*found, *self.calibrations.notes]
+
+    def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:
+        """Yield a note on the place of a NavSatFix's antenna, where the imu's is known."""
+        plan = self._plan
+        if not (plan.fix and plan.imu_frame):
+            return
+        frame, place = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
+        if place is None:
+            yield (
+                f'{plan.fix}: no static transform joins its frame {frame!r} to {plan.imu_frame}, so'
+                f' its places are taken as those of {plan.imu_frame}'
+            )
+            return
+        away_m = float(np.linalg.norm(place.translation))
+        if away_m > _REPORTED_LEVER_M:
+            told = f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
+            if plan.imu:
+                yield f'{told} places are moved there, by the orientation of {plan.imu}'
+            else:
+                yield f'{told} places are written as they are, for no Imu tells the attitude'
+
+    def _nominal_places(self) -> Iterator[str]:
+        """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""
+        plan = self._plan
+        if plan.pose is None:
+            return
+        traits, place = plan.layout.traits, 'its nominal place on the scanner'
+        if Stream.POSE in traits.streams:
+            place = place if plan.scan is not None else f'the origin of {plan.pose.body}'
+            yield f'pose: of camera 0 at {place}, since there is no calibration'
+        elif Stream.OXTS in traits.streams and plan.scan and not (plan.fix or plan.imu_frame):
+            yield f'oxts: of the imu at {place}, since there is no calibration'
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the parts of samples so far that could not be converted."""
+        return (*self.scans.losses(), *self.labels.losses())
+
+
+def _of_boxes(base: MovingBase, plan: Plan, survey: Survey, scans: ScanConversion) -> MovingBase:
+    """Return the base of boxes, with the frame of the clouds that the vehicle moves in."""
+    if plan.labels is None or plan.scan is None or not scans.move:
+        return base
+    return replace(base, world=topic_of(survey, plan.scan.topic).frame)
+
+
+def _body_of(topic: TopicSurvey) -> str:
+    """Return the frame that a topic's rates and velocities are along."""
+    return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame
+
+
+# The riggings of a recording whose CameraInfo or static transforms change: one for each state.
+#
+# What is valid at a frame is the last CameraInfo of each camera and the last static transforms up
+# to its images; before the first, the first. Layouts with a calibration a frame are written so; the
+# others have one place, which gets the calibration of the first frame.
+
+
+_LATE_NS = 5_000_000
+"""A CameraInfo may be stamped so much later than its image."""
+_SAME = 1e-6
+_MOST_KEPT = 32
+"""Riggings: those that rectify have maps of the size of an image."""
+_State = tuple[int, ...]
+
+
+class Riggings:
+    """The rigging of each frame; thread-safe.
+
+    Args:
+        plan: The plan.
+        survey: Of its bags.
+        frames: Their frames.
+        moving: As of Rigging.
+
+    Raises:
+        KittiRos2Error: As Rigging, for the first frame.
+    """
+
+    def __init__(
+        self, plan: Plan, survey: Survey, frames: Frames, moving: MovingTree | None = None
+    ) -> None:
+        self._plan = plan
+        self._survey = survey
+        self._moving = moving
+        self._series = [
+            *(_contents(plan, survey, name) for name in _info_topics(plan, survey)),
+            *survey.changes.values(),
+        ]
+        self._stamps_ns = [[stamp for stamp, _ in series] for series in self._series]
+        self._places = [_first_places([value for _, value in series]) for series in self._series]
+        self._frames_ns = frames.stamps_ns
+        self._moments_ns = _moments(plan, frames) + _LATE_NS
+        self._made: dict[_State, Rigging] = {}
+        self._notes: dict[str, None] = {}
+        self._lost: Counter[tuple[str, str]] = Counter()
+        self._states: set[_State] = set()
+        self._lock = Lock()
+        self.first = self._rigging(self._state(0))
+
+    def of(self, frame: int) -> Rigging:
+        """Return the rigging of a frame, by its position.
+
+        Raises:
+            ValueError: Its calibration is invalid.
+        """
+        if not self._plan.layout.traits.calibration_per_frame:
+            return self.first
+        with self._lock:
+            try:
+                return self._rigging(self._state(frame))
+            except KittiRos2Error as error:
+                raise ValueError(str(error)) from None
+
+    def _state(self, frame: int) -> _State:
+        """Return the first place of the valid value in each series."""
+        if not len(self._moments_ns):
+            return tuple(0 for _ in self._series)
+        moment_ns = int(self._moments_ns[frame])
+        valid = (max(bisect_right(stamps, moment_ns) - 1, 0) for stamps in self._stamps_ns)
+        return tuple(places[at] for places, at in zip(self._places, valid, strict=True))
+
+    def _rigging(self, state: _State) -> Rigging:
+        known = self._made.pop(state, None)
+        if known is None:
+            known = Rigging(self._plan, self._survey_of(state), self._moving)
+            self._states.add(state)
+        if len(self._made) >= _MOST_KEPT:
+            self._account(self._made.pop(next(iter(self._made))))
+        self._made[state] = known
+        return known
+
+    def _survey_of(self, state: _State) -> Survey:
+        """Return the survey as if nothing changed."""
+        if not self._series:
+            return self._survey
+        topics = dict(self._survey.topics)
+        static = {(parent, child): pose for parent, child, pose in self._survey.static}
+        values = [series[place][1] for place, series in zip(state, self._series, strict=True)]
+        infos = _info_topics(self._plan, self._survey)
+        for name, look in zip(infos, values, strict=False):
+            topics[name] = replace(topics[name], looks=[] if look is None else [look])
+        static.update(zip(self._survey.changes, values[len(infos) :], strict=True))
+        return replace(
+            self._survey, topics=topics, static=[(*link, pose) for link, pose in static.items()]
+        )
+
+    def _account(self, rigging: Rigging) -> None:
+        """Take the notes and losses of a rigging that is not kept."""
+        if rigging is not self.first:
+            self._notes.update(dict.fromkeys(rigging.notes()))
+            self._count(rigging, self._lost)
+
+    def _count(self, rigging: Rigging, counts: Counter[tuple[str, str]]) -> None:
+        for loss in rigging.losses():
+            counts[loss.stream, loss.message] += loss.count
+
+    @property
+    def _kept(self) -> list[Rigging]:
+        return [self.first, *(each for each in self._made.values() if each is not self.first)]
+
+    def notes(self) -> list[str]:
+        """Return the notes of all riggings, each once."""
+        found = [note for rigging in self._kept for note in rigging.notes()]
+        return [*dict.fromkeys([*found, *self._notes]), *self._on_changes()]
+
+    def _on_changes(self) -> Iterator[str]:
+        if self._plan.layout.traits.calibration_per_frame and len(self._states) > 1:
+            yield (
+                f'CameraInfo or static transforms change within the bag: {len(self._states)}'
+                f' calibrations, each frame has the one valid at its stamp'
+            )
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the losses of all riggings, and the frames whose calibration has no place."""
+        counts = self._lost.copy()
+        for rigging in self._kept:
+            self._count(rigging, counts)
+        found = [Loss(stream, count, message) for (stream, message), count in counts.items()]
+        return (*found, *self._without_place())
+
+    def _without_place(self) -> Iterator[Loss]:
+        plan, calibration = self._plan, self.first.calibrations.first
+        if plan.layout.traits.calibration_per_frame or plan.calibration != TF or not self._series:
+            return
+        same: dict[_State, bool] = {}
+        others = []
+        for frame in range(len(self._frames_ns)):
+            state = self._state(frame)
+            if state not in same:
+                same[state] = self._is_same(state, calibration)
+            if not same[state]:
+                others.append(frame)
+        if others:
+            held = [frame for frame in range(len(self._frames_ns)) if frame not in {*others}]
+            since, until = (format_stamp(int(self._frames_ns[held[at]])) for at in (0, -1))
+            yield Loss(
+                Stream.CALIBRATION.value,
+                len(others),
+                f'CameraInfo or static transforms change within the bag: the calibration that is'
+                f' written holds for frames {format_numbers(held)}, {since} to {until} UTC; layout'
+                f' {plan.layout.value} has a place for one (--layout object has one a frame;'
+                f' --start and --end select)',
+                tuple(others),
+            )
+
+    def _is_same(self, state: _State, calibration: Calibration | None) -> bool:
+        try:
+            other = self._rigging(state).calibrations.first
+        except KittiRos2Error:
+            return False
+        if calibration is None or other is None:
+            return calibration is other
+        return all(
+            np.allclose(one, two, rtol=_SAME, atol=_SAME)
+            for one, two in zip(_numbers(calibration), _numbers(other), strict=True)
+        )
+
+
+def _numbers(calibration: Calibration) -> list[Float64Array]:
+    """Return the matrices of a calibration that projections and mounts are made of."""
+    found = [calibration.velo_T_imu.matrix()]
+    if calibration.cam0_T_velo is not None:
+        found.append(calibration.cam0_T_velo.matrix())
+    if calibration.r0_rect is not None:
+        found.append(calibration.r0_rect)
+    for _, camera in sorted(calibration.cameras.items()):
+        found += [camera.p_rect, np.zeros(1) if camera.d is None else camera.d]
+    return found
+
+
+def _first_places(values: Sequence[Any]) -> list[int]:
+    """Return for each value of a series the first place of the same one."""
+    distinct: list[int] = []
+    found = []
+    for place, value in enumerate(values):
+        known = (each for each in distinct[-_MOST_KEPT:] if _is_equal(values[each], value))
+        first = next(known, place)
+        if first == place:
+            distinct.append(place)
+        found.append(first)
+    return found
+
+
+def _is_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - contents of CameraInfo or transforms
+    if isinstance(one, Transform) and isinstance(other, Transform):
+        return not differ(one, other, _SAME)
+    return one is other
+
+
+def _info_topics(plan: Plan, survey: Survey) -> list[str]:
+    """Return the CameraInfo topics of a plan, and the others that change."""
+    planned = {camera.info for camera in plan.cameras.values() if camera.info in survey.topics}
+    return sorted(planned | {name for name, each in survey.topics.items() if each.contents[1:]})
+
+
+def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
+    """Return the contents of a CameraInfo topic, each with the stamp from which it is valid."""
+    topic = survey.topics[name]
+    images = [each.topic for each in plan.cameras.values() if each.info == name]
+    stamps = topic.stamps()[0] + (topic_of(survey, images[0]).offset_ns if images else 0)
+    found = [(int(stamps[place]), look) for place, look in topic.contents if _is_valid(look)]
+    found.sort(key=lambda entry: entry[0])
+    return found or [(0, topic.looks[0] if topic.looks else None)]
+
+
+def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
+    """Whether a CameraInfo is calibrated: drivers begin with zeros."""
+    try:
+        camera_model(info)
+    except (ValueError, AttributeError):
+        return False
+    return True
+
+
+def _moments(plan: Plan, frames: Frames) -> Any:  # noqa: ANN401 - Int64Array
+    """Return (N,) the stamps of the latest image of each frame; its own without any."""
+    latest = np.full(len(frames), np.iinfo(np.int64).min)
+    for index, camera in plan.cameras.items():
+        places = frames.samples.get(Stream(f'image_{index}'))
+        stamps = frames.stamps.get(camera.topic)
+        if places is not None and stamps is not None and len(stamps):
+            there = places != NONE
+            latest[there] = np.maximum(latest[there], stamps[places[there]])
+    return np.where(latest > np.iinfo(np.int64).min, latest, frames.stamps_ns)

@@ -1,0 +1,548 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The TF frames of a bag: by name, KITTI's velodyne frame, and where frames are at a stamp."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..messages.cdr import stamp_ns_of
+from ..messages.detections import frames_in
+from ..messages.naming import LABEL_LINES
+from ..model import bag_formats as types
+from ..model.errors import MissingDataError, UsageError
+from ..model.geometry import Transform
+from ..rig.tf_tree import (
+    AXES,
+    FIXED_FRAMES,
+    FrameTree,
+    Heading,
+    describe_direction,
+    find_body,
+    is_optical,
+    known_heading,
+    nearest_axis,
+)
+from .bag_calibration import rect_in_frame
+from .plan import TF, frame_of, topic_of
+from .survey import SOLID
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from collections.abc import Set as AbstractSet
+
+    from ..messages.camera_info import CameraModel
+    from ..model.geometry import Float64Array
+    from ..rig.moving_tree import MovingTree
+    from ..rig.tf_tree import Link
+    from .plan import Plan, PosePlan, ScanPlan
+    from .survey import Survey, TopicSurvey
+
+
+# What the names of topics and frames say.
+
+
+_FIXED = frozenset({*FIXED_FRAMES, 'enu', 'utm', 'local', 'local_origin'})
+_TRUTH = re.compile(r'ground_truth|groundtruth|\bgt\b', re.IGNORECASE)
+
+
+def is_truth(topic: str) -> bool:
+    """Whether a topic is called ground truth."""
+    return bool(_TRUTH.search(topic))
+
+
+def is_fixed(frame: str) -> bool:
+    """Whether a frame is called as those in which robots move."""
+    return frame.rpartition('/')[2].lower() in _FIXED
+
+
+# The frames of a bag by name, before any pose is read: which links join them, and which move.
+#
+# An Odometry is a link from its header's frame to its child frame. It is used where no transform
+# joins the two (LIO programs often publish no /tf), so the tree stays a tree.
+
+
+@dataclass(frozen=True)
+class OdometryLink:
+    """An Odometry, or the PoseStamped of a plan, that joins two trees.
+
+    Attributes:
+        topic: Its name.
+        frame: The frame of its header.
+        child: Its child frame.
+        root: The root of the child's tree, which becomes a child of the frame.
+    """
+
+    topic: str
+    frame: str
+    child: str
+    root: str
+
+
+class NamedFrames:
+    """The links of a bag, without their transforms.
+
+    Attributes:
+        odometry: The Odometry topics that are links.
+        tree: Static, moving and these links.
+        transformed: The frames that transforms name.
+    """
+
+    def __init__(self, survey: Survey, pose: PosePlan | None = None) -> None:
+        """Take the links of a bag; those of a plan's poses first."""
+        self.odometry: list[OdometryLink] = []
+        self.tree = survey.tree
+        self.transformed = self.tree.frames
+        topics = sorted(survey.of_type(types.ODOMETRY), key=lambda each: -each.count)
+        planned = survey.topics.get(pose.topic) if pose is not None else None
+        if planned is not None and planned.msgtype in (types.ODOMETRY, types.POSE):
+            topics = [planned, *(each for each in topics if each is not planned)]
+        for topic in topics:
+            child = child_of(topic)
+            named = pose is not None and topic is planned
+            if pose is not None and named and (not child or is_renamed(pose, topic, self)):
+                child = pose.body
+            link = self._link(topic, child)
+            if link is not None:
+                if not self.odometry:
+                    self.tree = FrameTree(survey.static, survey.moving)
+                self.odometry.append(link)
+                self.tree.add_moving(link.frame, link.root)
+
+    def _link(self, topic: TopicSurvey, child: str) -> OdometryLink | None:
+        """Return an Odometry as a link, None where its frames are joined already or not named."""
+        frame = topic.frame
+        if not frame or not child or frame == child:
+            return None
+        if child not in self.tree.frames:
+            return OdometryLink(topic.name, frame, child, child)
+        root = self.tree.root_of(child)
+        if not self.tree.is_root(root):  # of several parents, or in a circle
+            return None
+        if frame in self.tree.frames and self.tree.root_of(frame) == root:
+            return None
+        return OdometryLink(topic.name, frame, child, root)
+
+    def moving_between(self, target: str, source: str) -> list[tuple[str, str]] | None:
+        """Return (parent, child) of the moving links between two frames, None if not joined."""
+        try:
+            steps = self.tree.steps(target, source)
+        except MissingDataError:
+            return None
+        return [(above, below) for line in steps for above, below, fixed in line if fixed is None]
+
+    def line_above(self, frame: str) -> list[str]:
+        """Return a frame and its ancestors, up to the root."""
+        root = self.tree.root_of(frame)
+        try:
+            _, down = self.tree.steps(root, frame)
+        except MissingDataError:
+            return [frame]
+        return [frame, *(parent for parent, _, _ in reversed(down))]
+
+
+def child_of(topic: TopicSurvey) -> str:
+    """Return the child frame of an Odometry, empty for other types and without one."""
+    first = topic.looks[0] if topic.looks else None
+    return str(getattr(first, 'child_frame_id', '')).lstrip('/')
+
+
+def is_renamed(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> bool:
+    """Whether a topic's poses are of a frame that no transform names, so the plan's body is it."""
+    child = child_of(topic)
+    renamed = child != plan.body and child not in names.transformed
+    return renamed and plan.body in names.transformed
+
+
+def moving_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
+    """Return the pairs of frames that moving links join, and that scans and labels need.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    pairs = []
+    base = base_frame(plan, survey)
+    if plan.scan is not None:
+        clouds = topic_of(survey, plan.scan.topic)
+        pairs += [(plan.scan.frame, frame) for frame in clouds.frames]
+    if plan.labels is not None and plan.labels.topic != LABEL_LINES and base:
+        pairs += [(base, frame) for frame in sorted(_frames_of_boxes(plan.labels.topic, survey))]
+    return [pair for pair in pairs if names.moving_between(*pair)]
+
+
+def base_frame(plan: Plan, survey: Survey) -> str:
+    """Return the frame that boxes are brought to: the scans', else that of the first camera."""
+    if plan.scan is not None:
+        return plan.scan.frame
+    with_info = sorted(index for index, camera in plan.cameras.items() if camera.info)
+    if not with_info:
+        return ''
+    first = plan.cameras[with_info[0]]
+    return frame_of(first, survey)
+
+
+def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
+    topic = topic_of(survey, name)
+    frames = set(topic.frames)
+    if topic.msgtype in SOLID:
+        for look in topic.looks:
+            frames |= frames_in(look)
+    return frames
+
+
+# KITTI's velodyne frame: the scanner's origin, x forward, y left, z up.
+#
+# A plan names a frame of the tree, or has one made: `scan.forward` is a frame whose orientation the
+# scans get, the axis of `scan.frame` that looks forward, or camera: the direction of camera 2 on
+# the ground. A made frame is one more static link, so that points, calibration, labels and poses
+# agree.
+
+
+CAMERA = 'camera'
+"""The value of scan.forward that turns the scans to camera 2."""
+
+_FORWARD = np.cos(np.radians(30))
+_LEVEL = np.cos(np.radians(3))
+_SAME_ORIGIN_M = 0.1
+LEVEL = np.sin(np.radians(15))
+"""Cameras that look up or down more steeply than its complement have no direction on the ground."""
+
+
+def made_frame(
+    plan: Plan,
+    tree: FrameTree,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> tuple[Plan, Sequence[Link]]:
+    """Return the plan with the made frame as scan.frame, and the link to it; neither if none is.
+
+    Args:
+        plan: The plan.
+        tree: The static transforms.
+        models: Of the cameras with a CameraInfo, by KITTI index.
+        others: Of the other cameras of the bag, as viewpoints.
+
+    Raises:
+        UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
+            scan.frame; or it is camera, and the camera has no direction on the ground.
+        MissingDataError: It is camera, and no static transform joins the camera to scan.frame.
+    """
+    scan = plan.scan
+    if scan is None or not scan.forward:
+        return plan, ()
+    rotation = AXES.get(scan.forward)
+    if scan.forward == CAMERA:
+        if plan.calibration != TF or not models:
+            raise UsageError(
+                f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a'
+                f' CameraInfo'
+            )
+        rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
+    if rotation is None:
+        place = tree.find(scan.frame, scan.forward)
+        if place is None:
+            raise UsageError(
+                f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, {CAMERA}, or a frame'
+                f' that static transforms join to {scan.frame}; the bag has {tree}'
+            )
+        rotation = place.rotation
+    name = f'{scan.frame} with {scan.forward} forward'
+    link = (scan.frame, name, Transform(rotation.copy(), np.zeros(3)))
+    return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
+
+
+def optical_axis(
+    tree: FrameTree,
+    frame: str,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> Float64Array:
+    """Return (3,) the optical axis of KITTI's rectified camera 0 in a frame.
+
+    Camera 2 has the same: both are rectified to one plane.
+
+    Raises:
+        MissingDataError: No static transform joins the two.
+    """
+    own, frame_t_rect = rect_in_frame(tree, models, others)
+    axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
+    return np.asarray(axis, np.float64)
+
+
+def _turned_to(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
+    """Return (3, 3) forward, left, up in the frame of the scans, forward along an optical axis."""
+    up = _vertical(tree, scan.frame)
+    ahead = axis - up * (up @ axis)
+    if np.linalg.norm(ahead) < LEVEL:
+        side = 'up' if up @ axis > 0 else 'down'
+        raise UsageError(
+            f'scan: forward: {CAMERA}; the camera looks {side} in {scan.frame}: expected one that'
+            f' looks to a side, or another forward'
+        )
+    ahead /= np.linalg.norm(ahead)
+    return np.column_stack([ahead, np.cross(up, ahead), up])
+
+
+def _vertical(tree: FrameTree, frame: str) -> Float64Array:
+    """Return (3,) up in a frame: its z, or the robot's where z is not up."""
+    heading = find_body(tree, [frame]) or known_heading(tree, frame)
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    return np.array([0.0, 0, 1]) if axes is None or _is_up(axes) else axes[2]
+
+
+def face_forward(
+    scan: ScanPlan, tree: FrameTree, heading: Heading | None, notes: list[str]
+) -> ScanPlan:
+    """Return the plan of the scans with x forward, and note a change.
+
+    Args:
+        scan: With the frame of the messages.
+        tree: The static transforms.
+        heading: The robot's forward; None where it is unknown.
+        notes: A note is added.
+    """
+    if heading is not None and heading.assumed:
+        notes.append(
+            f'x of {scan.frame} is taken as forward: no static transform joins it to base_link or a'
+            f' front camera; scan.forward of the plan corrects it'
+        )
+        return scan
+    axes = None if heading is None else heading.axes_of(tree, scan.frame)
+    if heading is None or axes is None or (is_forward(axes) and not _leans(axes, heading)):
+        return scan
+    looks = f'{scan.topic} is in {scan.frame}, '
+    if is_optical(scan.frame):
+        looks += 'z forward'
+    elif is_forward(axes):
+        lean = np.degrees(np.arccos(np.clip(axes[2, 2], -1, 1)))
+        looks += f'whose z leans by {lean:.0f} degrees (up is z of {heading.frame})'
+    else:
+        looks += describe_axes(axes, heading)
+    looks += '; KITTI has x forward and z up'
+    near = near_frame(scan.frame, tree, heading)
+    if near:
+        notes.append(f'{looks}: scan.frame is {near}')
+        return replace(scan, frame=near)
+    forward = heading.frame if heading.body else nearest_axis(axes.T)
+    if forward == 'x':
+        return scan
+    of = f'x of {forward}' if heading.body else f'{forward} of {scan.frame}'
+    notes.append(f'{looks}: the scans are turned so that x is {of} (scan.forward)')
+    return replace(scan, forward=forward)
+
+
+def describe_axes(axes: Float64Array, heading: Heading) -> str:
+    """Describe the axes of a frame, as columns in forward, left, up, that is not forward."""
+    up = '' if _is_up(axes) else ' and z not up'
+    return f'whose x looks {describe_direction(axes[:, 0])}{up} (forward is {heading.source})'
+
+
+def is_forward(axes: Float64Array) -> bool:
+    """Whether the axes of a frame, as columns in forward, left, up, are about these."""
+    return bool(axes[0, 0] >= _FORWARD and _is_up(axes))
+
+
+def _leans(axes: Float64Array, heading: Heading) -> bool:
+    """Whether boxes that are upright on the ground are not in the scans: see TrackletPose."""
+    return heading.body and bool(axes[2, 2] < _LEVEL)
+
+
+def _is_up(axes: Float64Array) -> bool:
+    return bool(axes[2, 2] >= _FORWARD)
+
+
+def forward_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+    """Return the body's frame, or the one next to a frame, that has x forward; '' without one."""
+    found = []
+    for other in tree.frames:
+        place, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
+            continue
+        if other == heading.frame and heading.body:
+            return other
+        found.append((float(np.linalg.norm(place.translation)), other))
+    return min(found)[1] if found else ''
+
+
+def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+    """Return a parent or child of a frame with its origin and x forward, '' without one."""
+    found = []
+    for other in tree.neighbours(frame):
+        place, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
+            continue
+        distance = float(np.linalg.norm(place.translation))
+        if distance <= _SAME_ORIGIN_M:
+            found.append((distance, other))
+    return min(found)[1] if found else ''
+
+
+# velo_T_frame of the frames of clouds and boxes, also of those that the vehicle moves in.
+#
+# Boxes in map or odom stand in the world: they are placed by the vehicle's pose at the stamp of the
+# scan that they are assigned to, so that a parked car lies on its points whatever the stamp of its
+# box. Detectors give their output the stamp of the scan that it was made of, which may be the start
+# of a turn while the scan is stamped in the middle; their boxes came into the world by the pose at
+# that stamp, and are brought back by it. Boxes in a frame that moves are placed at their own stamp.
+#
+# Where clouds are in such a frame themselves, each is brought to the vehicle at its stamp, which
+# may be in the middle of a turn. Boxes go the same way: also those in a frame of the vehicle are
+# placed in the frame of the clouds at their own stamp, then brought to it at the stamp of the
+# cloud.
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBase:
+    """A frame of the vehicle, and the links that join it to frames that it moves in.
+
+    Attributes:
+        frame: The frame, fixed to the vehicle.
+        velo_T_frame: Its place in KITTI's velodyne frame.
+        tree: The links over time; None where no message needs them.
+        world: The frame of clouds that the vehicle moves in; empty where clouds are fixed to it.
+    """
+
+    frame: str
+    velo_T_frame: Transform
+    tree: MovingTree | None = None
+    world: str = ''
+
+
+class BoxTimes(NamedTuple):
+    """When the boxes of a message are placed.
+
+    Attributes:
+        own_ns: The stamp of the message.
+        scan_ns: That of its scan, which may be the middle of a turn; None for the message's own.
+        moved_ns: The way there from the stamp of the scan's header, if the message has this stamp.
+    """
+
+    own_ns: int
+    scan_ns: int | None = None
+    moved_ns: int = 0
+
+
+class UnknownPlaceError(ValueError):
+    """The place of a frame is not known at a stamp.
+
+    Attributes:
+        stamp_ns: The stamp, which differs from the log time of the message.
+    """
+
+    def __init__(self, reason: str, stamp_ns: int) -> None:
+        super().__init__(reason)
+        self.stamp_ns = stamp_ns
+
+
+class StaticFrames(Mapping[str, 'Transform']):
+    """velo_T_frame of the frames that static transforms join, computed when one is looked up.
+
+    Args:
+        tree: The static transforms.
+        base: A frame of them, or one of its own.
+    """
+
+    def __init__(self, tree: FrameTree, base: MovingBase) -> None:
+        self._tree = tree
+        self._base = base
+        self._found: dict[str, Transform | None] = {base.frame: base.velo_T_frame}
+
+    def _find(self, frame: object) -> Transform | None:
+        if not isinstance(frame, str) or (frame not in self._found and frame not in self._frames):
+            return None
+        if frame not in self._found:
+            base_t_frame = self._tree.find(self._base.frame, frame)
+            joined = None if base_t_frame is None else self._base.velo_T_frame @ base_t_frame
+            self._found[frame] = joined
+        return self._found[frame]
+
+    @property
+    def _frames(self) -> AbstractSet[str]:
+        return self._tree.frames
+
+    def __contains__(self, frame: object) -> bool:
+        return self._find(frame) is not None
+
+    def __getitem__(self, frame: str) -> Transform:
+        found = self._find(frame)
+        if found is None:
+            raise KeyError(frame)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        names = self._frames | {self._base.frame}
+        return (frame for frame in names if frame in self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+class FramesAt(Mapping[str, 'Transform']):
+    """velo_T_frame by name at a stamp; looking one up raises UnknownPlaceError if it is not known.
+
+    Args:
+        joined: Of the frames that static transforms join.
+        base: For the others.
+        times: When the message and its scan are placed.
+    """
+
+    def __init__(self, joined: Mapping[str, Transform], base: MovingBase, times: BoxTimes) -> None:
+        self._joined = joined
+        self._base = base
+        self._own_ns = self._scan_ns = times.own_ns
+        if times.scan_ns is not None:
+            self._scan_ns = times.scan_ns - (0 if base.world else times.moved_ns)
+
+    def __contains__(self, frame: object) -> bool:
+        tree = self._base.tree
+        return frame in self._joined or (
+            tree is not None and isinstance(frame, str) and tree.joins(self._base.frame, frame)
+        )
+
+    def __getitem__(self, frame: str) -> Transform:
+        base, scan_ns, own_ns = self._base, self._scan_ns, self._own_ns
+        carried = base.world and base.tree is not None and scan_ns != own_ns
+        if frame in self._joined and not carried:
+            return self._joined[frame]
+        if base.tree is None:
+            raise KeyError(frame)
+        if frame in self._joined:
+            top = base.world
+            base_t_frame = base.velo_T_frame.inverse() @ self._joined[frame]
+            top_t_frame = _transform(base.tree, top, base.frame, own_ns) @ base_t_frame
+        else:
+            stands = is_fixed(frame)
+            top = base.world if carried and not stands else base.tree.common(base.frame, frame)
+            top_t_frame = _transform(base.tree, top, frame, scan_ns if stands else own_ns)
+        return base.velo_T_frame @ _transform(base.tree, base.frame, top, scan_ns) @ top_t_frame
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._joined)
+
+    def __len__(self) -> int:
+        return len(self._joined)
+
+
+def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Transform:
+    """Return target_T_source at a stamp.
+
+    Raises:
+        UnknownPlaceError: It is not known then.
+    """
+    (found,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
+    if found is None:
+        raise UnknownPlaceError(tree.reason(target, source, stamp_ns), stamp_ns)
+    return found
+
+
+def stamp_of_boxes(message: Any) -> int:  # noqa: ANN401 - of the bag's types
+    """Return the stamp of a message with boxes: a MarkerArray's is that of its markers, if any."""
+    if hasattr(message, 'header'):
+        return stamp_ns_of(message.header)
+    stamps = (stamp_ns_of(marker.header) for marker in getattr(message, 'markers', ()))
+    return next(filter(None, stamps), 0)

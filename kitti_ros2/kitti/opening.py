@@ -1,0 +1,684 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Opens what is at a path, whatever its layout; else explains it from what is near the path."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections import Counter, deque
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..files.remote import common_folder, is_remote, real_place, refuse_incomplete
+from ..files.remote_requests import objects_at
+from ..kitti import names
+from ..model.errors import (
+    AmbiguousLayoutError,
+    AmbiguousSequenceError,
+    MissingSourceError,
+    NotKittiError,
+    Remedy,
+    UsageError,
+    close_names,
+    did_you_mean,
+    format_count,
+    runs_of,
+    some_of,
+)
+from ..model.streams import Layout
+from ..options.read import ReadOptions
+from .archives import Archive, extract_command, is_archive
+from .find import LAYOUTS, absolute, calibration_beside, tree_of
+from .label_file import find_frame_files
+from .prepare import prepare_motion, prepare_stereo
+from .store import STORE, listings_kept
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+    from pathlib import PurePath
+
+    from .find import Candidate
+    from .kitti_recording import KittiRecording
+
+
+# Detects the layout of a folder and opens it.
+
+
+def guess_layout(path: Path) -> Layout:
+    """Detect the layout of a folder.
+
+    Raises:
+        NotKittiError: There is no such folder, or it fits no layout.
+        AmbiguousLayoutError: It fits several.
+    """
+    return _guess(path)[0]
+
+
+def _guess(path: Path) -> tuple[Layout, list[Candidate]]:
+    fits = _find_all(path)
+    if not fits:
+        raise _explain(path)
+    return _only(path, fits)
+
+
+def _only(path: Path, fits: dict[Layout, list[Candidate]]) -> tuple[Layout, list[Candidate]]:
+    """Return the one layout that a path fits."""
+    if len(fits) > 1:
+        raise AmbiguousLayoutError(path, [layout.value for layout in fits]).with_remedies(
+            *(Remedy(path, path, ('--layout', layout.value)) for layout in fits)
+        )
+    return next(iter(fits.items()))
+
+
+@listings_kept()
+def open_recording(
+    path: Path, options: ReadOptions | None = None, *, scans: bool = True
+) -> KittiRecording:
+    """Open the recording at a path; lists folders, reads time stamps and sequence-wide files only.
+
+    Args:
+        path: The folder.
+        options: How it is read.
+        scans: Whether its scans are used: then the first must be of the options' columns.
+
+    Raises:
+        BadFileError: The scans have other columns.
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        AmbiguousSequenceError: It contains several recordings and the options choose none.
+        UsageError: The chosen recording does not exist, or the options request labels of points
+            or real time and the layout has none.
+        MissingDataError: The options request compensation of motion, and the motion is not known.
+    """
+    options = options or ReadOptions()
+    layout, candidates = find_candidates(path, options)
+    if options.semantic and not layout.traits.point_labels:
+        raise UsageError(
+            f'{path}: semantic is for the odometry layout, which has labels of points;'
+            f' this is layout {layout.value}'
+        )
+    if options.real_time and not layout.traits.frame_set:
+        raise UsageError(
+            f'{path}: real time is for the object layout, whose frames have no stamps of their own;'
+            f' this is layout {layout.value}'
+        )
+    chosen = choose_recording(path, layout, candidates, options.sequence)
+    recording = open_candidate(path, layout, chosen, options, scans=scans)
+    others = [candidate.name for candidate in candidates if candidate is not chosen]
+    if layout.traits.frame_set and others and options.sequence is None:
+        recording.notes.append(
+            f'{absolute(path)}: {", ".join(others)} left out; --sequence {others[0]} takes it'
+        )
+    return recording
+
+
+@listings_kept()
+def open_recordings(path: Path, options: ReadOptions | None = None) -> list[KittiRecording]:
+    """Open all recordings at a path, or the one that the options choose.
+
+    Raises:
+        NotKittiError, AmbiguousLayoutError, UsageError: As open_recording.
+    """
+    options = options or ReadOptions()
+    if options.sequence is not None:
+        return [open_recording(path, options)]
+    layout, candidates = find_candidates(path, options)
+    opened = [_open(candidate, options) for candidate in candidates]
+    if not any(recording.streams for recording in opened):
+        raise _no_data(path, layout, opened[0])
+    return opened
+
+
+def open_candidate(
+    path: Path, layout: Layout, candidate: Candidate, options: ReadOptions, *, scans: bool = True
+) -> KittiRecording:
+    """Open a recording that was found at a path.
+
+    Raises:
+        BadFileError: Its scans are used, and have other columns.
+        NotKittiError: Not one of its files can be used.
+    """
+    recording = _open(candidate, options, scans=scans)
+    if not recording.streams:
+        raise _no_data(path, layout, recording)
+    return recording
+
+
+def _open(candidate: Candidate, options: ReadOptions, *, scans: bool = True) -> KittiRecording:
+    recording = candidate.open(options)
+    if scans:
+        recording.prepare_columns()
+    prepare_motion(recording)
+    prepare_stereo(recording)
+    return recording
+
+
+def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
+    """Find the data sets at a path, else those in its sub-folders; options choose among them.
+
+    Raises:
+        NotKittiError: There is no recording.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
+    """
+    found = data_sets_at(path, options)
+    if not found and options.layout is None:
+        found, complete = data_sets_below(path) if path.is_dir() else ([], True)
+        if not complete:
+            raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
+    if not found:
+        raise _explain(path) if options.layout is None else not_of_layout(path, options.layout)
+    return found
+
+
+@listings_kept()
+def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
+    """Find the data set at a path itself, of the requested or the detected layout.
+
+    Raises:
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        BadFileError: Its upload to a store was not completed.
+        UsageError: The chosen recording does not exist.
+    """
+    refuse_incomplete(path)
+    fits = _find_all(path)
+    if options.layout is not None:
+        fits = {layout: found for layout, found in fits.items() if layout is options.layout}
+    if not fits:
+        return []
+    layout, candidates = _only(path, fits)
+    if options.sequence is not None:
+        candidates = [choose_recording(path, layout, candidates, options.sequence)]
+    return [DataSet(path, layout, candidates)]
+
+
+@listings_kept()
+def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
+    """Find the recordings at a path, of the requested or the detected layout.
+
+    Raises:
+        NotKittiError: There is none.
+        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        BadFileError: Its upload to a store was not completed.
+    """
+    refuse_incomplete(path)
+    if options.layout is None:
+        return _guess(path)
+    folder = absolute(path)
+    candidates = LAYOUTS[options.layout].find(folder) if folder.is_dir() else []
+    if not candidates:
+        raise not_of_layout(path, options.layout)
+    return options.layout, candidates
+
+
+def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiError:
+    """Return the error for a recording without any stream."""
+    reasons = [loss.text() for loss in recording.losses]
+    found = '; '.join([f'no data file of {recording.name} can be used', *reasons[:1]])
+    return NotKittiError(path, found, [layout.value])
+
+
+@listings_kept()
+def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
+    """Return the recordings at a path, by each layout that it has any of."""
+    folder = absolute(path)
+    if not folder.is_dir():
+        return {}
+    found = {layout: files.find(folder) for layout, files in LAYOUTS.items()}
+    return {layout: candidates for layout, candidates in found.items() if candidates}
+
+
+def _explain(path: Path) -> NotKittiError:
+
+    return explain(path)
+
+
+def not_of_layout(path: Path, layout: Layout) -> NotKittiError:
+    """Return the error for a path without a recording of the requested layout."""
+    fits = _find_all(path)
+    if not fits:
+        return _explain(path)
+    other = next(iter(fits)).value
+    advice = f'it is layout {other}, which is detected without --layout'
+    return NotKittiError(path, f'no {layout.value} recording', [], advice)
+
+
+def choose_recording(
+    path: Path, layout: Layout, candidates: list[Candidate], asked: str | None
+) -> Candidate:
+    """Return the candidate of a name, or the only one.
+
+    Raises:
+        AmbiguousSequenceError: There are several, and no name is given.
+        UsageError: None has the name, or several have.
+    """
+    known = [candidate.name for candidate in candidates]
+    if asked is not None:
+        matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]
+        if len(matching) > 1:
+            several = some_of([candidate.name for candidate in matching])
+            raise UsageError(f'{path}: sequence {asked!r} may be {several}; give the whole name')
+        if not matching:
+            hint = did_you_mean(asked, known) or f'; it holds {some_of(known, 12)}'
+            raise UsageError(f'{path}: no sequence {asked!r}{hint}')
+        return matching[0]
+    if len(candidates) > 1 and not layout.traits.frame_set:
+        raise AmbiguousSequenceError(path, layout.traits.noun, known).with_remedies(
+            Remedy(path, path, ('--sequence', known[0])), _all_of(path, candidates)
+        )
+    return candidates[0]
+
+
+def _all_of(path: Path, candidates: list[Candidate]) -> Remedy:
+    """Return the loop over all recordings: over their own folders, or else over their names."""
+    folders = [each.folder for each in candidates if each.folder is not None]
+    if not folders:
+        each = ' '.join(_braces([candidate.name for candidate in candidates]))
+        return Remedy(path, path, each=each, by_name=True)
+    common = common_folder([folder.parent for folder in folders])
+    levels = max(len(folder.parts) for folder in folders) - len(common.parts)
+    shown = common if is_remote(common) else path / os.path.relpath(common, absolute(path))
+    return Remedy(path, path, each=f'{shlex.quote(str(shown))}/{"*/" * levels}')
+
+
+def _braces(known: list[str]) -> list[str]:
+    """Abbreviate numbers in a row for a shell, such as {0000..0020}."""
+    if not all(name.isdecimal() for name in known):
+        return known
+    width = len(known[0])
+    runs = runs_of(sorted(map(int, known)))
+    return [
+        f'{{{first:0{width}d}..{last:0{width}d}}}' if first != last else f'{first:0{width}d}'
+        for first, last in runs
+    ]
+
+
+def _matches(name: str, asked: str) -> bool:
+    if name == asked:
+        return True
+    drive = names.RAW_DRIVE.fullmatch(name)
+    short = drive[1] if drive else name
+    return short.isdecimal() and asked.isdecimal() and int(short) == int(asked)
+
+
+# The files and folders that a recording is read from.
+
+
+def parts_of(source: Path, layout: Layout, sequence: str | None) -> list[Path]:
+    """Return the files and folders of a recording.
+
+    Args:
+        source: Its folder.
+        layout: Its layout.
+        sequence: Its name among those of the folder; None for the only one.
+
+    Raises:
+        KittiRos2Error: It cannot be opened.
+    """
+    if layout is Layout.RAW and sequence is None:  # to open it reads stamps and tracklets: 4 ms
+        return [source, *calibration_beside(source)]
+    recording = open_recording(source, ReadOptions(layout=layout, sequence=sequence))
+    return [path for path, _ in tree_of(recording).parts]
+
+
+# Data sets that --overwrite may replace: those of one recording, without files of others.
+
+
+_ENDINGS = (names.BIN, names.TXT, names.LABEL, '.xml')
+
+
+def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
+    """Return a refusal for Staging that lets only a data set of KITTI be replaced.
+
+    Args:
+        recordings: Number of recordings that replace it: a data set of more is kept.
+    """
+
+    def refusal(path: Path) -> str | None:
+        found = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
+        if not found or not _is_plain(path):
+            return 'it is no KITTI data set, so --overwrite does not touch it; choose another name'
+        if found > recordings:
+            return (
+                f'it holds {format_count(found, "recording")}, and --overwrite would remove all of'
+                f' them; choose another name'
+            )
+        return None
+
+    return refusal
+
+
+def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str | None]:
+    """Return a refusal for Staging that lets the sets of --all-cameras be replaced.
+
+    Args:
+        folders: The folders of the sets that replace them; a data set of one recording may be
+            replaced, too.
+    """
+    keep = keep_all_but_data_sets(1)
+
+    def refusal(path: Path) -> str | None:
+        if not path.is_dir() or not _is_plain(path):
+            return keep(path)
+        found = {entry.name for entry in path.iterdir()} - {names.IMAGE_SETS}
+        if not found or not found <= set(folders):
+            return keep(path)
+        return next(filter(None, (keep(path / name) for name in sorted(found))), None)
+
+    return refusal
+
+
+def _is_plain(folder: Path) -> bool:
+    """Whether a folder holds files of KITTI's endings at their places only, and no links."""
+    if is_remote(folder):
+        return all(map(_is_of_data_set, map(PurePosixPath, objects_at(folder))))
+    for root, folders, files in os.walk(folder):
+        if not all(_is_of_data_set(Path(root, name).relative_to(folder)) for name in files):
+            return False
+        if any(Path(root, name).is_symlink() for name in (*folders, *files)):
+            return False
+    return True
+
+
+def _is_of_data_set(path: PurePath) -> bool:
+    """Whether a data set has such a file, by its path in the folder; images are a camera's."""
+    suffix = path.suffix.lower()
+    if suffix in names.IMAGE_SUFFIXES:
+        return any(part.startswith('image_') for part in path.parts[:-1])
+    return suffix in _ENDINGS
+
+
+# Explains why a path is no recording, from what is near it.
+#
+# The data set around a folder or file, those below a folder, an archive, a name of similar
+# spelling. Nothing here runs for a path that can be opened; searches are limited, as the folder may
+# be anyone's home directory.
+
+
+_MOST_LEVELS = 4
+_MOST_FOLDERS = 300
+_MOST_ENTRIES = 1000
+"""Of one folder."""
+_MOST_ARCHIVES = 20
+"""Opened, and in a command."""
+
+_FOLDERS = frozenset({
+    *names.SPLITS, *names.RAW_IMAGES, *names.OBJECT_IMAGES, names.RAW_SCANS, names.SCANS,
+    names.OXTS, names.CALIB, *names.LABEL_FOLDERS, names.TRACKING_LABELS, names.SEQUENCES,
+    names.DATASET, names.POSES, names.POINT_LABELS, names.IMAGE_SETS,
+})  # fmt: skip
+_FILES = ('.png', '.bin', '.txt', '.xml', '.label', '.jpg', '.jpeg')
+
+
+class DataSet(NamedTuple):
+    """A folder that can be given as a source, with the recordings in it."""
+
+    folder: Path
+    layout: Layout
+    recordings: list[Candidate]
+
+    def __str__(self) -> str:
+        """Return the folder with the layout and the number of recordings."""
+        count = len(self.recordings)
+        kind = self.layout.traits.noun
+        of = '' if count == 1 else f', {format_count(count, kind)}'
+        return f'{self.folder} ({self.layout.value}{of})'
+
+
+def explain(path: Path) -> NotKittiError:
+    """Return the error for a path that holds no recording of any layout."""
+    if not path.exists():
+        return _absent(path)
+    if not path.is_dir():
+        return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
+    entries = _entries(path)
+    found, complete = data_sets_below(path)
+    if found:
+        return _explain_below(path, found, complete=complete)
+    return (
+        _explain_around(path)
+        or _explain_archives(path, entries)
+        or _explain_files(path, entries)
+        or _not_kitti(path, _listed(entries, complete=complete))
+    )
+
+
+def _listed(entries: list[str], *, complete: bool) -> str:
+    """Describe the content of a folder without data sets."""
+    if not entries:
+        return 'the folder is empty'
+    shown = (
+        some_of(entries, 4) if len(entries) < _MOST_ENTRIES else f'{", ".join(entries[:4])}, ...'
+    )
+    searched = '' if complete else f' ({_MOST_FOLDERS} folders below it were searched)'
+    return f'holds {shown}{searched}'
+
+
+def _absent(path: Path) -> NotKittiError:
+    """Return the error for a path that does not exist, with names like it beside."""
+    rest: list[str] = []
+    folder = path
+    while not folder.exists() and folder.name:
+        rest.insert(0, folder.name)
+        folder = folder.parent
+    wanted, below = rest[0], rest[1:]
+    close = [folder / name for name in close_names(wanted, _entries(folder))]
+    meant = [each.joinpath(*below) for each in close if each.joinpath(*below).exists()]
+    advice = 'give a KITTI folder or a bag'
+    error = MissingSourceError(
+        path,
+        'no such file or folder',
+        [],
+        f'did you mean {" or ".join(map(str, meant))}?' if meant else advice,
+    )
+    return error.with_remedies(*(Remedy(path, each) for each in meant[:1]))
+
+
+def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
+    return NotKittiError(path, found, [layout.value for layout in Layout], advice)
+
+
+# The data set around a path.
+
+
+def _explain_around(path: Path) -> NotKittiError | None:
+    place = absolute(path)
+    found = _around(place)
+    if found is None:
+        return None
+    folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
+    below = place.relative_to(found.folder)
+    stems = {Path(part).stem for part in below.parts}
+    chosen = [each.name for each in found.recordings if each.name in stems]
+    options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()
+    is_file = not path.is_dir()
+    frame = int(path.stem) if is_file and _is_frame(path.stem) else None
+    part = 'a file of' if is_file else 'a folder of'
+    part += f' frame {frame} of' if frame is not None else ''
+    sequence = f' (sequence {chosen[0]})' if options else ''
+    error = _not_kitti(
+        path,
+        f'is {part} a KITTI {found.layout.value} data set',
+        f'give {folder}{sequence}',
+    )
+    return error.with_remedies(Remedy(path, folder, options, frame))
+
+
+def _around(path: Path) -> DataSet | None:
+    """Return the data set that a folder or file is a part of."""
+    for folder in path.parents[:_MOST_LEVELS]:
+        part = path.relative_to(folder).parts[0]
+        if is_inside(part):
+            found = data_set_in(folder)
+            if found is not None:
+                return found
+    return None
+
+
+def is_inside(name: str) -> bool:
+    """Whether a name is one of those in a data set, also of data that others add to KITTI's."""
+    return (
+        name in _FOLDERS
+        or name.startswith(('image_', 'velodyne_', 'label_'))
+        or Path(name).suffix.lower() in _FILES
+    )
+
+
+def _is_frame(stem: str) -> bool:
+    return names.number_of(stem) is not None and len(stem) > names.SEQUENCE_DIGITS
+
+
+# The data sets below a folder.
+
+
+def _explain_below(path: Path, found: list[DataSet], *, complete: bool) -> NotKittiError:
+    count = f'{"" if complete else "at least "}{format_count(len(found), "data set")}'
+    shown = some_of([str(each) for each in found])
+    error = _not_kitti(path, f'holds {count}, {shown}', 'give one of these folders')
+    return error.with_remedies(Remedy(path, found[0].folder))
+
+
+def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
+    """Return the data sets below a folder, and whether all of it was searched."""
+    found: list[DataSet] = []
+    seen: set[str] = set()
+    queue = deque([(path, 0)])
+    while queue and len(seen) < _MOST_FOLDERS:
+        folder, level = queue.popleft()
+        place = real_place(folder)  # links may lead back
+        if place in seen:
+            continue
+        seen.add(place)
+        data_set = data_set_in(folder) if level else None
+        if data_set is not None:
+            found.append(data_set)
+        elif level < _MOST_LEVELS:
+            queue.extend((each, level + 1) for each in _subfolders(folder))
+    return found, not queue
+
+
+def data_set_in(folder: Path) -> DataSet | None:
+    """Return the data set in a folder, if names in it are KITTI's."""
+    if not any(map(_is_kitti_name, _entries(folder))):
+        return None
+    for layout, files in LAYOUTS.items():
+        try:
+            recordings = files.find(folder)
+        except OSError:
+            continue
+        if recordings:
+            return DataSet(folder, layout, recordings)
+    return None
+
+
+def _is_kitti_name(name: str) -> bool:
+    if name in _FOLDERS or name in {names.ODOMETRY_CALIB, names.TIMES}:
+        return True
+    return bool(names.RAW_DRIVE.fullmatch(name) or names.RAW_DATE.fullmatch(name))
+
+
+# Files without the folders around them.
+
+
+def _explain_files(path: Path, entries: list[str]) -> NotKittiError | None:
+    """Return what to do with a folder of scans, images or results."""
+    by_suffix = Counter(names.split_name(name)[1].lower() for name in entries)
+    if by_suffix[names.TXT] and find_frame_files(path) is not None:
+        what = 'holds label or result files'
+        return NotKittiError(path, what, [], 'eval detection GROUND_TRUTH RESULTS scores them')
+    count = sum(by_suffix[each] for each in names.IMAGE_SUFFIXES)
+    kinds = (('scan', by_suffix[names.BIN], names.SCANS), ('image', count, names.OBJECT_IMAGES[2]))
+    for noun, found, folder in kinds:
+        if found:
+            advice = (
+                f'move them to a folder {folder} in a folder of their own, and give that with'
+                f' --layout object, or odometry if they follow each other'
+            )
+            return NotKittiError(path, f'holds {format_count(found, noun)}', [], advice)
+    return _explain_formats(path)
+
+
+def _explain_formats(path: Path) -> NotKittiError | None:
+    """Return which files in the folders of a data set have a format that is not read."""
+    inside = {names.SCANS: names.BIN} | dict.fromkeys(names.OBJECT_IMAGES, names.PNG)
+    for folder in (path, *(path / split for split in names.SPLITS)):
+        for name, suffix in inside.items():
+            found = [each for each in _entries(folder / name) if not each.startswith('.')]
+            if found:
+                other = f'{folder / name} holds {some_of(found)}'
+                return NotKittiError(path, other, [], f'expected files like 000000{suffix} there')
+    return None
+
+
+# Archives.
+
+
+def _explain_archive(path: Path) -> NotKittiError | None:
+    if not is_archive(path.name) or not path.is_file():  # reading a pipe would wait
+        return None
+    if is_remote(path):
+        return _not_kitti(path, 'is an archive', 'extract it, then give the folder')
+    archive = Archive.open(path)
+    if archive is None:
+        return _not_kitti(path, 'is an archive that is damaged or incomplete', 'download it again')
+    if archive.folder is None:
+        return _not_kitti(path, "is an archive without KITTI's folders")
+    error = _not_kitti(path, 'is an archive', f'extract it, then give the folder {archive.folder}')
+    return error.with_remedies(
+        Remedy(path, archive.folder, before=extract_command([path], archive.root))
+    )
+
+
+def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
+    packed = [path / name for name in entries if is_archive(name)]
+    if not packed:
+        return None
+    error = _not_kitti(
+        path,
+        f'holds {format_count(len(packed), "archive")}, {some_of([each.name for each in packed])}',
+        'extract them' if len(packed) > 1 else 'extract it',
+    )
+    if is_remote(path):
+        return error
+    opened = [(each, Archive.open(each)) for each in packed[:_MOST_ARCHIVES]]
+    usable = [(each, archive) for each, archive in opened if archive and archive.folder]
+    folders = {archive.folder for _, archive in usable if archive.folder}
+    if not folders:
+        return error
+    folder = folders.pop() if len(folders) == 1 else path
+    command = extract_command([each for each, _ in usable], path)
+    return error.with_remedies(Remedy(path, folder, before=command))
+
+
+# Listing.
+
+
+def _entries(folder: Path) -> list[str]:
+    """List some names in a folder, sorted; none if it cannot be read."""
+    if is_remote(folder):
+        return STORE.names(folder)[:_MOST_ENTRIES]
+    return sorted(entry.name for entry in _scan(folder))
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    if is_remote(folder):
+        inside = (folder / name for name in _entries(folder) if not name.startswith('.'))
+        return [each for each in inside if each.is_dir()]
+    return sorted(folder / entry.name for entry in _scan(folder) if _is_folder(entry))
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir() and not entry.name.startswith('.')
+    except OSError:
+        return False
+
+
+def _scan(folder: Path) -> Iterator[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as entries:
+            yield from islice(entries, _MOST_ENTRIES)
+    except OSError:
+        return
