@@ -27,7 +27,7 @@ import kitti_ros2
 from yardsticks import make_parser, report  # isort: skip
 
 ROOT = Path(__file__).resolve().parent.parent
-PROFILE = Path(kitti_ros2.__file__).parent / 'node' / 'fastdds.xml'
+PROFILE = Path(kitti_ros2.__file__).parent / 'player' / 'fastdds.xml'
 SHARED_MEMORY = '<type>SHM</type>'
 DEFAULT = 'default'
 LATE = 'late_over_50_ms_in_10_000'

@@ -30,14 +30,14 @@ from kitti_ros2.cli.exits import end_by_signal
 from kitti_ros2.files.processes import keep_freed_memory
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.node.message_types import message_class
-from kitti_ros2.node.middleware import start_ros
-from kitti_ros2.node.outlets import Outlets
-from kitti_ros2.node.player import KittiPlayer
-from kitti_ros2.node.run import run_player
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.player.message_types import message_class
+from kitti_ros2.player.middleware import start_ros
+from kitti_ros2.player.node import KittiPlayer
+from kitti_ros2.player.outlets import Outlets
 from kitti_ros2.player.program import RecordingProgram
+from kitti_ros2.player.run import run_player
 from kitti_ros2.player.session import Session
 
 if TYPE_CHECKING:

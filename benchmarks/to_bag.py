@@ -19,12 +19,12 @@ import tempfile
 from pathlib import Path
 from statistics import median
 
-from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.files.processes import keep_freed_memory
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.own_bags.to_bag import ExportOptions, convert
 
 from yardsticks import (  # isort: skip
     COMMAND,

@@ -37,7 +37,7 @@ def fill(markdown: str) -> str:
 
 def parameters() -> str:
     """Return the ROS parameters of the player."""
-    from kitti_ros2.node.player import PARAMETERS  # noqa: PLC0415 - needs rclpy
+    from kitti_ros2.player.node import PARAMETERS  # noqa: PLC0415 - needs rclpy
 
     rows = [
         (
@@ -55,7 +55,7 @@ def parameters() -> str:
 
 def services() -> str:
     """Return the services of the player, with and without rosbag2_interfaces."""
-    from kitti_ros2.node.player import plain_services, rosbag2_services  # noqa: PLC0415
+    from kitti_ros2.player.node import plain_services, rosbag2_services  # noqa: PLC0415
 
     player: Any = None  # for handlers that are not called
     types: Any = _Names('rosbag2_interfaces')
@@ -79,7 +79,7 @@ class _Names:
 
 def policies() -> str:
     """Return the policies of a file with QoS overrides."""
-    from kitti_ros2.node.outlets import POLICIES  # noqa: PLC0415 - needs rclpy
+    from kitti_ros2.player.outlets import POLICIES  # noqa: PLC0415 - needs rclpy
 
     return table(
         ('policy', 'values'), ((code(name), _accepted(each)) for name, each in POLICIES.items())

@@ -25,7 +25,7 @@ from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.node.message_types import message_class
+from kitti_ros2.player.message_types import message_class
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.label_file import parse_labels
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import decode_static
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.own_bags.to_bag import ExportOptions, convert
 from kitti_ros2.synthetic import SyntheticOptions
 
 if TYPE_CHECKING:
-    from kitti_ros2.exporter.to_bag import ExportReport
     from kitti_ros2.model.boxes import Box
     from kitti_ros2.options.read import ReadOptions
+    from kitti_ros2.own_bags.to_bag import ExportReport
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""

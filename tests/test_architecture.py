@@ -27,47 +27,43 @@ _IMPORTS = {
     'messages': 'model files options drawing stacks',
     'synthetic': 'model files kitti',
     'bags': 'model files options kitti messages',
-    'rig': 'model messages',
-    'stack_setup': 'model files options kitti stacks messages bags',
-    'exporter': 'model files options messages bags stacks',
-    'importer': 'model files options drawing kitti messages bags rig',
-    'own_bags': 'model files options kitti messages bags exporter importer',
-    'pictures': 'model files options drawing kitti messages bags rig importer own_bags',
-    'player': 'model files options kitti messages bags exporter importer own_bags',
-    'report': 'model options drawing kitti messages bags exporter importer own_bags pictures'
+    'importer': 'model files options drawing kitti messages bags',
+    'own_bags': 'model files options stacks kitti messages bags importer',
+    'pictures': 'model files options drawing kitti messages bags importer own_bags',
+    'player': 'model files options kitti messages bags importer own_bags',
+    'report': 'model options drawing kitti messages bags importer own_bags pictures'
     ' datasets evaluation',
-    'bridge': 'model options messages player',
-    'node': 'model options messages player',
-    'rerun_view': 'model drawing messages rig player',
-    'fetch': 'model files options kitti',
-    'validation': 'model files options kitti messages bags rig',
-    'api': 'model files options drawing kitti messages bags rig exporter importer own_bags'
-    ' pictures',
-    'datasets': 'model files options drawing kitti messages bags exporter pictures api fetch'
-    ' validation',
-    'batch': 'model files options kitti bags exporter own_bags validation datasets report'
-    ' evaluation',
-    'evaluation': 'model files options drawing kitti messages bags rig importer own_bags pictures'
-    ' player node api',
+    'viewers': 'model options drawing messages player',
+    'validation': 'model files options kitti messages bags',
+    'api': 'model files options stacks drawing kitti messages bags importer own_bags pictures',
+    'datasets': 'model files options drawing kitti messages bags own_bags pictures api validation',
+    'batch': 'model files options kitti bags own_bags validation datasets report evaluation',
+    'evaluation': 'model files options drawing kitti messages bags importer own_bags pictures'
+    ' player api',
 }
 ROOMS = {room: frozenset(others.split()) for room, others in _IMPORTS.items()}
 ROOMS['cli'] = frozenset(ROOMS)
 ROOMS['__main__'] = frozenset({'cli'})
 
-# Each guest from outside and the rooms it may be seen in.
+# Each guest from outside and the rooms, or modules, it may be seen in.
 GUESTS = {
-    'rclpy': {'node'},
+    'rclpy': {
+        'player.middleware',
+        'player.node',
+        'player.outlets',
+        'player.run',
+    },
     'rosbags': {'messages', 'bags'},
     'mcap': {'messages', 'bags'},
     'distributed': {'batch'},
-    'foxglove': {'bridge'},
+    'foxglove': {'viewers.foxglove_server'},
     'fsspec': {'files'},
     'evo': {'evaluation'},
-    'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'rig', 'synthetic'},
-    'httpx': {'fetch'},
+    'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'synthetic'},
+    'httpx': {'datasets.download_sources'},
     'jinja2': {'report'},
     'matplotlib': {'datasets', 'drawing', 'evaluation'},
-    'rerun': {'rerun_view'},
+    'rerun': {'viewers.rerun_archetypes', 'viewers.rerun_show'},
     'trackeval': {'evaluation'},
     'typer': {'cli'},
     'rich': {'cli'},
@@ -150,8 +146,9 @@ def _breach(entry: Import) -> str | None:
     where = f'{entry.importer}:{entry.line}: imports {entry.target}'
     top = entry.target.split('.')[0]
     if top != PACKAGE:
-        rooms = GUESTS.get(top, {room})
-        return None if room in rooms else f'{where}; only {" and ".join(sorted(rooms))} may'
+        places = GUESTS.get(top, {room})
+        here = {room, entry.importer.removeprefix(f'{PACKAGE}.')}
+        return None if here & places else f'{where}; only {" and ".join(sorted(places))} may'
     target = room_of(entry.target)
     if not {room, target} <= set(ROOMS):
         return None  # said once, by _misnamed
@@ -202,10 +199,12 @@ def test_class_names_are_used_once() -> None:
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 
-def test_file_names_are_used_three_times_at_most() -> None:
+def test_few_file_names_are_used_in_two_rooms() -> None:
     names = Counter(path.name for path in modules(SOURCE).values())
     del names['__init__.py']
-    assert {name: count for name, count in names.items() if count > 3} == {}
+    twice = [name for name, count in names.items() if count > 1]
+    assert len(twice) <= 8, twice
+    assert not [name for name, count in names.items() if count > 2]
 
 
 def test_layouts_are_compared_in_kitti_only() -> None:
@@ -251,19 +250,22 @@ def test_checker_accepts_what_is_allowed(tmp_path: Path) -> None:
         ({'model__errors': 'from ..bags import a', 'bags__a': ''}, 'model may not import bags'),
         ({'kitti__raw': 'from ..messages import scan'}, 'kitti may not import messages'),
         ({'messages__scan': 'import kitti_ros2.kitti.readers'}, 'messages may not import kitti'),
-        ({'rig__a': 'def f():\n    from ..bags import write'}, 'rig may not import bags'),
-        ({'exporter__a': 'from ..importer import a'}, 'exporter may not import importer'),
+        ({'messages__a': 'def f():\n    from ..bags import write'}, 'messages may not import bags'),
+        ({'importer__a': 'from ..own_bags import a'}, 'importer may not import own_bags'),
         ({'synthetic__a': 'from kitti_ros2.bags import x'}, 'synthetic may not import bags'),
-        ({'node__player': 'from ..pictures import bev'}, 'node may not import pictures'),
-        ({'exporter__a': 'from ..cli import progress'}, 'exporter may not import cli'),
+        ({'player__node': 'from ..pictures import bev'}, 'player may not import pictures'),
+        ({'own_bags__a': 'from ..cli import progress'}, 'own_bags may not import cli'),
         ({'__init__': 'from .bags import a', 'bags__a': ''}, f'{PACKAGE} may not import bags'),
-        ({'player__a': 'import rclpy.node'}, 'only node may'),
+        (
+            {'player__session': 'import rclpy.node'},
+            'only player.middleware and player.node',
+        ),
         ({'kitti__png': 'import cv2'}, 'only drawing and files and messages and pictures and'),
-        ({'exporter__a': 'from rosbags.rosbag2 import Reader'}, 'only bags and messages may'),
-        ({'exporter__a': 'import foxglove'}, 'only bridge may'),
-        ({'bridge__server': 'from ..node import qos'}, 'bridge may not import node'),
+        ({'own_bags__a': 'from rosbags.rosbag2 import Reader'}, 'only bags and messages may'),
+        ({'own_bags__a': 'import foxglove'}, 'only viewers.foxglove_server may'),
+        ({'player__run': 'from ..viewers import websocket'}, 'player may not import viewers'),
         ({'bags__write': 'from rich.progress import Progress'}, 'only cli may'),
-        ({'cli__view': 'import rerun as rr'}, 'only rerun_view may'),
+        ({'cli__view': 'import rerun as rr'}, 'only viewers.rerun_archetypes and'),
         ({'kitti__utils': ''}, 'a room for anything'),
         ({'helpers': ''}, 'a room that ROOMS does not know'),
         ({'kitti__a': 'from . import b', 'kitti__b': 'from .a import f'}, 'circular import'),

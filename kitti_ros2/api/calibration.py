@@ -24,13 +24,13 @@ from ..kitti.store import STORE
 from ..messages.camera_info import static_links
 from ..messages.naming import LABELLED_CAMERA, make_frames
 from ..messages.naming import base_t_imu as default_base_t_imu
+from ..messages.tf_tree import FrameTree
 from ..model.boxes import Cuboid
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_VELO_T_IMU, Transform, rotation_from_rpy
 from ..model.samples import Calibration, CameraCalibration
 from ..model.streams import Layout
 from ..options.messages import MessageOptions, Preset
-from ..rig.tf_tree import FrameTree
 from .single_files import file_at
 
 if TYPE_CHECKING:

@@ -10,9 +10,6 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_bag_source, open_folder
-from ..exporter.encode import Encoder
-from ..exporter.schedule import make_schedule
-from ..exporter.to_bag import ExportOptions, convert
 from ..files.remote import as_path
 from ..files.staging import refuse_inside
 from ..kitti.extract_oxts import add_extract
@@ -23,6 +20,9 @@ from ..model.errors import KittiRos2Error, UsageError
 from ..model.streams import Stream
 from ..options.read import Bound
 from ..options.table import TO_BAG, TO_KITTI, BatchOptions, make_import_options, make_settings
+from ..own_bags.encode import Encoder
+from ..own_bags.schedule import make_schedule
+from ..own_bags.to_bag import ExportOptions, convert
 from ..own_bags.to_kitti import Conversion
 from ..pictures.recording_frames import RecordingFrames
 from .arguments import by_name, require, warn
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..exporter.to_bag import ExportReport
     from ..importer.kitti_frames import ImportReport
     from ..model.errors import Loss
+    from ..own_bags.to_bag import ExportReport
     from .arguments import ToBagKeywords, ToKittiKeywords
     from .open_recording import Frame
     from .single_files import AnyPath

@@ -30,9 +30,9 @@ from .pool import UnitResult
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from ..exporter.to_bag import ExportReport
     from ..model.errors import Loss
     from ..options.read import ReadOptions
+    from ..own_bags.to_bag import ExportReport
     from ..validation.rule import ValidationReport
     from .pool import Advance, UnitJob
     from .units import WorkUnit
@@ -135,11 +135,11 @@ def _convert_recording(job: UnitJob, advance: Advance) -> UnitResult:
 def _exported(job: UnitJob, advance: Advance) -> ExportReport:
     # What one kind of units needs takes tenths of a second, and workers import it at their start.
     from ..bags.open_source import open_folder  # noqa: PLC0415
-    from ..exporter.to_bag import ExportOptions, convert  # noqa: PLC0415
     from ..kitti.extract_oxts import add_extract  # noqa: PLC0415
     from ..kitti.prepare import add_predictions  # noqa: PLC0415
     from ..options.read import Bound  # noqa: PLC0415
     from ..options.table import make_settings  # noqa: PLC0415
+    from ..own_bags.to_bag import ExportOptions, convert  # noqa: PLC0415
 
     unit, settings = job.unit, make_settings(job.options)
     read = replace(settings.read, layout=unit.layout, sequence=unit.sequence)

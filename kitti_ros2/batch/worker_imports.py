@@ -7,9 +7,9 @@ from ..files.processes import imports_of_a_worker
 with imports_of_a_worker():
     from ..bags import open_source
     from ..batch import pool, unit_functions
-    from ..exporter import to_bag
     from ..kitti import extract_oxts, prepare
     from ..options import read, table
+    from ..own_bags import to_bag
 
 __all__ = [
     'extract_oxts',

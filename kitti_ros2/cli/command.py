@@ -401,7 +401,7 @@ def _classes(_: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _categories(_: Mapping[str, Any]) -> Iterable[str]:
-    from ..fetch.catalogue import CATEGORIES
+    from ..datasets.catalogue import CATEGORIES
 
     return CATEGORIES
 

@@ -13,9 +13,9 @@ import typer
 
 from ..files.processes import keep_imports
 from ..model.errors import UsageError
-from ..node.installed import check_installed
 from ..options.declare import parse_texts
 from ..options.table import PLAY, make_play_settings
+from ..player.ros_installed import check_installed
 from .command import QuietOption, argument, chosen, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
 from .output import complain, say
@@ -131,7 +131,7 @@ def run_play(
     if src is not None:
         chosen['source'] = str(src)
     check_installed()
-    from ..node.run import run_player
+    from ..player.run import run_player
 
     keep_imports()
     keep_freed_memory()
@@ -161,8 +161,8 @@ def _play_for_viewers(
     # A user of a viewer may seek at the end; a displayed clock needs fewer messages than /clock.
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
     try:
-        from ..bridge.server import run_bridge
-        from ..bridge.websocket import Admission, parse_origin
+        from ..viewers.foxglove_server import run_bridge
+        from ..viewers.websocket import Admission, parse_origin
     except ImportError as error:  # the SDK is missing or too old for playback control
         raise UsageError(
             "--foxglove needs foxglove-sdk 0.30; run pip install 'kitti_ros2[foxglove]'"

@@ -22,7 +22,7 @@ from .output import cell, complain, format_path, plain_table, print_json, say
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ..stack_setup.setup_files import RunCommands
+    from ..api.setup_files import RunCommands
     from ..stacks.stack import Setting, Stack
 
 
@@ -86,7 +86,7 @@ def _write(
     json: bool,
     quiet: bool,
 ) -> None:
-    from ..stack_setup.setup_files import write_setup
+    from ..api.setup_files import write_setup
 
     settings = make_settings(source)
     setup = write_setup(stack, drive, folder, settings, source, overwrite=overwrite)
@@ -135,7 +135,7 @@ def _show(stack: Stack) -> None:
 
 
 def _example(stack: Stack) -> RunCommands:
-    from ..stack_setup.setup_files import commands_of
+    from ..api.setup_files import commands_of
 
     return commands_of(stack, 'DRIVE', {'imu_from': 'DRIVE_extract'} if stack.imu_hz else {})
 

@@ -34,9 +34,9 @@ from .output import conversion_progress, format_path, print_json, say, show_loss
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from ..exporter.to_bag import ExportReport
     from ..model.recording import ReadableRecording
     from ..options.table import BatchOptions, Settings
+    from ..own_bags.to_bag import ExportReport
 
 
 def run_to_bag(
@@ -62,11 +62,11 @@ def run_to_bag(
         The exit code.
     """
     from ..bags.open_source import open_folder
-    from ..exporter.to_bag import ExportOptions, convert
     from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
     from ..kitti.extract_oxts import add_extract
     from ..kitti.prepare import add_predictions
+    from ..own_bags.to_bag import ExportOptions, convert
 
     keep_imports()
     batch, chosen = split_batch_options(given, jobs_alone=True)

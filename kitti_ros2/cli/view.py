@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..pictures.recording_frames import FrameData, FrameSource
     from ..pictures.series import PictureTally
     from ..player.program import Program
-    from ..rerun_view.show import ShowReport
+    from ..viewers.rerun_show import ShowReport
 
 
 # kitti-ros2 view, as pictures and films.
@@ -301,7 +301,7 @@ def run_rerun(
 
 def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> ShowReport:
     from ..files.staging import staged_file
-    from ..rerun_view.viewer import write_file
+    from ..viewers.rerun_viewer import write_file
 
     refusal = _KEEP_ALL_BUT_RRD if overwrite else keep_all
     with staged_file(path, refusal) as file, _progress(program, quiet=quiet) as progress:
@@ -313,7 +313,7 @@ def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Show
 
 
 def _view(program: Program, *, web: bool, quiet: bool) -> ShowReport:
-    from ..rerun_view.viewer import Viewer
+    from ..viewers.rerun_viewer import Viewer
 
     with Viewer(web=web) as viewer:
         if web:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 from ..model.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
-    from ..fetch.download import *
-    from ..fetch.extract import *
     from ..validation.rule import *
     from ..validation.validate import validate as validate
     from .cropping import *
+    from .download import *
+    from .extract import *
     from .set_statistics import *
     from .splitting import *
 
@@ -26,8 +26,8 @@ _MODULES: dict[str, str] = {
     'ValidationFinding': 'validation.rule',
     'ValidationReport': 'validation.rule',
     'crop': 'datasets.cropping',
-    'download': 'fetch.download',
-    'extract': 'fetch.extract',
+    'download': 'datasets.download',
+    'extract': 'datasets.extract',
     'split': 'datasets.splitting',
     'statistics': 'datasets.set_statistics',
     'validate': 'validation.validate',

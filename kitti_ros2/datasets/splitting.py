@@ -13,7 +13,6 @@ from itertools import combinations
 from math import floor
 from typing import TYPE_CHECKING
 
-from ..exporter.schedule import frames_of
 from ..files.local_staging import Staging, refuse_link, reported
 from ..files.remote import as_path
 from ..kitti import names
@@ -25,6 +24,7 @@ from ..kitti.opening import find_candidates
 from ..kitti.store import STORE
 from ..model.errors import Loss, MissingPathError, NotKittiError, UsageError, format_count, some_of
 from ..options.read import NOMINAL_PERIOD_NS, ReadOptions
+from ..own_bags.schedule import frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -22,6 +22,7 @@ from ..messages.camera_info import static_links
 from ..messages.cdr import stamp_ns_of
 from ..messages.detections import boxes_of_detections_2d, cuboids_in, frames_in
 from ..messages.naming import FrameNames, base_t_imu, every_naming
+from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import own_topics
 from ..model.bag_formats import (
     CLOCK,
@@ -47,7 +48,6 @@ from ..model.samples import Image
 from ..model.streams import IMAGE_STREAMS, format_stamp, from_sec_nanosec
 from ..options.messages import MessageOptions
 from ..own_bags.recording import BagRecording
-from ..rig.tf_tree import FrameTree, LinkTally
 from .ground_truth import ROUNDED_NS, PlayedTime, frames_of
 from .track_metrics import CLASSES, ClassMap
 
@@ -58,10 +58,10 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessages
     from ..kitti.kitti_recording import KittiRecording
     from ..messages.detections import ImageBox
+    from ..messages.moving_tree import PoseTrack
+    from ..messages.tf_tree import Link
     from ..model.boxes import Cuboid
     from ..model.samples import Calibration
-    from ..rig.moving_tree import PoseTrack
-    from ..rig.tf_tree import Link
     from .ground_truth import StampedFrames
 
 

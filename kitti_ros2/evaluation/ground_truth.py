@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..kitti.kitti_recording import KittiRecording
+    from ..messages.tf_tree import Link
     from ..model.boxes import Box
     from ..model.geometry import Transform
     from ..model.recording import StreamIndex
     from ..model.samples import FrameLabels, Int64Array, Turn
     from ..own_bags.recording import BagRecording
-    from ..rig.tf_tree import Link
 
 
 # The frames of a recording by stamp, and the time of a player by log time.

@@ -38,7 +38,6 @@ from ..model.errors import (
     some_of,
 )
 from ..model.streams import NS_PER_S, format_stamp
-from ..node.installed import check_installed
 from ..options.evaluation import (
     LIVE,
     make_detection_options,
@@ -48,6 +47,7 @@ from ..options.evaluation import (
 )
 from ..options.outputs import BagOptions
 from ..player.playback import Answers
+from ..player.ros_installed import check_installed
 from .detection import score_paths
 from .ground_truth import read_ground_truth
 from .odometry import open_truth, score_trajectory
@@ -62,8 +62,8 @@ if TYPE_CHECKING:
 
     from ..api.arguments import LiveKeywords
     from ..bags.writer import BagWriter
-    from ..node.run import LivePlayer
     from ..options.evaluation import LiveOptions
+    from ..player.run import LivePlayer
 
 
 # Scores of a run: what is checked before it, and the evaluation of its results after it.
@@ -387,7 +387,7 @@ def record_run(
     Raises:
         KittiRos2Error: The source cannot be played, or the stack does not start or answer.
     """
-    from ..node.run import open_live_player  # noqa: PLC0415 - needs rclpy
+    from ..player.run import open_live_player  # noqa: PLC0415 - needs rclpy
 
     answers = Answers(options.timeout_ns)
     storage = BagOptions(storage=guess_storage(bag), overwrite=options.overwrite)

@@ -52,11 +52,11 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..api.arguments import OdometryKeywords
+    from ..messages.tf_tree import Link
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array, Int64Array
     from ..options.evaluation import Alignment, OdometryOptions
     from ..options.read import ReadOptions
-    from ..rig.tf_tree import Link
     from .ground_truth import GroundTruth, StampMatch
     from .trajectories import CameraTrajectory, PoseErrors, SegmentErrors
 

@@ -17,6 +17,7 @@ import numpy as np
 from ..kitti.kitti_recording import rect_from_imu
 from ..kitti.text_file import parse_numbers
 from ..messages.naming import FrameNames
+from ..messages.tf_tree import FrameTree
 from ..model.errors import (
     BadFileError,
     Loss,
@@ -30,7 +31,6 @@ from ..model.errors import (
 from ..model.geometry import quaternion_to_rotation
 from ..model.streams import CAMERA_NAMES, parse_seconds
 from ..options.evaluation import Alignment
-from ..rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from ..messages.tf_tree import Link
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Calibration, Float32Array, Int64Array
-    from ..rig.tf_tree import Link
 
 
 # Trajectories, and the text files that hold them.

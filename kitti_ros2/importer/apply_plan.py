@@ -20,10 +20,10 @@ from ..kitti.names import SPLITS
 from ..kitti.opening import keep_all_but_camera_sets, keep_all_but_data_sets
 from ..kitti.store import STORE
 from ..messages.naming import CALIBRATION, LABEL_LINES
+from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, UnsynchronisedError, UsageError
 from ..model.streams import NS_PER_S, Layout, Stream
-from ..rig.tf_tree import describe_direction
 from .append import appended
 from .bag_calibration import camera_models
 from .bag_cameras import other_cameras
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.bag_files import BagSource
+    from ..messages.moving_tree import Track
     from ..model.geometry import Float64Array
     from ..options.outputs import ImportOptions
     from ..options.read import SelectionOptions
-    from ..rig.moving_tree import Track
     from .kitti_frames import Frames, ImportReport
     from .plan import Plan
     from .survey import Survey, TopicSurvey

@@ -18,20 +18,20 @@ from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
 from ..messages.naming import CALIBRATION
+from ..messages.rectified_cameras import angle_of, viewpoints
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import Calibration, CameraCalibration
-from ..rig.rectified_cameras import angle_of, viewpoints
 from .plan import NONE, SOURCE, TF, camera_of, of_images, optical_name, topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from ..messages.camera_info import CameraModel
+    from ..messages.rectified_cameras import Viewpoint
+    from ..messages.tf_tree import FrameTree
     from ..model.geometry import Float64Array
     from ..model.samples import TextFile
-    from ..rig.rectified_cameras import Viewpoint
-    from ..rig.tf_tree import FrameTree
     from .plan import CameraPlan, Plan
     from .survey import Survey
 

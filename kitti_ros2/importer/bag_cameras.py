@@ -17,11 +17,13 @@ import numpy as np
 from ..files.image_files import encode_png, parse_png
 from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
 from ..messages.images import pixels_of, png_of
-from ..model import bag_formats as types
-from ..model.errors import BadFileError, MissingDataError, UsageError
-from ..model.streams import CAMERA_NAMES
-from ..rig.rectified_cameras import Rectifier, angle_of, has_lens_of_larger_image, needs_rectifying
-from ..rig.tf_tree import (
+from ..messages.rectified_cameras import (
+    Rectifier,
+    angle_of,
+    has_lens_of_larger_image,
+    needs_rectifying,
+)
+from ..messages.tf_tree import (
     AXES,
     Heading,
     describe_direction,
@@ -31,6 +33,9 @@ from ..rig.tf_tree import (
     nearest_axis,
     root_heading,
 )
+from ..model import bag_formats as types
+from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..model.streams import CAMERA_NAMES
 from .plan import X_FORWARD, CameraPlan, image_size, of_images, optical_link, optical_name, topic_of
 
 if TYPE_CHECKING:
@@ -38,9 +43,9 @@ if TYPE_CHECKING:
 
     from ..messages.camera_info import CameraModel
     from ..messages.images import Pixels
+    from ..messages.tf_tree import FrameTree, Link
     from ..model.geometry import Float64Array
     from ..model.streams import Layout
-    from ..rig.tf_tree import FrameTree, Link
     from .plan import Plan
     from .survey import Survey, TopicSurvey
 

@@ -23,13 +23,13 @@ from ..messages.detections import (
     has_scores,
 )
 from ..messages.naming import LABEL_LINES, decode_text
+from ..messages.tf_tree import find_body
 from ..messages.topics import own_topics, prediction_topics
 from ..model import bag_formats as types
 from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
 from ..model.classes import OTHERS, kitti_class
 from ..model.errors import Loss, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, Transform
-from ..rig.tf_tree import find_body
 from .bag_cameras import main_camera
 from .box_labels import (
     OUT_OF_VIEW,
@@ -57,9 +57,9 @@ from .tf_frames import BoxTimes, FramesAt, MovingBase, StaticFrames, is_truth, s
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
 
+    from ..messages.tf_tree import FrameTree
     from ..model.boxes import Box, Cuboid
     from ..model.streams import Layout
-    from ..rig.tf_tree import FrameTree
     from .bag_calibration import Calibrations
     from .bag_cameras import ImageConversion
     from .kitti_frames import Frames

@@ -14,14 +14,14 @@ import numpy as np
 
 from ..bags.reader import Decoder, open_messages
 from ..messages.cdr import stamp_ns_of
+from ..messages.moving_tree import MovingTree, PoseTrack, ProductTrack, TransformSeries
 from ..messages.oxts import poses_of, poses_of_link, read_transforms
+from ..messages.tf_tree import FIXED_FRAMES, find_body, plain
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
 from ..model.errors import UsageError, did_you_mean
 from ..model.geometry import Transform
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
-from ..rig.moving_tree import MovingTree, PoseTrack, ProductTrack, TransformSeries
-from ..rig.tf_tree import FIXED_FRAMES, find_body, plain
 from .kitti_frames import pass_over
 from .plan import Incomplete, PosePlan, topic_of
 from .tf_frames import NamedFrames, child_of, is_renamed, is_truth, moving_pairs
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..bags.bag_files import BagSource
+    from ..messages.moving_tree import Track
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
-    from ..rig.moving_tree import Track
     from .kitti_frames import LossTally
     from .plan import Plan
     from .survey import Survey, TopicSurvey

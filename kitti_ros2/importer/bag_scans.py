@@ -21,6 +21,7 @@ from ..messages.camera_info import camera_model
 from ..messages.cdr import stamp_ns_of
 from ..messages.clouds import INTENSITIES, intensity_field, label_fields, unit_doubt
 from ..messages.naming import POINTS
+from ..messages.rectified_cameras import Rectifier
 from ..messages.scan_sources import (
     COMPRESSED_DEPTH,
     MODELS,
@@ -37,7 +38,6 @@ from ..model import bag_formats as types
 from ..model.bag_formats import CLOUD
 from ..model.errors import KittiRos2Error, Loss, UsageError, some_of
 from ..model.samples import Scan
-from ..rig.rectified_cameras import Rectifier
 from .bag_cameras import choose_cameras, find_heading, main_camera, with_frames
 from .bag_poses import guess_pose, vehicle_frame
 from .kitti_frames import pass_over
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
 
     from ..messages.camera_info import CameraModel
     from ..messages.scan_sources import Lasers, ScanSource, VelodyneModel
+    from ..messages.tf_tree import FrameTree
     from ..model.geometry import Transform
     from ..model.samples import Int64Array
-    from ..rig.tf_tree import FrameTree
     from .bag_cameras import RigCamera
     from .plan import Plan
     from .survey import Survey, TopicSurvey

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..kitti.label_file import parse_box
 from ..messages.naming import RECORDING
+from ..messages.rectified_cameras import rectify_pixels
 from ..messages.topics import own_topics
 from ..model.boxes import (
     DONT_CARE,
@@ -30,7 +31,6 @@ from ..model.classes import OTHERS, kitti_class, plain
 from ..model.errors import one_line, some_of
 from ..model.geometry import Transform
 from ..model.samples import rect_from_velo
-from ..rig.rectified_cameras import rectify_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

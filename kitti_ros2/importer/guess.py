@@ -17,11 +17,11 @@ from ..messages.cdr import vector_of
 from ..messages.naming import RECORDING
 from ..messages.oxts import has_orientation
 from ..messages.scan_sources import SCAN_TYPES
+from ..messages.tf_tree import find_body
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
 from ..model.errors import MissingDataError, UsageError, one_line, some_of
 from ..model.streams import NS_PER_S, Stream, format_stamp
-from ..rig.tf_tree import find_body
 from .bag_cameras import (
     find_cameras,
     find_heading,
@@ -55,10 +55,10 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from ..messages.tf_tree import FrameTree, Heading
     from ..model.errors import Loss
     from ..model.samples import Int64Array
     from ..model.streams import Layout
-    from ..rig.tf_tree import FrameTree, Heading
     from .plan import CameraPlan, PosePlan, ScanPlan
     from .survey import Survey, TopicSurvey
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..messages.moving_tree import MAX_GAP_NS
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import Loss, UnsynchronisedError, UsageError
 from ..model.streams import NS_PER_S, Stream
-from ..rig.moving_tree import MAX_GAP_NS
 from .clocks import clock_notes, clocked, describe_gap
 from .plan import Incomplete, check_types, topic_of
 from .sync import NONE, by_group, first_places, match_frames, places_of
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..bags.reader import BagMessage, BagMessages
+    from ..messages.moving_tree import Track
     from ..model.samples import Int64Array
     from ..model.streams import Layout
     from ..options.read import SelectionOptions
-    from ..rig.moving_tree import Track
     from .plan import Plan
     from .survey import Survey, TopicSurvey
     from .sync import StreamMatch

@@ -14,12 +14,12 @@ import numpy as np
 
 from ..kitti.kitti_recording import MercatorWorld, geographic_places
 from ..messages.cdr import vector_of
+from ..messages.moving_tree import MAX_GAP_NS, interpolate
 from ..messages.oxts import Mounting, UnitPose, has_fix, has_orientation, make_packet, place_of
 from ..model import bag_formats as types
 from ..model.errors import Loss, MissingDataError, format_numbers
 from ..model.geometry import Transform
 from ..model.streams import NS_PER_S, GeoOrigin, Stream
-from ..rig.moving_tree import MAX_GAP_NS, interpolate
 from .bag_poses import SLOWEST_FIX_M_S, SLOWEST_POSE_M_S, DerivedVelocities, metres_of
 from .kitti_frames import within_gaps
 from .plan import VelocityAxes, topic_of
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..kitti.writers import LayoutWriter
+    from ..messages.moving_tree import Track
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array, OxtsPacket
-    from ..rig.moving_tree import Track
     from .bag_poses import PlannedMotion
     from .kitti_frames import Frames
     from .plan import Plan

@@ -19,6 +19,7 @@ from ..messages.camera_info import camera_model
 from ..messages.images import size_of
 from ..messages.naming import LABEL_LINES
 from ..messages.scan_sources import MODELS, SCAN_SOURCES
+from ..messages.tf_tree import AXES
 from ..model import bag_formats as types
 from ..model.bag_formats import CAMERA_INFO
 from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
@@ -26,14 +27,13 @@ from ..model.classes import KITTI_CLASSES, own_class
 from ..model.errors import UsageError, did_you_mean, one_line, shown
 from ..model.geometry import Transform
 from ..model.streams import GeoOrigin, Layout
-from ..rig.tf_tree import AXES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from ..messages.camera_info import CameraModel
-    from ..rig.tf_tree import Link
+    from ..messages.tf_tree import Link
     from .survey import Survey, TopicSurvey
 
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from ..kitti.kitti_recording import rect_from_imu
 from ..messages.camera_info import camera_model
+from ..messages.tf_tree import differ
 from ..model import bag_formats as types
 from ..model.errors import KittiRos2Error, Loss, format_numbers
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import rect_from_velo
 from ..model.streams import Stream, format_stamp
-from ..rig.tf_tree import differ
 from .bag_calibration import camera_models, make_calibrations, rect_in_frame, swapped_sizes
 from .bag_cameras import ImageConversion, other_cameras
 from .bag_labels import BoxConversion
@@ -32,9 +32,9 @@ from .tf_frames import MovingBase, child_of, made_frame
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from ..messages.moving_tree import MovingTree
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration
-    from ..rig.moving_tree import MovingTree
     from .kitti_frames import Frames
     from .plan import Plan
     from .survey import Survey, TopicSurvey

@@ -56,11 +56,11 @@ if TYPE_CHECKING:
     from ..bags.bag_files import BagSource
     from ..bags.reader import BagMessage
     from ..kitti.writers import LayoutWriter
+    from ..messages.moving_tree import Track
     from ..model.errors import Loss
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, Float32Array, Int64Array
     from ..options.outputs import ImportOptions
-    from ..rig.moving_tree import Track
     from .kitti_frames import Excerpt
     from .plan import Plan
     from .rigging import Rigging

@@ -27,6 +27,7 @@ from ..messages.images import size_of as image_size
 from ..messages.naming import CALIBRATION, RECORDING, decode_text
 from ..messages.oxts import has_motion, place_of
 from ..messages.scan_sources import SCAN_TYPES
+from ..messages.tf_tree import FrameTree, LinkTally
 from ..model import bag_formats as types
 from ..model.bag_formats import (
     CAMERA_INFO,
@@ -40,7 +41,6 @@ from ..model.bag_formats import (
     TF_TYPES,
     TWIST,
 )
-from ..rig.tf_tree import FrameTree, LinkTally
 from .sync import group_messages, late_ns, unset_stamps, usable_stamps
 
 if TYPE_CHECKING:
@@ -49,11 +49,11 @@ if TYPE_CHECKING:
     from ..bags.bag_files import BagSource
     from ..bags.container_file import StoredChannel
     from ..bags.reader import BagMessage, BagMessages
+    from ..messages.tf_tree import Link
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Int64Array, TextFile
-    from ..rig.tf_tree import Link
 
 
 # The message types that a survey looks at.

@@ -14,10 +14,7 @@ import numpy as np
 from ..messages.cdr import stamp_ns_of
 from ..messages.detections import frames_in
 from ..messages.naming import LABEL_LINES
-from ..model import bag_formats as types
-from ..model.errors import MissingDataError, UsageError
-from ..model.geometry import Transform
-from ..rig.tf_tree import (
+from ..messages.tf_tree import (
     AXES,
     FIXED_FRAMES,
     FrameTree,
@@ -28,6 +25,9 @@ from ..rig.tf_tree import (
     known_heading,
     nearest_axis,
 )
+from ..model import bag_formats as types
+from ..model.errors import MissingDataError, UsageError
+from ..model.geometry import Transform
 from .bag_calibration import rect_in_frame
 from .plan import TF, frame_of, topic_of
 from .survey import SOLID
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
 
     from ..messages.camera_info import CameraModel
+    from ..messages.moving_tree import MovingTree
+    from ..messages.tf_tree import Link
     from ..model.geometry import Float64Array
-    from ..rig.moving_tree import MovingTree
-    from ..rig.tf_tree import Link
     from .plan import Plan, PosePlan, ScanPlan
     from .survey import Survey, TopicSurvey
 

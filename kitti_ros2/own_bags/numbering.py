@@ -17,7 +17,6 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import bag_stamps, open_messages
-from ..exporter.schedule import UNKNOWN, frame_runs, frames_of, nearest_frames, select_window
 from ..kitti import names
 from ..kitti.find import LAYOUTS
 from ..kitti.label_file import cuboids_by_frame, parse_tracklets
@@ -30,6 +29,7 @@ from ..model.recording import StreamIndex
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import Bound, ScanStamp
 from .recorded_layout import Folder, find_blueprint, owner_of
+from .schedule import UNKNOWN, frame_runs, frames_of, nearest_frames, select_window
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping

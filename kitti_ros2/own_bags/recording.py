@@ -19,7 +19,6 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
-from ..exporter.schedule import UNKNOWN
 from ..importer.kitti_frames import damage
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
@@ -35,6 +34,7 @@ from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
 from .numbering import absent_frames, tracklets_of
+from .schedule import UNKNOWN
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping

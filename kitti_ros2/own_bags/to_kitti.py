@@ -18,7 +18,6 @@ import numpy as np
 
 from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, bag_stamps, open_messages
-from ..exporter.schedule import frames_of
 from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.apply_plan import adapt, guess, streams_of_topics
@@ -47,6 +46,7 @@ from .recorded_layout import (
     write_new,
     write_texts,
 )
+from .schedule import frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage, BagMessages
-    from ..exporter.to_bag import ShowProgress
     from ..importer.plan import Plan
     from ..importer.survey import Survey
     from ..model.samples import Scan
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
     from ..options.outputs import ImportOptions
     from ..options.read import SelectionOptions
     from .recorded_layout import Blueprint
+    from .to_bag import ShowProgress
 
 
 # The contents of files with one sample, as KITTI has them.

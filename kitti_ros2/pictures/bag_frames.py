@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from ..importer.kitti_frames import Frames
     from ..importer.plan import Plan, ScanPlan
     from ..importer.survey import Survey
+    from ..messages.moving_tree import MovingTree, Track
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Float64Array
@@ -62,7 +63,6 @@ if TYPE_CHECKING:
     from ..options.read import ReadOptions
     from ..own_bags.recorded_layout import Blueprint
     from ..own_bags.recording import Place
-    from ..rig.moving_tree import MovingTree, Track
     from .recording_frames import FrameSource
 
 

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player, independent of the transport: sources, sessions, keyboard, state."""
+"""The player: programs, playback, sessions, keyboard; and the rclpy node that publishes them."""

@@ -13,7 +13,6 @@ import numpy as np
 from ..bags.bag_files import OpenBag, opened
 from ..bags.open_source import open_source
 from ..bags.reader import Decoder, open_messages, read_lead_ns
-from ..exporter.schedule import describe_extent, frame_runs, nearest_frames
 from ..files.remote import as_path
 from ..files.threads import worker_count
 from ..kitti.extract_oxts import add_extract
@@ -38,6 +37,7 @@ from ..options.messages import ColorEncoding, Images
 from ..options.outputs import Stamps
 from ..options.table import PlaySettings
 from ..own_bags.numbering import BY_POSITION, number_bag
+from ..own_bags.schedule import describe_extent, frame_runs, nearest_frames
 from .program import RecordingProgram, longest_gap_ns
 
 if TYPE_CHECKING:

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..exporter.encode import Encoder
-from ..exporter.schedule import make_schedule
 from ..files.threads import deferred_signals
 from ..messages.cdr import Message
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import Loss
 from ..model.streams import NS_PER_S, Clock, Stream
+from ..own_bags.encode import Encoder
+from ..own_bags.schedule import make_schedule
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence

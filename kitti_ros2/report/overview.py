@@ -11,7 +11,6 @@ import numpy as np
 
 from ..bags.container_file import TopicSummary, summarize_topic
 from ..bags.reader import bag_stamps, open_messages, summarize_bag
-from ..exporter.schedule import frames_of
 from ..messages.camera_info import (
     decode_static,
     encode_camera_info,
@@ -28,6 +27,7 @@ from ..model.streams import Clock
 from ..options.messages import MessageOptions
 from ..own_bags.numbering import absent_frames, number_bag
 from ..own_bags.recorded_layout import read_blueprint
+from ..own_bags.schedule import frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -14,12 +14,12 @@ from ..bags.stored_messages import ros1_to_cdr
 from ..messages.cdr import peek_header, stamp_ns_of
 from ..messages.images import size_of
 from ..messages.naming import RECORDING, Origin
+from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import decoders
 from ..model.bag_formats import CAMERA_INFO, COMPRESSED, CONTAINERS, IMAGE, STRING, TF_TYPES
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.streams import NS_PER_S, Layout
 from ..model.yaml_text import load_yaml
-from ..rig.tf_tree import FrameTree, LinkTally
 from .bag_rules import (
     BAG_RULES,
     CHECKED_TYPES,

@@ -19,6 +19,7 @@ from ..messages.camera_info import camera_model
 from ..messages.clouds import read_points
 from ..messages.images import picture_kind, pixels_of
 from ..messages.naming import FrameNames
+from ..messages.rectified_cameras import angle_of
 from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
@@ -43,15 +44,14 @@ from ..model.bag_formats import (
 )
 from ..model.errors import format_count
 from ..model.streams import NS_PER_S, format_stamp
-from ..rig.rectified_cameras import angle_of
 from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from ..messages.tf_tree import FrameTree
     from ..model.samples import Int64Array
-    from ..rig.tf_tree import FrameTree
 
 
 # Rules about a whole bag: container, metadata, schemas, frames, cameras and their images.

@@ -50,8 +50,8 @@ def test_arrays_of_a_large_message_are_views_only_if_they_are_lent(tmp_path, len
 
 
 # Texts and numbers are taken out of each message, and it is dropped.
-DROPPED = {'own_bags/numbering.py', 'report/overview.py', 'rerun_view/program_survey.py',
-           'rerun_view/show.py'}  # fmt: skip
+DROPPED = {'own_bags/numbering.py', 'report/overview.py', 'viewers/rerun_series.py',
+           'viewers/rerun_show.py'}  # fmt: skip
 
 
 def test_messages_of_bags_are_decoded_by_the_decoder_only():

@@ -34,7 +34,7 @@ if __name__ == '__main__':
     prepare_workers(cluster=cluster)
     context = multiprocessing.get_context('forkserver')
     ours, theirs = context.Pipe()
-    modules = ['kitti_ros2.exporter.to_bag'] + ['distributed.nanny'] * cluster
+    modules = ['kitti_ros2.own_bags.to_bag'] + ['distributed.nanny'] * cluster
     context.Process(target=report, args=(theirs, modules)).start()
     print(ours.recv(), gc.get_freeze_count())
 """

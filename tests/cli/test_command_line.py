@@ -506,7 +506,7 @@ def test_an_interrupted_run_leaves_nothing_behind(recordings, tmp_path, sent, co
     out.parent.mkdir()
     waiting = f"""{UNTIL_A_SIGNAL}
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests may run under nohup
-import kitti_ros2.exporter.encode as e; old = e.Encoder.encode
+import kitti_ros2.own_bags.encode as e; old = e.Encoder.encode
 e.Encoder.encode = lambda self, entry: signalled.wait() and old(self, entry)
 from kitti_ros2.cli import main; sys.exit(main())
 """

@@ -118,10 +118,10 @@ def read_yaml(text: str, path: Path) -> None:
     if 'reference' in values:
         parse_plan(text, path)
     elif next(iter(values)).startswith('/'):
-        qos = pytest.importorskip('kitti_ros2.node.outlets', exc_type=ImportError)
+        qos = pytest.importorskip('kitti_ros2.player.outlets', exc_type=ImportError)
         qos.load_overrides(path)
     elif 'kitti_player' in values:
-        parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
+        parameters = pytest.importorskip('kitti_ros2.player.node', exc_type=ImportError)
         parameters.to_parameters(values['kitti_player']['ros__parameters'])
     else:
         make_settings(values)

@@ -168,7 +168,7 @@ def test_rules_are_those_of_the_table():
 
 
 def test_parameters_services_and_policies_are_those_of_the_node():
-    parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
+    parameters = pytest.importorskip('kitti_ros2.player.node', exc_type=ImportError)
     rows = rows_of(tables.parameters())[2:]
     assert [row[0] for row in rows] == [f'`{each.name}`' for each in parameters.PARAMETERS]
     assert [row[4] == 'yes' for row in rows] == [each.live for each in parameters.PARAMETERS]

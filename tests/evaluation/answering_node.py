@@ -21,7 +21,7 @@ from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.bag_formats import CLOUD, DETECTIONS_3D
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.node.message_types import message_class
+from kitti_ros2.player.message_types import message_class
 
 BOX = Cuboid('Car', '0', Transform.from_translation((10, 2, -0.9)), (4.0, 1.6, 1.5), 0.9)
 

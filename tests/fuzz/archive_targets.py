@@ -13,8 +13,8 @@ from contextlib import suppress
 from io import BytesIO
 from shutil import rmtree
 
-from kitti_ros2.fetch.archive_formats import BadMemberError, Limits, checked, open_archive
-from kitti_ros2.fetch.extract import extract, extract_all
+from kitti_ros2.datasets.archive_formats import BadMemberError, Limits, checked, open_archive
+from kitti_ros2.datasets.extract import extract, extract_all
 from kitti_ros2.options.datasets import ExtractOptions
 
 from .target import Target, place, stored
@@ -139,9 +139,9 @@ _WORDS = (
 
 TARGETS = (
     Target('archive', _archive, _archives,
-           ('fetch/archive_formats.py',), _WORDS, mend=_summed, short=150),
+           ('datasets/archive_formats.py',), _WORDS, mend=_summed, short=150),
     Target('extract', _extract, _archives,
-           ('fetch/extract.py', 'fetch/archive_formats.py'), _WORDS, mend=_summed,
+           ('datasets/extract.py', 'datasets/archive_formats.py'), _WORDS, mend=_summed,
            short=50),
 )  # fmt: skip
 """All of them."""

@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.own_bags.to_bag import ExportOptions, convert
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from .target import place

@@ -10,10 +10,10 @@ from zlib import crc32
 
 import numpy as np
 
+from kitti_ros2.datasets.transfer import read_checksums
 from kitti_ros2.evaluation.detection import read_frames
 from kitti_ros2.evaluation.track_metrics import ClassMap, read_tracks, read_truth, tracks_of_frames
 from kitti_ros2.evaluation.trajectories import read_trajectory
-from kitti_ros2.fetch.transfer import read_checksums
 from kitti_ros2.kitti.label_file import ResultFiles
 from kitti_ros2.model.bag_formats import DETECTIONS_2D, DETECTIONS_3D, MARKERS
 from kitti_ros2.model.errors import KittiRos2Error
@@ -185,6 +185,6 @@ TARGETS = (
             'evaluation/track_metrics.py'),
            RECORD_WORDS, short=5),
     Target('checksums', _checksums, lambda: [b'a' * 64 + b'  a.zip\n# b\n' + b'0' * 64 + b' *b\n'],
-           ('fetch/transfer.py',), is_text=True, long=100_000),
+           ('datasets/transfer.py',), is_text=True, long=100_000),
 )  # fmt: skip
 """All of them."""

@@ -30,6 +30,7 @@ from kitti_ros2.messages.camera_info import (
 from kitti_ros2.messages.cdr import deserialize, join, make_header, serialize
 from kitti_ros2.messages.naming import make_frames
 from kitti_ros2.messages.ros_types import CameraInfo, RegionOfInterest
+from kitti_ros2.messages.tf_tree import FrameTree
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.model.geometry import (
     NOMINAL_CAM0_T_VELO,
@@ -40,7 +41,6 @@ from kitti_ros2.model.geometry import (
 from kitti_ros2.model.samples import Calibration, CameraCalibration, rect_from_velo
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Preset
-from kitti_ros2.rig.tf_tree import FrameTree
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -488,7 +488,7 @@ def test_cameras_of_any_rig_see_what_the_tree_and_their_info_say(base_t_lidar, m
         p = np.column_stack([pinhole(focal, focal + 1), np.zeros(3)])
         cameras[index] = model(f'camera {index}', p, r=r)
     places = [np.array(place) for _, place, _ in mounted]
-    # Parallel frames with different R are rectified frames, see rig/rectified_cameras.py.
+    # Parallel frames with different R are rectified frames, see messages/rectified_cameras.py.
     assume(all(abs(a - b).max() > 1e-3 for a, b in combinations(places, 2)))
     made, _ = make(links, cameras)
     for index, each in cameras.items():

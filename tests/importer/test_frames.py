@@ -10,11 +10,11 @@ import pytest
 from kitti_ros2.importer.kitti_frames import choose_frames
 from kitti_ros2.importer.plan import CameraPlan, Incomplete, LabelPlan, Plan, PosePlan, ScanPlan
 from kitti_ros2.importer.survey import Survey, TopicSurvey
+from kitti_ros2.messages.moving_tree import PoseTrack
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout, Stream
-from kitti_ros2.rig.moving_tree import PoseTrack
 
 MS = 1_000_000
 

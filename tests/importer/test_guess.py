@@ -19,12 +19,12 @@ from kitti_ros2.importer.survey import Survey
 from kitti_ros2.messages.camera_info import make_transform
 from kitti_ros2.messages.oxts import place_of
 from kitti_ros2.messages.ros_types import TFMessage
+from kitti_ros2.messages.tf_tree import LinkTally
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
-from kitti_ros2.rig.tf_tree import LinkTally
 
 PATH = Path('bag.mcap')
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.importer.set_builder import camera_poses
+from kitti_ros2.messages.moving_tree import MAX_GAP_NS, PoseTrack, interpolate
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
-from kitti_ros2.rig.moving_tree import MAX_GAP_NS, PoseTrack, interpolate
 
 T0 = 1317042145951199337
 STEP = 100_000_000

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.exporter.encode import Encoder
-from kitti_ros2.exporter.schedule import make_schedule
 from kitti_ros2.messages.cdr import deserialize, join, restamp_message
 from kitti_ros2.options.messages import Images, MarkerOptions, MessageOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.own_bags.encode import Encoder
+from kitti_ros2.own_bags.schedule import make_schedule
 
 STAMPS = st.integers(0, 2**31 * 10**9 - 1)
 PATH = 'nav_msgs/msg/Path'

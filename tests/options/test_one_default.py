@@ -98,14 +98,14 @@ def test_the_installed_config_of_to_bag_holds_every_option_at_its_default():
 
 
 def test_ros_parameters_are_the_settings_at_their_defaults():
-    parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
+    parameters = pytest.importorskip('kitti_ros2.player.node', exc_type=ImportError)
     defaults = {each.name: each.default for each in parameters.PARAMETERS}
     assert set(defaults) - parameters.COMMANDS == set(PLAY_OPTIONS)
     assert make_play_settings(parameters.given(defaults)) == make_play_settings({})
 
 
 def test_player_yaml_holds_every_parameter_at_its_default():
-    parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
+    parameters = pytest.importorskip('kitti_ros2.player.node', exc_type=ImportError)
     text = (ROOT / 'config' / 'player.yaml').read_text('utf-8')
     values = yaml.safe_load(text)['kitti_player']['ros__parameters']
     assert values == {each.name: each.default for each in parameters.PARAMETERS}
@@ -133,7 +133,7 @@ def test_arguments_of_play_bag_have_the_defaults():
 
 
 def test_arguments_of_player_are_parameters_of_the_same_type():
-    parameters = pytest.importorskip('kitti_ros2.node.player', exc_type=ImportError)
+    parameters = pytest.importorskip('kitti_ros2.player.node', exc_type=ImportError)
     tree = ast.parse((ROOT / 'launch' / 'player.launch.py').read_text('utf-8'))
     table = next(
         node.value

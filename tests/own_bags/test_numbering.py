@@ -19,7 +19,6 @@ from rosbags.highlevel import AnyReader
 
 from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.exporter.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
@@ -31,6 +30,7 @@ from kitti_ros2.options.outputs import BagOptions, PlaybackOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
 from kitti_ros2.own_bags.recorded_layout import UndescribedError, parse_description
+from kitti_ros2.own_bags.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
 from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.playback import Playback, Send

@@ -9,7 +9,6 @@ import shutil
 import numpy as np
 import pytest
 
-from kitti_ros2.exporter import encode
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.images import decode_pixels
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -18,6 +17,7 @@ from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.options.table import make_play_settings, make_settings
+from kitti_ros2.own_bags import encode
 from kitti_ros2.player.program import RecordingProgram
 
 ANNOTATED = MessageOptions(images=Images.BOTH, annotated=True)

@@ -14,13 +14,13 @@ from mcap.writer import Writer
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.exporter.to_bag import ExportOptions, convert
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import BadBagError, UsageError
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import Bound, SelectionOptions
+from kitti_ros2.own_bags.to_bag import ExportOptions, convert
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 

@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.exporter.encode import Encoder
-from kitti_ros2.exporter.schedule import make_schedule, nearest_frames
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import Bound, SelectionOptions
+from kitti_ros2.own_bags.encode import Encoder
+from kitti_ros2.own_bags.schedule import make_schedule, nearest_frames
 from kitti_ros2.player.program import RecordingProgram
 
 from builders import SMALL  # isort: skip

@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import MissingDataError
-from kitti_ros2.node.message_types import message_class
+from kitti_ros2.player.message_types import message_class
 
 from bare_publisher import TOPIC  # isort: skip
 

@@ -9,6 +9,7 @@ import shlex
 
 import pytest
 
+from kitti_ros2.api.setup_files import commands_of, facts_of
 from kitti_ros2.bags.open_source import open_folder
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
@@ -20,7 +21,6 @@ from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.stack_setup.setup_files import commands_of, facts_of
 from kitti_ros2.stacks.stack_catalogue import STACKS
 
 TRUTH = '/kitti/ground_truth/odometry'

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import yaml
 
+from kitti_ros2.api.setup_files import commands_of, write_setup
 from kitti_ros2.cli.app import find_command
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import BASE_T_IMU
 from kitti_ros2.options.table import make_settings
-from kitti_ros2.stack_setup.setup_files import commands_of, write_setup
 from kitti_ros2.stacks.stack_catalogue import STACKS
 from kitti_ros2.synthetic.drive import extract_of
 

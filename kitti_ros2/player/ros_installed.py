@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A check for ROS; for the modules that import it."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..model.errors import UsageError
+
+
+def middleware() -> str:
+    """Return the name of the middleware that ROS will load."""
+    return os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
+
+
+def check_installed() -> None:
+    """Check that ROS and its middleware are installed; call before rclpy is imported.
+
+    Without its middleware rcl ends the process on import, without an exception.
+
+    Raises:
+        UsageError: rclpy or its middleware is missing.
+    """
+    if find_spec('rclpy') is None:
+        raise UsageError(
+            'play needs rclpy, which is not installed; source a ROS 2 workspace, or run pip install'
+            " 'kitti_ros2[ros]'"
+        )
+    name = middleware()
+    if find_spec(name) is not None or any((each / f'lib{name}.so').exists() for each in _places()):
+        return
+    package = 'ros-jazzy-' + name.replace('_', '-')
+    if 'RMW_IMPLEMENTATION' in os.environ:
+        raise UsageError(
+            f'the middleware {name} is not installed; install {package}, or unset'
+            f' RMW_IMPLEMENTATION for the default one'
+        )
+    raise UsageError(
+        f"no middleware is installed; install {package}, or run pip install 'kitti_ros2[ros]'"
+    )
+
+
+def _places() -> list[Path]:
+    """Return the folders that may contain shared libraries of ROS."""
+    workspaces = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    libraries = os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
+    return [
+        *(Path(each) / 'lib' for each in workspaces if each),
+        *map(Path, filter(None, libraries)),
+    ]

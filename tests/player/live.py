@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A player and a listener as two processes over the real middleware."""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+from kitti_ros2.bags.reader import open_messages
+
+from waiting import PATIENCE_S  # isort: skip
+
+HERE = Path(__file__).parent
+MAIN = 'import sys; sys.argv[0] = "kitti-ros2"; from kitti_ros2.cli import main; sys.exit(main())'
+
+WATCHED = f"""
+from kitti_ros2.player.outlets import Outlets
+from kitti_ros2.player import session
+from kitti_ros2.player.playback import Playback
+
+session.LAST_WAIT_S = {PATIENCE_S}
+Playback.play_next.__defaults__ = ({PATIENCE_S},)
+wanted, seen = Outlets.wanted, [0]
+
+def count(self, now_ns):
+    found = sum(each.get_subscription_count() for each in list(self._publishers.values()))
+    if found != seen[-1]:
+        seen.append(found)
+        print(found, flush=True)
+    return wanted(self, now_ns)
+
+Outlets.wanted = count
+{MAIN}
+"""
+"""The same, which prints how many subscriptions its topics have whenever that changes.
+
+Its play_next waits longer for a frame than a user would, and its end for the last messages to
+arrive: both take their time on a busy machine.
+"""
+
+
+def environment():
+    """Of our own processes: what they say stays on this machine, and among themselves."""
+    return {**os.environ, 'PYTHONPATH': str(HERE.parents[1]), 'PYTHONUNBUFFERED': '1'}
+
+
+def play(src, *options, program=WATCHED, **more):
+    """Start a player."""
+    words = [sys.executable, '-c', program, 'play', *([str(src)] if src else [])]
+    words += map(str, options)
+    return subprocess.Popen(
+        words, env=environment(), text=True, stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more,
+    )  # fmt: skip
+
+
+class Listening:
+    """The other process; topics by name with their types."""
+
+    def __init__(self, topics):
+        words = [sys.executable, str(HERE / 'listener.py')]
+        self.topics = dict(topics)
+        self.process = subprocess.Popen(
+            words + [f'{topic}={msgtype}' for topic, msgtype in self.topics.items()],
+            env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        assert self.process.stdout.readline() == 'ready\n'
+
+    def tell(self, *words):
+        """What it answers to a line."""
+        self.process.stdin.write(' '.join(map(str, words)) + '\n')
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
+
+    def wait_for_publishers(self, player, subscriptions=None):
+        """Wait until it and a player have found each other, for every topic.
+
+        Args:
+            player: A watched player.
+            subscriptions: How many its topics have then, if not one of each of the listener's.
+        """
+        for topic in self.topics:
+            assert self.tell('publishers', topic), f'nobody publishes {topic}'
+        expected = len(self.topics) if subscriptions is None else subscriptions
+        found = 0
+        while found < expected:
+            line = player.stdout.readline()
+            assert line, 'the player has ended'
+            found = int(line)
+
+    def last_state(self, name, value):
+        """The values of the state in which one begins with a text."""
+        values = self.tell('state', name, value)
+        assert values[name].startswith(value), values
+        return values
+
+    def heard(self):
+        """End it; by topic the stamp of each message, if its type has one, and its digest."""
+        self.process.stdin.close()
+        heard = json.loads(self.process.stdout.read().splitlines()[-1])
+        assert self.process.wait(PATIENCE_S) == 0
+        return heard
+
+
+class Recording:
+    """A process that subscribes as `ros2 bag record -a` does."""
+
+    def __init__(self):
+        words = [sys.executable, str(HERE / 'recorder.py')]
+        self.process = subprocess.Popen(
+            words, env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def counts(self):
+        """End it; by topic how many messages came."""
+        said, _ = self.process.communicate(timeout=PATIENCE_S)
+        return json.loads(said.splitlines()[-1])
+
+
+def stop(process):
+    """End a process that a test is done with; a killed one leaves its shared memory behind."""
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+
+
+def end(process, number=signal.SIGINT):
+    """End a player; its exit code and what it said on stderr."""
+    process.send_signal(number)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, said
+
+
+def bag_digests(path):
+    """By topic and type the digest of each message of a bag, in order, as a subscriber has it."""
+    digests = defaultdict(list)
+    with open_messages(path) as messages:
+        for message in messages:
+            data = bytes(message.data)
+            data += bytes(-len(data) % 4)  # what is of ROS 1 has no zeros at its end
+            digests[message.topic, message.msgtype].append(hashlib.sha1(data).hexdigest())
+    return dict(digests)

@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options from a command line or YAML as ROS parameters, and what ROS shows of them."""
+
+import pytest
+
+pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
+
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.node import _LIVE, _OF_SOURCE, PARAMETERS, descriptor, given, to_parameters
+
+
+@pytest.mark.parametrize(
+    ('name', 'word', 'value'),
+    [
+        ('delay', '1.5s', 1.5),
+        ('delay', '3', 3.0),
+        ('period', 0.1, 0.1),
+        ('rate', 2, 2.0),
+        ('step', '2', 2),
+        ('read_ahead', '0010', 10),
+        ('streams', 'scan, oxts', ['scan', 'oxts']),
+        ('topics', ['/a', '/b'], ['/a', '/b']),
+        ('base_to_imu', [1.0, 2.0, 3.5], '1.0,2.0,3.5'),
+        ('sequence', '0007', '0007'),
+        ('loop', 0, 0),
+        ('wait_for', 2, 2),
+        ('lossless', True, True),
+    ],
+)
+def test_a_value_gets_the_declared_type_and_means_the_same(name, word, value):
+    made = to_parameters({name: word})[0].value
+    assert made == value
+    assert type(made) is type(value)
+    assert make_play_settings(given({name: made})) == make_play_settings({name: word})
+
+
+def test_parameters_are_described_with_their_ranges():
+    described = {each.name: descriptor(each) for each in PARAMETERS}
+    assert all(each.description for each in described.values())
+    rate = described['rate']
+    assert not rate.read_only
+    assert rate.floating_point_range[0].to_value == 100.0
+    assert described['step'].integer_range[0].to_value == 10_000
+    assert described['period'].read_only
+    words = 'Layout of the KITTI folder: raw or object or odometry or tracking; empty: detected'
+    assert described['layout'].description == words
+
+
+def test_the_player_applies_every_parameter_that_may_change():
+    live = {each.name for each in PARAMETERS if each.live}
+    assert live == {*_LIVE, *_OF_SOURCE, 'position', 'burst'}
