@@ -15,7 +15,6 @@ from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, open_messages
 from ..importer.bag_poses import LinkTracks
 from ..importer.box_labels import ImageOf, TrackIds, make_boxes
-from ..importer.kitti_frames import LossTally, damage
 from ..importer.tf_frames import is_fixed
 from ..kitti.kitti_recording import image_size
 from ..messages.camera_info import static_links
@@ -38,8 +37,10 @@ from ..model.errors import (
     BadBagError,
     KittiRos2Error,
     Loss,
+    LossTally,
     MissingDataError,
     UsageError,
+    damage,
     did_you_mean,
     format_count,
 )

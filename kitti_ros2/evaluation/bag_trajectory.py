@@ -12,7 +12,6 @@ import numpy as np
 from ..bags.reader import open_messages
 from ..importer.bag_poses import read_track
 from ..importer.guess import guess_plan
-from ..importer.kitti_frames import LossTally, damage
 from ..importer.plan import PosePlan
 from ..importer.rigging import Rigging
 from ..importer.survey import glance, look
@@ -20,7 +19,16 @@ from ..importer.sync import default_tolerance_ns
 from ..messages.naming import FrameNames
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
-from ..model.errors import KittiRos2Error, Loss, MissingDataError, UsageError, did_you_mean, some_of
+from ..model.errors import (
+    KittiRos2Error,
+    Loss,
+    LossTally,
+    MissingDataError,
+    UsageError,
+    damage,
+    did_you_mean,
+    some_of,
+)
 from ..model.geometry import NOMINAL_CAM0_T_VELO, Transform
 from ..model.recording import StreamIndex
 from ..model.streams import Clock, Layout

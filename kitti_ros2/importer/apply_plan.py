@@ -22,7 +22,7 @@ from ..kitti.store import STORE
 from ..messages.naming import CALIBRATION, LABEL_LINES
 from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
-from ..model.errors import KittiRos2Error, UnsynchronisedError, UsageError
+from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError
 from ..model.streams import NS_PER_S, Layout, Stream
 from .append import appended
 from .bag_calibration import camera_models
@@ -31,7 +31,7 @@ from .bag_poses import PlannedMotion, read_motion
 from .box_labels import is_own
 from .clocks import clock_notes, clocked
 from .guess import Guess, guess_plan, passed_over
-from .kitti_frames import LossTally, choose_frames, pick_frames, select_frames
+from .kitti_frames import choose_frames, pick_frames, select_frames
 from .plan import NONE, SOURCE, TF, made_optical_frames
 from .rigging import Rigging
 from .set_builder import Target, build

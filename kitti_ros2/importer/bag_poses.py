@@ -21,6 +21,7 @@ from ..messages.topics import own_topics
 from ..model import bag_formats as types
 from ..model.errors import UsageError, did_you_mean
 from ..model.geometry import Transform
+from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
 from .kitti_frames import pass_over
 from .plan import Incomplete, PosePlan, topic_of
@@ -33,9 +34,9 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource
     from ..messages.moving_tree import Track
+    from ..model.errors import LossTally
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
-    from .kitti_frames import LossTally
     from .plan import Plan
     from .survey import Survey, TopicSurvey
     from .tf_frames import OdometryLink
@@ -558,13 +559,11 @@ class DerivedVelocities:
         stamps = self._stamps_ns
         if len(stamps) < _PARABOLA:
             return None
-        after = int(np.searchsorted(stamps, moment_ns))
-        around = range(max(after - 1, 0), min(after + 1, len(stamps)))
-        nearest = min(around, key=lambda place: abs(int(stamps[place]) - moment_ns))
-        run = int(np.searchsorted(self._starts, nearest, 'right'))
+        nearest, later_ns = nearest_stamps(stamps, np.array([moment_ns]))
+        run = int(np.searchsorted(self._starts, nearest[0], 'right'))
         begin = int(self._starts[run - 1])
         end = int(self._starts[run]) if run < len(self._starts) else len(stamps)
-        if end - begin < _PARABOLA or abs(int(stamps[nearest]) - moment_ns) > self._most_ns:
+        if end - begin < _PARABOLA or abs(int(later_ns[0])) > self._most_ns:
             return None
         seconds = (stamps[begin:end] - moment_ns) / NS_PER_S
         for times in _WIDENINGS:

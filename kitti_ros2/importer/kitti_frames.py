@@ -485,41 +485,6 @@ class ImportReport:
     notes: tuple[str, ...]
 
 
-class LossTally:
-    """Counts unusable messages by topic and reason."""
-
-    def __init__(self) -> None:
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._first_ns: dict[tuple[str, str], int] = {}
-
-    def lose(self, topic: str, stamp_ns: int, reason: str) -> None:
-        """Count a message."""
-        self._counts[topic, reason] += 1
-        self._first_ns.setdefault((topic, reason), stamp_ns)
-
-    def losses(self) -> tuple[Loss, ...]:
-        """Return the losses, each with the stamp of its first message."""
-        return tuple(
-            Loss(topic, count, f'{topic} at {self._first_ns[topic, reason]}: {reason}')
-            for (topic, reason), count in self._counts.items()
-        )
-
-
-def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
-    """Return the damage of a bag as losses; an unknown number of messages counts as one."""
-    return tuple(Loss(name, count or 1, text) for text, count in losses.items())
-
-
-def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
-    """Add up the damage that passes over different topics of a bag found; None: unknown count."""
-    total: dict[str, int | None] = {}
-    for losses in found:
-        for text, count in losses.items():
-            known = total.get(text, 0)
-            total[text] = None if count is None or known is None else known + count
-    return total
-
-
 def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ...]:
     """Return the messages of a plan's topics that the first pass could not decode.
 

@@ -16,19 +16,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.reader import Decoder, open_messages
+from ..bags.reader import Decoder, MessagesByIndex, open_messages
 from ..drawing.annotate import annotate
 from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
 from ..messages.naming import LABEL_LINES, decode_text
-from ..model.errors import KittiRos2Error, UsageError, describe_error
+from ..model.errors import KittiRos2Error, LossTally, UsageError, describe_error
 from ..model.samples import FrameLabels
 from ..model.streams import Layout
 from .bag_poses import read_moving
 from .bag_scans import without_unreadable_scans
 from .box_labels import own_number
 from .guess import guess_plan
-from .kitti_frames import LossTally
 from .plan import NONE, SOURCE, TF, topic_of
 from .rigging import Rigging
 from .survey import glance
@@ -36,11 +35,10 @@ from .sync import default_tolerance_ns
 from .tf_frames import BoxTimes, stamp_of_boxes
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.bag_files import OpenBag
-    from ..bags.reader import BagMessage
     from ..drawing.drawn_objects import Pixels as Picture
     from ..messages.images import Pixels
     from ..model.samples import Int64Array
@@ -141,8 +139,7 @@ class _Labels:
         self._order, self._stamps = order, stamps[order]
         self._tolerance_ns = default_tolerance_ns(stamps)
         self._messages = open_messages(bag, {topic})
-        self._iterator: Iterator[BagMessage] | None = None
-        self._next = 0
+        self._by_index = MessagesByIndex(self._messages, self._log_ns)
 
     def be_of_one_frame(self, stamps: Mapping[str, Int64Array], images: Collection[str]) -> None:
         """Match labels to one image of each camera only, as in KITTI's frames."""
@@ -171,23 +168,12 @@ class _Labels:
             ValueError: It cannot be read.
         """
         try:
-            message = self._message(place)
+            message = self._by_index.read(place)
         except (KittiRos2Error, OSError) as error:
-            self._iterator = None
             raise ValueError(describe_error(error)) from None
-        if message is None or message.stamp_ns != self._log_ns[place]:
-            self._iterator = None
+        if message is None:
             raise ValueError(f'a message of {self.topic} is missing')
         return Decoder(self._messages.typestore)(message)
-
-    def _message(self, place: int) -> BagMessage | None:
-        if self._iterator is None or place != self._next:
-            log_ns = int(self._log_ns[place])
-            self._iterator = self._messages.since(log_ns)
-            for _ in range(place - int(np.searchsorted(self._log_ns, log_ns))):
-                next(self._iterator, None)
-        self._next = place + 1
-        return next(self._iterator, None)
 
 
 def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:

@@ -19,6 +19,7 @@ from ..messages.oxts import Mounting, UnitPose, has_fix, has_orientation, make_p
 from ..model import bag_formats as types
 from ..model.errors import Loss, MissingDataError, format_numbers
 from ..model.geometry import Transform
+from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, GeoOrigin, Stream
 from .bag_poses import SLOWEST_FIX_M_S, SLOWEST_POSE_M_S, DerivedVelocities, metres_of
 from .kitti_frames import within_gaps
@@ -662,11 +663,11 @@ class PacketMaker:
         every = np.sort(self._stamps[topic])
         period = int(np.median(np.diff(every))) if len(every) > 1 else 0
         most_ns = max(most_ns, round(_BRIDGED_PERIODS * period))
-        places = _nearest(stamps, self._frames_ns)
-        away = np.abs(stamps[places] - self._frames_ns)
-        far = away > max(self._tolerance_ns, period)
         order = np.argsort(stamps, kind='stable')
         ranked = stamps[order]
+        nearest, later_ns = nearest_stamps(ranked, self._frames_ns)
+        away = np.abs(later_ns)
+        far = away > max(self._tolerance_ns, period)
         after = np.searchsorted(ranked, self._frames_ns)
         wanted: list[set[tuple[str, int]] | None] = []
         for frame, place in enumerate(after.tolist()):
@@ -674,7 +675,7 @@ class PacketMaker:
             if between and ranked[place] - ranked[place - 1] <= most_ns:
                 wanted.append({(topic, int(kept[at])) for at in order[place - 1 : place + 1]})
             else:
-                wanted.append(None if far[frame] else {(topic, int(kept[places[frame]]))})
+                wanted.append(None if far[frame] else {(topic, int(kept[order[nearest[frame]]]))})
         return wanted
 
     def _forbid_gaps(self) -> None:
@@ -762,14 +763,3 @@ class PacketMaker:
         self._carried_m.append(float(np.linalg.norm(way)))
         place = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
         return replace(fix, latitude=place.lat, longitude=place.lon, altitude=place.alt)
-
-
-def _nearest(stamps: Int64Array, wanted: Int64Array) -> Int64Array:
-    """Return (M,) index of the stamp nearest to each of (M,) requested ones."""
-    order = np.argsort(stamps, kind='stable')
-    ranked = stamps[order]
-    after = np.clip(np.searchsorted(ranked, wanted), 1, max(len(ranked) - 1, 1))
-    before = after - 1
-    later = np.minimum(after, len(ranked) - 1)
-    nearer = np.abs(ranked[later] - wanted) < np.abs(ranked[before] - wanted)
-    return order[np.where(nearer, later, before)].astype(np.int64)

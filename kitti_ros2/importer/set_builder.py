@@ -21,7 +21,7 @@ from ..kitti import names
 from ..kitti.find import make_writer
 from ..kitti.store import STORE
 from ..kitti.writers import WriteOptions
-from ..model.errors import KittiRos2Error, UnsynchronisedError
+from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damage
 from ..model.geometry import Transform
 from ..model.samples import rect_from_velo
 from ..model.streams import Stream
@@ -35,9 +35,7 @@ from .kitti_frames import (
     NO_PACKET,
     Frames,
     ImportReport,
-    LossTally,
     choose_frames,
-    damage,
     frame_topics,
     numbered,
     unread,

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass
 from reprlib import Repr
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 from .bag_formats import ANY_BAG
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Iterator, Sequence
+    from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -466,6 +467,41 @@ class Loss:
     def text(self) -> str:
         """Return the message with its numbers."""
         return self.message.replace('{}', format_numbers(self.numbers))
+
+
+class LossTally:
+    """Counts unusable messages by topic and reason."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._first_ns: dict[tuple[str, str], int] = {}
+
+    def lose(self, topic: str, stamp_ns: int, reason: str) -> None:
+        """Count a message."""
+        self._counts[topic, reason] += 1
+        self._first_ns.setdefault((topic, reason), stamp_ns)
+
+    def losses(self) -> tuple[Loss, ...]:
+        """Return the losses, each with the stamp of its first message."""
+        return tuple(
+            Loss(topic, count, f'{topic} at {self._first_ns[topic, reason]}: {reason}')
+            for (topic, reason), count in self._counts.items()
+        )
+
+
+def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
+    """Return the damage of a bag as losses; an unknown number of messages counts as one."""
+    return tuple(Loss(name, count or 1, text) for text, count in losses.items())
+
+
+def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
+    """Add up the damage that passes over different topics of a bag found; None: unknown count."""
+    total: dict[str, int | None] = {}
+    for losses in found:
+        for text, count in losses.items():
+            known = total.get(text, 0)
+            total[text] = None if count is None or known is None else known + count
+    return total
 
 
 def runs_of(numbers: Iterable[int]) -> list[list[int]]:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, open_messages
-from ..importer.kitti_frames import LossTally, damage
 from ..kitti import names
 from ..kitti.find import LAYOUTS
 from ..kitti.names import split_name
@@ -29,7 +28,7 @@ from ..kitti.text_file import parse_times, parse_timestamps
 from ..messages.naming import CALIBRATION, FILES, GREY, RECORDING, SWEEP, Origin
 from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import STRING
-from ..model.errors import BadBagError, Loss, UsageError
+from ..model.errors import BadBagError, Loss, LossTally, UsageError, damage
 from ..model.recording import Deskew
 from ..model.streams import Clock, Layout, ScanColumns, Stream
 from ..options.read import ScanStamp, is_period

@@ -19,14 +19,13 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
-from ..importer.kitti_frames import damage
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.naming import Origin, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
-from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, describe_error
+from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
 from ..model.samples import Calibration, Scan

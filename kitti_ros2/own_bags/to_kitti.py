@@ -22,7 +22,7 @@ from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.apply_plan import adapt, guess, streams_of_topics
 from ..importer.bag_scans import labelled_fields
-from ..importer.kitti_frames import ImportReport, LossTally, damage, merged
+from ..importer.kitti_frames import ImportReport
 from ..importer.plan import parse_plan
 from ..importer.survey import look
 from ..kitti import names
@@ -33,7 +33,16 @@ from ..kitti.store import STORE
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import POINTS, RECORDING, Origin
 from ..messages.topics import decoders, own_topics
-from ..model.errors import KittiRos2Error, Loss, MissingDataError, UsageError, format_numbers
+from ..model.errors import (
+    KittiRos2Error,
+    Loss,
+    LossTally,
+    MissingDataError,
+    UsageError,
+    damage,
+    format_numbers,
+    merged,
+)
 from ..model.samples import Image
 from ..model.streams import Layout, LayoutTraits, Stream
 from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp

@@ -21,7 +21,7 @@ from ..importer.bag_scans import without_unreadable_scans
 from ..importer.box_labels import class_name, own_number
 from ..importer.clocks import clocked
 from ..importer.guess import guess_plan
-from ..importer.kitti_frames import LossTally, choose_frames, damage, frame_topics
+from ..importer.kitti_frames import choose_frames, frame_topics
 from ..importer.plan import NONE as NO_CALIBRATION
 from ..importer.plan import Incomplete, topic_of
 from ..importer.rigging import Rigging, Riggings
@@ -33,8 +33,10 @@ from ..messages.detections import ABSURD, UNPLACED
 from ..messages.naming import LABEL_LINES, decode_text
 from ..model.errors import (
     KittiRos2Error,
+    LossTally,
     MissingDataError,
     UsageError,
+    damage,
     describe_error,
     describe_frames,
 )

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..bags.bag_files import OpenBag, opened
 from ..bags.open_source import open_source
-from ..bags.reader import Decoder, open_messages, read_lead_ns
+from ..bags.reader import Decoder, MessagesByIndex, open_messages, read_lead_ns
 from ..files.remote import as_path
 from ..files.threads import worker_count
 from ..kitti.extract_oxts import add_extract
@@ -41,7 +41,7 @@ from ..own_bags.schedule import describe_extent, frame_runs, nearest_frames
 from .program import RecordingProgram, longest_gap_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from ..bags.bag_files import BagSource
@@ -226,8 +226,7 @@ class BagProgram:
             self.longest_gap_ns = own and longest_gap_ns(own.blueprint.layout, own.clock)
             self._latched = self._read_latched(bag)
             self._messages: BagMessages = open_messages(bag, self._topics)
-        self._iterator: Iterator[BagMessage] | None = None
-        self._next = 0
+        self._by_index = MessagesByIndex(self._messages, self.stamps_ns)
 
     def _open(
         self,
@@ -311,12 +310,10 @@ class BagProgram:
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """See Program."""
         try:
-            message = self._read(index)
+            message = self._by_index.read(index)
         except (KittiRos2Error, OSError) as error:
-            self._iterator = None
             return [], [Loss('', 1, describe_error(error))]
-        if message is None or message.stamp_ns != self.stamps_ns[index]:
-            self._iterator = None
+        if message is None:
             return [], [Loss('', 1, self._reason())]
         due = []
         outlet = self._index.get(message.topic)
@@ -359,16 +356,6 @@ class BagProgram:
         self._messages.close()
         if self._images is not None:
             self._images.close()
-
-    def _read(self, index: int) -> BagMessage | None:
-        """Read the message at a position; seek in the bag if it is not the next one."""
-        if self._iterator is None or index != self._next:
-            stamp = self.stamps_ns[index]
-            self._iterator = self._messages.since(int(stamp))
-            for _ in range(index - int(np.searchsorted(self.stamps_ns, stamp))):
-                next(self._iterator, None)
-        self._next = index + 1
-        return next(self._iterator, None)
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
