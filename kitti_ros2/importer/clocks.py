@@ -423,9 +423,11 @@ def nearest_gap_ns(reference_ns: Int64Array, stamps_ns: Int64Array) -> int:
         reference_ns: (N,) of the frames, N > 0, in any order.
         stamps_ns: (M,) of a stream, M > 0, in any order.
     """
-    _, later_ns = nearest_stamps(np.sort(reference_ns), stamps_ns)
-    least = np.abs(later_ns).min()
-    return int(later_ns[np.abs(later_ns) == least].max())
+    stamps = np.sort(stamps_ns)
+    after = np.clip(np.searchsorted(stamps, reference_ns), 0, len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    gaps = np.concatenate([stamps[after] - reference_ns, stamps[before] - reference_ns])
+    return int(gaps[np.argmin(np.abs(gaps))])
 
 
 def describe_gap(
