@@ -24,7 +24,7 @@ from kitti_ros2.bags.mcap_reader import McapFormat
 from kitti_ros2.bags.mcap_writer import MAGIC
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_pages import LEAF
-from kitti_ros2.bags.sqlite_reader import QueriedRows
+from kitti_ros2.bags.sqlite_reader import SqliteFile
 from kitti_ros2.model.errors import BadBagError
 from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 
@@ -249,7 +249,7 @@ def test_cells_that_lead_to_the_same_long_row_are_bounded(tmp_path):
 
 def test_pages_are_searched_for_single_rows_within_the_limits(tmp_path, monkeypatch):
     monkeypatch.setattr('kitti_ros2.bags.decompression._RECORDS_ALWAYS', MOST)
-    monkeypatch.setattr(QueriedRows, 'read', lambda *_: iter(()))
+    monkeypatch.setattr(SqliteFile, '_in_one_query', lambda *_: iter(()))
     path = tmp_path / 'a.db3'
     write_rows(path, MOST - 1)
     assert read(path)[0] == MOST - 1
