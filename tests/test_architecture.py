@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
@@ -205,6 +206,16 @@ def test_few_file_names_are_used_in_two_rooms() -> None:
     twice = [name for name, count in names.items() if count > 1]
     assert len(twice) <= 8, twice
     assert not [name for name, count in names.items() if count > 2]
+
+
+def test_the_page_names_files_and_rooms_that_exist() -> None:
+    page = (SOURCE.parent / 'ARCHITECTURE.md').read_text(encoding='utf-8')
+    named = re.findall(r'`([a-z_0-9]+/[a-z_0-9]*(?:\.py)?)`', page)
+    assert len(named) > 50
+    folders = SOURCE, SOURCE.parent
+    assert [name for name in named if not any((each / name).exists() for each in folders)] == []
+    rooms = re.findall(r'^\| `([a-z_]+)/` \|', page, re.MULTILINE)
+    assert sorted(rooms) == sorted(set(ROOMS) - {'', '__main__'})
 
 
 def test_layouts_are_compared_in_kitti_only() -> None:
