@@ -14,7 +14,7 @@ import sys
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.app import find_command
+from kitti_ros2.cli.app import command_names, find_command, get_command
 from kitti_ros2.options import datasets, evaluation, table
 from kitti_ros2.pictures.panel import MODES
 
@@ -121,6 +121,15 @@ def test_options_stand_in_their_groups_with_their_choices(command, help_of):
 def test_the_modes_of_pictures_are_the_choices():
     (mode,) = (each for each in table.VIEW if each.name == 'mode')
     assert mode.choices == tuple(MODES)
+
+
+@pytest.mark.parametrize('name', command_names())
+def test_the_list_shows_the_first_line_of_the_help_of_a_command(name):
+    listed = get_command([])
+    for word in name.split():
+        listed = listed.commands[word]
+    _, command = find_command(name.split())
+    assert listed.help == command.help.splitlines()[0]
 
 
 def test_a_terminal_shows_what_a_pipe_gets():
