@@ -5,7 +5,7 @@
 
     python benchmarks/late_messages.py [--minutes M] [--rate R] [--health-check MS ...]
 
-Each run is one of python -m tests.soak with 8 subscribers. Beside the player run a publisher of
+Each run is one of python -m tests.torture.soak with 8 subscribers. Beside the player run a publisher of
 one small message with the same middleware, which shows what the middleware misses by itself, and
 a timer, which shows what the machine does. While Fast DDS opens the shared memory of a new
 subscriber it holds a lock of the publisher, and sleeps there by the healthy_check_timeout_ms of
@@ -50,7 +50,7 @@ def soak(words: list[str], profile: Path | None) -> dict[str, Any]:
     if profile:
         environment['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
     ended = subprocess.run(
-        [sys.executable, '-m', 'tests.soak', *words],
+        [sys.executable, '-m', 'tests.torture.soak', *words],
         cwd=ROOT,
         env=environment,
         stdout=subprocess.PIPE,

@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 import kitti_ros2
-from kitti_ros2 import api, datasets, evaluation, fetch, validation
+from kitti_ros2 import api, datasets, evaluation, validation
 from kitti_ros2.model.streams import Layout
 
 NAMES = (
     'kitti_ros2',
     *(
         f'{room.__name__}.{path.stem}'
-        for room in (api, datasets, evaluation, fetch, validation)
+        for room in (api, datasets, evaluation, validation)
         for path in Path(room.__path__[0]).glob('*.py')
     ),
 )

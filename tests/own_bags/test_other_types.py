@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import pytest
-from fuzz.own_bag_inputs import make_mcap, messages_of
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.exits import EXIT_LOSSES, EXIT_USAGE
@@ -15,6 +14,7 @@ from kitti_ros2.model.bag_formats import CAMERA_INFO, IMU, STRING
 from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
+from stored_messages import make_mcap, messages_of  # isort: skip
 
 OTHERS = [CAMERA_INFO, STRING, IMU]
 DELAY_NS = 1_234_567

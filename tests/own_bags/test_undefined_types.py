@@ -9,7 +9,6 @@ from functools import partial
 from io import BytesIO
 
 import pytest
-from fuzz.own_bag_inputs import messages_of
 from mcap.writer import Writer
 
 from kitti_ros2.cli import main
@@ -18,6 +17,7 @@ from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.streams import Layout
 
 from builders import convert_recording  # isort: skip
+from stored_messages import messages_of  # isort: skip
 
 DESCRIPTION = 'std_msgs/msg/String'
 NEEDS_UNKNOWN = 'x_msgs/Unknown field\n'

@@ -25,14 +25,15 @@ from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
-from .bag_targets import RECORD_WORDS, Stored, make_mcap
+from .bag_targets import RECORD_WORDS
 from .inputs import found
 from .message_inputs import Messages
-from .own_bag_inputs import messages_of, own_bags
+from .own_bag_inputs import own_bags
 from .target import YAML_WORDS, Target, place, stored
 from .yaml_targets import BOMBS
 
 from bags.bag_samples import jazzy  # isort: skip
+from stored_messages import Stored, make_mcap, messages_of  # isort: skip
 
 if TYPE_CHECKING:
     from kitti_ros2.importer.survey import Survey

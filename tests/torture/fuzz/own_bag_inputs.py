@@ -6,22 +6,20 @@ from __future__ import annotations
 
 import json
 import struct
-from collections import Counter
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from kitti_ros2.api.conversions import to_bag
-from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.messages.naming import CALIBRATION, FILES, POINTS, RECORDING
 from kitti_ros2.model.streams import Layout
 
-from .bag_targets import Stored, make_mcap
 from .inputs import own_bag, recording
 from .target import place
 
+from stored_messages import Stored, make_mcap, messages_of  # isort: skip
+
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 _TEXT_HEAD = b'\0\1\0\0'
 _OPTIONS: dict[str, tuple[Layout, dict[str, Any]]] = {
@@ -31,18 +29,6 @@ _OPTIONS: dict[str, tuple[Layout, dict[str, Any]]] = {
     'ouster': (Layout.TRACKING, {'points': 'ouster', 'exclude_topics': ('*image*',)}),
 }
 """By name: a layout, and options of to-bag."""
-
-
-def messages_of(path: Path) -> list[Stored]:
-    """The first messages of each topic."""
-    counts: Counter[str] = Counter()
-    found = []
-    with open_messages(path) as messages:
-        for each in messages:
-            counts[each.topic] += 1
-            if counts[each.topic] <= (20 if 'source' in each.topic else 2):
-                found.append((each.topic, each.msgtype, each.stamp_ns, bytes(each.data)))
-    return found
 
 
 @cache

@@ -6,25 +6,23 @@ from __future__ import annotations
 
 import struct
 from functools import cache
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import yaml
 import zstandard
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.container_file import size_of
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.recover import recover
-from kitti_ros2.messages.ros_types import TYPESTORE
 
 from .database_inputs import damaged, large_rows, logged, without_log
 from .inputs import bag_bytes, found, own_bag, samples
 from .ros1_inputs import ros1_bags
 from .target import YAML_WORDS, Target, place, stored
 
-from bags.bag_samples import jazzy  # isort: skip
+from stored_messages import make_mcap  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,31 +132,6 @@ def _with_packed_messages() -> list[bytes]:
 
 def _recover(data: bytes) -> None:
     recover(stored('damaged', data), place('recovered.mcap'), overwrite=True)
-
-
-Stored = tuple[str, str, int, bytes]
-"""Topic, type, stamp and data of a message."""
-
-
-def make_mcap(messages: list[Stored], **options) -> bytes:
-    """An MCAP file; no checksum stops mutations."""
-    target = BytesIO()
-    options.setdefault('compression', CompressionType.NONE)
-    writer = Writer(target, enable_crcs=False, enable_data_crcs=False, **options)
-    writer.start(profile='ros2')
-    channels: dict[str, int] = {}
-    for topic, kind, stamp_ns, data in messages:
-        store = TYPESTORE if kind in TYPESTORE.fielddefs else jazzy()
-        text = store.generate_msgdef(kind, ros_version=2)[0]
-        if topic not in channels:
-            schema = writer.register_schema(kind, 'ros2msg', text.encode())
-            channels[topic] = writer.register_channel(topic, 'cdr', schema)
-        channel = channels[topic]
-        writer.add_message(channel, stamp_ns, data, stamp_ns)
-    writer.add_metadata('m', {'a': 'b'})
-    writer.add_attachment(1, 1, 'a', 'text/plain', b'content')
-    writer.finish()
-    return target.getvalue()
 
 
 HELLO = ('/t', 'std_msgs/msg/String', 10**18, b'\0\1\0\0\6\0\0\0hello\0')

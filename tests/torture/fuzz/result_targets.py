@@ -21,10 +21,11 @@ from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.evaluation import BagResultsOptions
 from kitti_ros2.options.read import ReadOptions
 
-from .bag_targets import RECORD_WORDS, make_mcap
+from .bag_targets import RECORD_WORDS
 from .inputs import SEPARATOR, files, joined, own_bag, parted, recording, samples
-from .own_bag_inputs import messages_of
 from .target import Target, place, stored
+
+from stored_messages import make_mcap, messages_of  # isort: skip
 
 
 def _trajectory(data: bytes) -> None:

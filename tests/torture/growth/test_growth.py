@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What ``python -m tests.growth`` does; the times that it measures are no test, but memory is."""
+"""What ``python -m tests.torture.growth`` does; its times are no test, but memory is."""
 
 import subprocess
 import sys
@@ -26,13 +26,13 @@ from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.report.gather import gather
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def growth(*words):
     return subprocess.run(
-        [sys.executable, '-m', 'tests.growth', *words], cwd=ROOT, capture_output=True, text=True,
-        timeout=300, check=False,
+        [sys.executable, '-m', 'tests.torture.growth', *words], cwd=ROOT, capture_output=True,
+        text=True, timeout=300, check=False,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mutated inputs are read, or refused by an error of ours, at a bounded cost: a short run.
 
-The long one is python -m tests.fuzz.
+The long one is python -m tests.torture.fuzz.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What N and 2 N of one kind of thing cost the commands: time must not grow faster than N.
 
-    python -m tests.growth [--list] [KIND ...]
+    python -m tests.torture.growth [--list] [KIND ...]
 
 It prints the CPU time of each command for N and for 2 N, above that for none, in seconds.
 Marked are * a time that grows faster, ! one above what docs/reliability.md allows, which does not
@@ -25,7 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-_TESTS = Path(__file__).resolve().parents[1]
+_TESTS = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(Path(__file__).parent), str(_TESTS)]
 
 from larger_bags import KINDS, write_larger  # noqa: E402 - after the path
@@ -167,7 +167,7 @@ def measure(case: Case, costs: dict[tuple[str, str], float], shrink: int = 1) ->
 def main() -> int:
     """Print a line for each case; 1 if one is marked *."""
     parser = argparse.ArgumentParser(
-        prog='python -m tests.growth', description=__doc__,
+        prog='python -m tests.torture.growth', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     parser.add_argument('kinds', nargs='*', metavar='KIND', help='parts of names; default: all')

@@ -16,7 +16,7 @@ import ros_domain  # noqa: F401 - sets the environment of what is started here
 
 from figures import in_10_000, slope_mb_per_10_min  # isort: skip
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FRAMES = 5
 LOOPS = 4
 
@@ -25,8 +25,9 @@ def test_a_player_under_load_stays_well():
     words = ['--loops', LOOPS, '--frames', FRAMES, '--rate', 2, '--subscribers', 2]
     words += ['--longest', 4, '--calls-every', 0.1]
     done = subprocess.run(
-        [sys.executable, '-m', 'tests.soak', *map(str, words)], cwd=ROOT, capture_output=True,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)}, text=True, timeout=300, check=False,
+        [sys.executable, '-m', 'tests.torture.soak', *map(str, words)], cwd=ROOT,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)}, capture_output=True, text=True, timeout=300,
+        check=False,
     )  # fmt: skip
     figures = json.loads(done.stdout)
     assert (done.returncode, figures['stderr'], figures['stderr_of_others']) == (0, [], [])

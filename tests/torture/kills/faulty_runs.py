@@ -21,7 +21,7 @@ from builders import files_of  # isort: skip
 from fault_library import compile_faults, compiler_of_faults  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def build_faults(folder):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m tests.durability [COMMAND ...]``: the power of a real ext4 is cut. Needs root.
+"""``python -m tests.torture.durability [COMMAND ...]``: the power of a real ext4 is cut; as root.
 
 Each command writes to an ext4 of its own, an image on a loop device, and ends or is killed at a
 call to the system. At once EXT4_IOC_SHUTDOWN drops all that ext4 has not written to its device, the
@@ -22,8 +22,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-_TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(Path(__file__).parent), str(_TESTS / 'faults'), str(_TESTS)]
+_HERE = Path(__file__).parent
+_TORTURE = _HERE.parent
+sys.path[:0] = [str(_HERE), str(_TORTURE / 'faults'), str(_TORTURE), str(_TORTURE.parent)]
 
 from fault_cases import CASES, Case  # noqa: E402 - after the path
 from fault_library import compile_faults  # noqa: E402
@@ -178,7 +179,7 @@ def _call(*words: str | Path) -> None:
 
 def main() -> int:
     """Print the number of moments of each command, and what is wrong."""
-    parser = argparse.ArgumentParser(prog='python -m tests.durability', description=__doc__)
+    parser = argparse.ArgumentParser(prog='python -m tests.torture.durability', description=__doc__)
     parser.add_argument('commands', nargs='*', metavar='COMMAND', help=', '.join(CASES))
     parser.add_argument('--moments', type=int, default=_MOMENTS, help='during each command')
     parser.add_argument('--no-fsync', action='store_true', help='what is lost without')

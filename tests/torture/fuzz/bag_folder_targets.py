@@ -19,7 +19,6 @@ from .bag_targets import (
     HELLO,
     IMAGE,
     RECORD_WORDS,
-    make_mcap,
     metadata_texts,
     read_bag,
     small,
@@ -27,6 +26,8 @@ from .bag_targets import (
 from .database_inputs import with_log, without_log
 from .inputs import bag_bytes
 from .target import Target, place, stored
+
+from stored_messages import make_mcap  # isort: skip
 
 _MOST_NAMES = 6
 

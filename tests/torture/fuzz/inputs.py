@@ -21,7 +21,7 @@ from .target import place
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-SHARED = Path(__file__).resolve().parents[3] / 'shared'
+SHARED = Path(__file__).resolve().parents[4] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""
 TINY = SyntheticOptions(frames=2, image_size=(32, 16), lidar_columns=16, extract=True)
 _LARGEST = 40_000

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A player under load for a long time: what it uses, and how late its messages are.
 
-    python -m tests.soak [--minutes 30] [--rate 10] [--subscribers 8] [--drive FOLDER]
+    python -m tests.torture.soak [--minutes 30] [--rate 10] [--subscribers 8] [--drive FOLDER]
 
 Plays a drive of 120 frames endlessly, with subscribers that come and go, one of them slow, while
 services and parameters are called at random, beside a timer and a publisher that do nothing else.
@@ -219,7 +219,7 @@ def lateness(prefix: str, counted: dict) -> dict:
 
 def parse(words: list[str] | None = None) -> argparse.Namespace:
     """The options."""
-    parser = argparse.ArgumentParser(prog='python -m tests.soak', description=__doc__)
+    parser = argparse.ArgumentParser(prog='python -m tests.torture.soak', description=__doc__)
     parser.add_argument('--minutes', type=float, default=30.0)
     parser.add_argument('--loops', type=int, help='end after so many rounds, calls and subscribers')
     parser.add_argument('--rate', type=float, default=10.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults at calls spread over each command; `python -m tests.faults --all` takes every call."""
+"""Faults at calls spread over each command; `python -m tests.torture.faults --all`: every call."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from contextlib import closing, contextmanager
 
 import pytest
 import zstandard
+from bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -26,7 +27,6 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.sqlite_pages import LEAF
 from kitti_ros2.bags.sqlite_reader import SqliteFile
 from kitti_ros2.model.errors import BadBagError
-from tests.bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 
 MB = 10**6
 MOST = 300  # in place of the numbers that any file may have

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: python -m tests.fuzz [TARGET ...]."""
+"""The command line: python -m tests.torture.fuzz [TARGET ...]."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _parse(words: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog='python -m tests.fuzz', description='Attack the parsers and readers of kitti_ros2.'
+        prog='python -m tests.torture.fuzz',
+        description='Attack the parsers and readers of kitti_ros2.',
     )
     parser.add_argument('targets', nargs='*', metavar='TARGET', help='default: all')
     parser.add_argument('--list', action='store_true', help='print the targets')

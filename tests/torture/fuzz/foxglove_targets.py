@@ -87,7 +87,7 @@ _MISTAKES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 def _robot() -> Any:
     # Where pytest finds it only if tests of that folder run, too.
-    sys.path.append(str(Path(__file__).resolve().parents[1] / 'robots'))
+    sys.path.append(str(Path(__file__).resolve().parents[2] / 'robots'))
     import foxglove_robot as robot  # noqa: PLC0415 - as above
 
     return robot

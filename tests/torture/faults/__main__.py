@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""``python -m tests.faults [COMMAND ...] [--all]``: faults at calls of the commands."""
+"""``python -m tests.torture.faults [COMMAND ...] [--all]``: faults at calls of the commands."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+_HERE = Path(__file__).parent
+sys.path[:0] = [str(_HERE), str(_HERE.parent), str(_HERE.parents[1])]
 
 from fault_cases import CASES, FAULTS  # noqa: E402 - after the path
 from fault_library import compile_faults  # noqa: E402
@@ -23,7 +24,7 @@ _FEW = 8
 
 def main() -> int:
     """Print the number of fault points of each command, and the findings."""
-    parser = argparse.ArgumentParser(prog='python -m tests.faults', description=__doc__)
+    parser = argparse.ArgumentParser(prog='python -m tests.torture.faults', description=__doc__)
     parser.add_argument('commands', nargs='*', metavar='COMMAND', help=', '.join(CASES))
     parser.add_argument('--fault', action='append', choices=FAULTS, help='default: every fault')
     parser.add_argument('--all', action='store_true', help=f'every call, not {_FEW} of each')
