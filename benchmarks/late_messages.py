@@ -5,8 +5,8 @@
 
     python benchmarks/late_messages.py [--minutes M] [--rate R] [--health-check MS ...]
 
-Each run is one of python -m tests.torture.soak with 8 subscribers. Beside the player run a publisher of
-one small message with the same middleware, which shows what the middleware misses by itself, and
+Each run is one of python -m tests.torture.soak with 8 subscribers. Beside the player run a
+publisher of one small message with the same middleware, which shows what that misses by itself, and
 a timer, which shows what the machine does. While Fast DDS opens the shared memory of a new
 subscriber it holds a lock of the publisher, and sleeps there by the healthy_check_timeout_ms of
 the subscriber: the runs differ in that setting, "default" being the middleware's own.

@@ -23,8 +23,8 @@ from .output import bytes_progress, complain, format_path, print_json, say, show
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..datasets.download import DownloadReport
-    from ..datasets.extract import ExtractReport
+    from ..datasets.downloading import DownloadReport
+    from ..datasets.extracting import ExtractReport
     from ..options.datasets import DownloadOptions
 
 
@@ -40,7 +40,7 @@ def run_extract(paths: list[Path], given: dict[str, object], *, json: bool, quie
     Returns:
         The exit code.
     """
-    from ..datasets.extract import extract_all
+    from ..datasets.extracting import extract_all
     from ..kitti.archives import is_archive
 
     keep_imports()
@@ -104,7 +104,7 @@ def run_download(
     Returns:
         The exit code.
     """
-    from ..datasets.download import download_all, select_entries
+    from ..datasets.downloading import download_all, select_entries
 
     keep_imports()
     options, extraction = make_download_options(given)
@@ -129,7 +129,7 @@ def run_download(
 
 def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str], Path]:
     """Split the words into what to download and where to."""
-    from ..datasets.download import select_entries
+    from ..datasets.downloading import select_entries
 
     if not words:
         raise UsageError(

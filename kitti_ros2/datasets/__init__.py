@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # of what these modules hold, the names in __all__ are public
     from ..validation.rule import *
     from ..validation.validate import validate as validate
     from .cropping import *
-    from .download import *
-    from .extract import *
+    from .downloading import *
+    from .extracting import *
     from .set_statistics import *
     from .splitting import *
 
@@ -26,8 +26,8 @@ _MODULES: dict[str, str] = {
     'ValidationFinding': 'validation.rule',
     'ValidationReport': 'validation.rule',
     'crop': 'datasets.cropping',
-    'download': 'datasets.download',
-    'extract': 'datasets.extract',
+    'download': 'datasets.downloading',
+    'extract': 'datasets.extracting',
     'split': 'datasets.splitting',
     'statistics': 'datasets.set_statistics',
     'validate': 'validation.validate',

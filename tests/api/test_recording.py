@@ -264,15 +264,21 @@ packages = pytest.mark.parametrize(
 @packages
 def test_public_names_are_the_same_for_python_and_for_type_checkers(package):
     tree = ast.parse(Path(package.__file__).read_text(encoding='utf-8'))
-    starred = [
+    typed = [
         resolve_name('.' * node.level + node.module, package.__name__).removeprefix('kitti_ros2.')
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.names[0].name == '*'
+        if isinstance(node, ast.ImportFrom) and node.names[0].name in {'*', *package.__all__}
     ]
     assert package.__all__ == list(package._MODULES)
-    assert sorted(starred) == sorted(set(package._MODULES.values()))
+    assert sorted(typed) == sorted(set(package._MODULES.values()))
     for name, module in package._MODULES.items():
         assert getattr(package, name).__module__ == f'kitti_ros2.{module}'
+
+
+@packages
+def test_no_module_hides_a_public_name(package):
+    modules = {path.stem for path in Path(package.__file__).parent.glob('*.py')}
+    assert not modules & {*package.__all__}
 
 
 @packages

@@ -19,8 +19,7 @@ from http_mirror import Mirror, serving
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
-from kitti_ros2.datasets import download, extract, transfer
-from kitti_ros2.datasets import download as download_module
+from kitti_ros2.datasets import downloading, extracting, transfer
 from kitti_ros2.datasets.catalogue import (
     CATEGORIES,
     ENTRIES,
@@ -30,7 +29,7 @@ from kitti_ros2.datasets.catalogue import (
     select,
 )
 from kitti_ros2.datasets.download_sources import make_source
-from kitti_ros2.datasets.extract import DownloadKeywords, ExtractKeywords, locked_folder
+from kitti_ros2.datasets.extracting import DownloadKeywords, ExtractKeywords, locked_folder
 from kitti_ros2.files import local_files
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
@@ -274,13 +273,13 @@ def test_errors_after_a_download_say_what_is_kept(mirror, tmp_path, monkeypatch,
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with monkeypatch.context() as patched:
-        patched.setattr(download, 'replace_file', refuse)
+        patched.setattr(downloading, 'replace_file', refuse)
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'extracted.json: cannot be written (Input/output error); what is complete is' in line
     (tmp_path / 'o' / 'archives' / 'extracted.json').unlink(missing_ok=True)
     with monkeypatch.context() as patched:
-        patched.setattr(extract, 'lock_exclusively', _refuse_after_the_first())
+        patched.setattr(extracting, 'lock_exclusively', _refuse_after_the_first())
         run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'what was downloaded is kept' in line
@@ -318,17 +317,17 @@ def test_sizes_are_asked_for(mirror):
 
 
 def test_an_interrupt_leaves_parts_that_are_continued(mirror, tmp_path, monkeypatch):
-    finish = download_module._Download._finish
+    finish = downloading._Download._finish
 
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(download_module._Download, '_finish', interrupt)
+    monkeypatch.setattr(downloading._Download, '_finish', interrupt)
     options = {'base_url': mirror.url, 'accept_license': True}
     with pytest.raises(KeyboardInterrupt):
         datasets.download(f'raw {DRIVE}', tmp_path / 'o', **options)
     assert not (tmp_path / 'o' / 'raw').exists()
-    monkeypatch.setattr(download_module._Download, '_finish', finish)
+    monkeypatch.setattr(downloading._Download, '_finish', finish)
     assert datasets.download(f'raw {DRIVE}', tmp_path / 'o', **options).losses == ()
 
 

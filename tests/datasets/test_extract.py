@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2 import datasets
 from kitti_ros2.cli import main
-from kitti_ros2.datasets import extract
+from kitti_ros2.datasets import extracting
 from kitti_ros2.datasets.archive_formats import BadArchiveError, StoppedError
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import KittiRos2Error, OutputError, UsageError
@@ -162,7 +162,7 @@ def test_files_of_desktop_programs_are_left_out_and_counted(tmp_path):
 def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     files = {f'training/velodyne/{number:06d}.bin': bytes([number]) * 999 for number in (1, 4, 9)}
     archive = pack(tmp_path / 'a.zip', files)
-    write, calls = extract._write, []
+    write, calls = extracting._write, []
 
     def interrupted(part, *rest):
         calls.append(part)
@@ -171,7 +171,7 @@ def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return write(part, *rest)
 
-    monkeypatch.setattr(extract, '_write', interrupted)
+    monkeypatch.setattr(extracting, '_write', interrupted)
     with pytest.raises(KeyboardInterrupt):
         datasets.extract(archive, tmp_path / 'out')
     assert list(tree_of(tmp_path / 'out')) == ['training/velodyne/000001.bin']
@@ -191,7 +191,7 @@ def test_what_a_killed_run_left_is_replaced(tmp_path):
 
 def test_a_full_disk_is_one_line_and_keeps_what_is_complete(tmp_path, monkeypatch, capsys):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1', 'training/velodyne/000005.bin': b'2'})
-    write, calls = extract._write, []
+    write, calls = extracting._write, []
 
     def full(*given):
         calls.append(given)
@@ -199,7 +199,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_is_complete(tmp_path, monkeypatc
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(*given)
 
-    monkeypatch.setattr(extract, '_write', full)
+    monkeypatch.setattr(extracting, '_write', full)
     assert main(['extract', str(archive), str(tmp_path / 'out')]) == 2
     line = one_line(capsys.readouterr().err)
     assert 'the disk is full; what is complete is kept, run it again to go on' in line
@@ -218,7 +218,7 @@ def test_too_little_space_is_known_before(tmp_path, monkeypatch):
 def test_an_unwritable_folder(tmp_path, monkeypatch):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1'})
     monkeypatch.setattr(
-        extract, '_write', lambda *_: (_ for _ in ()).throw(PermissionError(13, 'no'))
+        extracting, '_write', lambda *_: (_ for _ in ()).throw(PermissionError(13, 'no'))
     )
     with pytest.raises(StoppedError, match='cannot be written'):
         datasets.extract(archive, tmp_path / 'out')
@@ -297,5 +297,6 @@ def test_errors_of_the_library(tmp_path):
 
 
 def test_the_library_imports_nothing_before_it_is_used():
-    code = 'import sys, kitti_ros2.datasets; sys.exit("kitti_ros2.datasets.extract" in sys.modules)'
+    name = 'kitti_ros2.datasets.extracting'
+    code = f'import sys, kitti_ros2.datasets; sys.exit({name!r} in sys.modules)'
     subprocess.run([sys.executable, '-c', code], check=True)

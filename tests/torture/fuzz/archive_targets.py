@@ -14,7 +14,7 @@ from io import BytesIO
 from shutil import rmtree
 
 from kitti_ros2.datasets.archive_formats import BadMemberError, Limits, checked, open_archive
-from kitti_ros2.datasets.extract import extract, extract_all
+from kitti_ros2.datasets.extracting import extract, extract_all
 from kitti_ros2.options.datasets import ExtractOptions
 
 from .target import Target, place, stored
@@ -141,7 +141,7 @@ TARGETS = (
     Target('archive', _archive, _archives,
            ('datasets/archive_formats.py',), _WORDS, mend=_summed, short=150),
     Target('extract', _extract, _archives,
-           ('datasets/extract.py', 'datasets/archive_formats.py'), _WORDS, mend=_summed,
+           ('datasets/extracting.py', 'datasets/archive_formats.py'), _WORDS, mend=_summed,
            short=50),
 )  # fmt: skip
 """All of them."""

@@ -44,7 +44,7 @@ NOT_COUNTED = {
     'options/declare.py': {'default_text', 'option', 'choice'},
     'cli/command.py': {'add_config'},
     'bags/stored_messages.py': {'hash_rihs01'},
-    'datasets/extract.py': {'_stopping'},
+    'datasets/extracting.py': {'_stopping'},
 }  # fmt: skip
 """Functions beside the parsers of a module that read nothing of an input: they make messages, find
 files by name, declare options, or end a run."""

@@ -23,7 +23,7 @@ from ..options.datasets import make_download_options
 from .archive_formats import BadArchiveError, StoppedError, stopping
 from .catalogue import KITTI_URL, RawKinds, select
 from .download_sources import BrokenTransferError, DownloadError, make_source
-from .extract import ExtractedArchive, extract_all, locked_folder, removed_if_empty
+from .extracting import ExtractedArchive, extract_all, locked_folder, removed_if_empty
 from .transfer import Backoff, Transfer, is_complete, read_checksums, require_archive, require_space
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..options.datasets import DownloadOptions, ExtractOptions
     from .catalogue import CatalogueEntry
     from .download_sources import ArchiveSource
-    from .extract import DownloadKeywords
+    from .extracting import DownloadKeywords
 
 
 # The terms of KITTI's data: shown until they are accepted, which is remembered.
