@@ -127,7 +127,13 @@ setup(
     maintainer_email=MAINTAINER.get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', 'messages/definitions/*', 'player/fastdds.xml', 'report/templates/*']
+        NAME: [
+            'py.typed',
+            'messages/definitions/*',
+            'options/stacks/*.yaml',
+            'player/fastdds.xml',
+            'report/templates/*',
+        ]
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

@@ -40,7 +40,7 @@ from kitti_ros2.evaluation.trajectories import segment_errors
 from kitti_ros2.kitti.find import make_writer
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.stacks.stack_names import IMU, SCAN
+from kitti_ros2.options.stack_names import IMU, SCAN
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 from kitti_ros2.synthetic.drive import DATE, extract_of, write_extract
 from kitti_ros2.synthetic.scene import CAR_T_VELO

@@ -20,7 +20,7 @@ from message_tables import cloud_fields, clouds, frames, renamed_topics, topics
 
 from kitti_ros2.importer import plan
 from kitti_ros2.model.bag_formats import CONTAINERS
-from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.options.stack_catalogue import STACKS
 from kitti_ros2.validation.validate import FOLDER_RULES, rules_by_id
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def stacks() -> str:
             each.points,
             each.imu,
             ', '.join(
-                code(f'{setting.name}: {_plain(setting.value)}') for setting in each.settings
+                code(f'{name}: {_plain(values[0])}') for name, values in each.settings.items()
             ),
             ', '.join(f'{code(own)} to {code(name)}' for own, name in each.topics.items()),
         )
@@ -197,7 +197,7 @@ def demands() -> str:
     """Return what each stack asks of messages, with the places in its source."""
     parts = []
     for each in STACKS.values():
-        rows = [(demand.text, code(str(demand.source))) for demand in each.demands]
+        rows = [(demand.text, code(demand.source)) for demand in each.demands]
         notes = '\n'.join(f'- {note}' for note in each.notes)
         parts += [f'### {each.name}', each.title + '.', table(('asks for', 'source'), rows), notes]
     return '\n\n'.join(part for part in parts if part)

@@ -210,7 +210,13 @@ def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
         'player = kitti_ros2.__main__:player',
     ]
     assert setup_arguments['python_requires'] == '>=3.10'
-    data = ['py.typed', 'messages/definitions/*', 'player/fastdds.xml', 'report/templates/*']
+    data = [
+        'py.typed',
+        'messages/definitions/*',
+        'options/stacks/*.yaml',
+        'player/fastdds.xml',
+        'report/templates/*',
+    ]
     assert setup_arguments['package_data'] == {'kitti_ros2': data}
     package = REPO / 'kitti_ros2'
     installed = {path for pattern in data for path in package.glob(pattern)}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the parameter files and the launch file of a stack for a drive."""
+"""Writes the files of a stack for a drive: parameters, a launch file; the commands of a run."""
 
 from __future__ import annotations
 
@@ -9,30 +9,23 @@ import shlex
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..bags.open_source import open_folder
 from ..files.local_staging import Staging
 from ..files.remote import as_path
 from ..files.staging import keep_all, keep_all_but_files, staged_file
 from ..kitti.extract_oxts import add_extract
-from ..messages.camera_info import projection
-from ..messages.naming import base_t_imu
-from ..model.errors import MissingDataError
-from ..model.samples import Image, Scan
-from ..model.streams import IMAGE_STREAMS, Stream
-from ..options.messages import MessageOptions
-from ..stacks.stack import CameraFacts, Node, RigFacts
-from ..stacks.stack_names import IMU
+from ..model.streams import Stream
+from ..options.stack_catalogue import Node
+from ..options.stack_names import IMU
+from .parameter_files import WRITTEN, facts_of, parameter_texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from ..model.recording import ReadableRecording
-    from ..model.samples import Calibration
+    from ..options.stack_catalogue import Included, Stack
     from ..options.table import Settings
-    from ..stacks.stack import Included, Stack
 
 
 # The commands of a run: play, record, score.
@@ -114,97 +107,9 @@ def _bag(stack: Stack) -> str:
     return f'{stack.name}_run'
 
 
-# The facts of a drive for parameter files: extrinsics, cameras, rates.
-
-
-_NOMINAL_HZ = 10.0
-_SCANS = 8
-
-
-def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
-    """Return the facts of a recording, and notes on those that are not in its files.
-
-    Raises:
-        KittiRos2Error, OSError: The calibration or an image cannot be read.
-    """
-    if not recording.streams:
-        raise MissingDataError(f'{recording.root}: no data, so no calibration to write')
-    first = min(int(index.numbers[0]) for index in recording.streams.values())
-    calibration = recording.calibration(first)
-    lowest, highest = _elevations(recording)
-    fast = Stream.OXTS_EXTRACT
-    packets = fast if fast in recording.streams else Stream.OXTS
-    facts = RigFacts(
-        base_T_imu=base_t_imu(MessageOptions()),
-        imu_T_velo=calibration.velo_T_imu.inverse(),
-        cameras={
-            index: _camera(recording, calibration, index) for index in sorted(calibration.cameras)
-        },
-        imu_hz=_rate(recording, packets) or _NOMINAL_HZ,
-        scan_hz=_rate(recording, Stream.SCAN) or _NOMINAL_HZ,
-        lowest_deg=lowest,
-        highest_deg=highest,
-        deskew=not recording.layout.traits.compensated_scans,
-    )
-    nominal = (f'{part} is nominal, not in the calibration' for part in calibration.nominal)
-    return facts, (*nominal, *calibration.notes, *calibration.missing.values())
-
-
-def _camera(recording: ReadableRecording, calibration: Calibration, index: int) -> CameraFacts:
-    camera = projection(calibration, index)
-    width, height = calibration.cameras[index].size or _size(recording, index)
-    return CameraFacts(
-        fx=float(camera[0, 0]),
-        fy=float(camera[1, 1]),
-        cx=float(camera[0, 2]),
-        cy=float(camera[1, 2]),
-        baseline=float(-camera[0, 3] / camera[0, 0]) if index % 2 else 0.0,
-        width=width,
-        height=height,
-    )
-
-
-def _size(recording: ReadableRecording, camera: int) -> tuple[int, int]:
-    """Return the size of the first image of a camera, zeros if there is none."""
-    stream = IMAGE_STREAMS[camera]
-    index = recording.streams.get(stream)
-    if index is None or not len(index):
-        return 0, 0
-    image = recording.read(stream, int(index.numbers[0]))
-    return (image.width, image.height) if isinstance(image, Image) else (0, 0)
-
-
-def _elevations(recording: ReadableRecording) -> tuple[float, float]:
-    """Return the lowest and the highest elevation of points in some scans, degrees.
-
-    The lasers are not in one point, so that near points are outside the angles of the lasers.
-    """
-    lowest, highest = RigFacts.lowest_deg, RigFacts.highest_deg
-    index = recording.streams.get(Stream.SCAN)
-    numbers = [] if index is None else index.numbers[:: max(1, len(index) // _SCANS)].tolist()
-    for number in numbers:
-        scan = recording.read(Stream.SCAN, number)
-        if isinstance(scan, Scan) and len(scan.points):
-            x, y, z = (scan.points[:, axis].astype(np.float64) for axis in range(3))
-            found = np.degrees(np.arctan2(z, np.hypot(x, y)))
-            lowest, highest = min(lowest, found.min()), max(highest, found.max())
-    return float(lowest), float(highest)
-
-
-def _rate(recording: ReadableRecording, stream: Stream) -> float:
-    """Return the rate of a stream, to a tenth of a hertz; 0 if it is not known."""
-    index = recording.streams.get(stream)
-    if index is None or len(index) < 2:
-        return 0.0
-    step_ns = float(np.median(np.diff(index.stamps_ns)))
-    return round(1e9 / step_ns, 1) if step_ns > 0 else 0.0
-
-
 # The text of a launch file: the stack, and the player of a drive.
 
 
-WRITTEN = '# Written by kitti-ros2 stacks'
-"""Beginning of the files that may be written again."""
 _DELAY_S = 5
 _COLUMNS = 90
 _PLACE = '{dir}'
@@ -424,7 +329,7 @@ def write_setup(
     facts, notes = facts_of(recording)
     notes += tuple(_imu_notes(stack, recording, facts.imu_hz))
     play = play_words(stack, str(drive.resolve()), _absolute(source))
-    texts = _parameter_texts(stack, facts, drive)
+    texts = parameter_texts(stack, facts, drive)
     texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
     refusal = _OWN_FILES if overwrite else keep_all
     for name in texts:
@@ -448,21 +353,4 @@ def _absolute(source: Mapping[str, object]) -> dict[str, object]:
     return {
         name: str(as_path(str(value)).resolve()) if name == 'imu_from' else value
         for name, value in source.items()
-    }
-
-
-def _parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str]:
-    if stack.settings_files is None:
-        return {}
-    try:
-        texts = stack.settings_files(facts)
-    except KeyError as missing:
-        raise MissingDataError(
-            f'{drive}: no calibration of camera {missing}, which {stack.name} needs'
-        ) from None
-    return {
-        name: f'{WRITTEN}: {stack.title}, {stack.version}.\n{text}'
-        if name.endswith('.yaml') and not text.startswith('%')
-        else text
-        for name, text in texts.items()
     }

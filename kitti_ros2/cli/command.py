@@ -360,7 +360,7 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     from ..messages.topics import make_table
     from ..model.streams import Stream
     from ..options.messages import Images, MessageOptions, Preset
-    from ..stacks.stack_names import StackName
+    from ..options.stack_names import StackName
 
     recording = open_recording(path, _reading(given), scans=False)
     preset = Preset(given.get('preset') or Preset.DEFAULT)

@@ -20,10 +20,10 @@ from .exits import EXIT_OK
 from .output import cell, complain, format_path, plain_table, print_json, say
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from ..api.setup_files import RunCommands
-    from ..stacks.stack import Setting, Stack
+    from ..options.stack_catalogue import Stack
 
 
 _COLUMNS = 80
@@ -53,7 +53,7 @@ def run_stacks(
     Returns:
         The exit code.
     """
-    from ..stacks.stack_catalogue import STACKS
+    from ..options.stack_catalogue import STACKS
 
     keep_imports()
     if drive is None and (out is not None or overwrite or source):
@@ -104,7 +104,7 @@ def _write(
 
 
 def _list(*, json: bool, quiet: bool) -> None:
-    from ..stacks.stack_catalogue import STACKS
+    from ..options.stack_catalogue import STACKS
 
     if json:
         print_json([_values(stack) for stack in STACKS.values()])
@@ -125,7 +125,7 @@ def _show(stack: Stack) -> None:
     """Print all about a stack, wrapped at 80 columns."""
     say(f'{stack.title}: {stack.what}')
     _section('It asks for', [f'{each.text}\n    {each.source}' for each in stack.demands])
-    _section('--for sets', [_setting_text(each) for each in stack.settings])
+    _section('--for sets', [_setting_text(*each) for each in stack.settings.items()])
     _section('Topics', [f'{own} -> {renamed}' for own, renamed in stack.topics.items()])
     _section('Frames', [f'{kind}: {name}' for kind, name in stack.frames.items()])
     moved = [f'{parent} -> {child} on /tf' for parent, child in stack.moving]
@@ -154,8 +154,8 @@ def _section(heading: str, entries: list[str]) -> None:
         sys.stdout.write('\n'.join([wrapped, *rest]) + '\n')
 
 
-def _setting_text(setting: Setting) -> str:
-    return f'{setting.name}: {" or ".join(map(_word, (setting.value, *setting.others)))}'
+def _setting_text(name: str, values: Sequence[object]) -> str:
+    return f'{name}: {" or ".join(map(_word, values))}'
 
 
 def _word(value: object) -> str:
@@ -184,8 +184,8 @@ def _values(stack: Stack) -> dict[str, Any]:
         'points': stack.points,
         'imu': stack.imu,
         'version': stack.version,
-        'demands': [{**asdict(each), 'source': str(each.source)} for each in stack.demands],
-        'options': {each.name: each.value for each in stack.settings},
+        'demands': [asdict(each) for each in stack.demands],
+        'options': {name: values[0] for name, values in stack.settings.items()},
         'topics': dict(stack.topics),
         'frames': dict(stack.frames),
         'publishes': stack.publishes,
@@ -196,7 +196,7 @@ def _values(stack: Stack) -> dict[str, Any]:
 
 
 def _complete_stack(incomplete: str) -> list[str]:
-    from ..stacks.stack_names import StackName
+    from ..options.stack_names import StackName
 
     return [each.value for each in StackName if each.value.startswith(incomplete)]
 

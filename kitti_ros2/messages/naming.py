@@ -16,7 +16,7 @@ from ..model.geometry import Transform
 from ..model.samples import Description, Scan, TextFile
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, Stream
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, MapFrame, Preset
-from ..stacks.stack_names import FRAMES, TOPICS, StackName
+from ..options.stack_names import FRAMES, TOPICS, StackName
 from .ros_types import String
 
 if TYPE_CHECKING:

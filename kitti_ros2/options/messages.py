@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..model.bag_formats import FORMATS, Points
 from ..model.classes import KITTI_OVERLAPS, LeastOverlaps, check_labels
 from ..model.errors import UsageError
-from ..stacks.stack_names import StackName
 from .declare import (
     check_bounds,
     choice,
@@ -25,6 +24,7 @@ from .declare import (
     parse_seconds_ns,
     parse_text,
 )
+from .stack_names import StackName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -385,12 +385,12 @@ def with_stack(parsed: Mapping[str, Any], declared: Sequence[Option]) -> dict[st
     name = parsed.get('stack')
     if name is None:
         return dict(parsed)
-    from ..stacks.stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
+    from .stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
 
     found = dict(parsed)
     options = {each.name: each for each in declared}
-    for setting in STACKS[name.value].settings:
-        option, values = options[setting.name], (setting.value, *setting.others)
+    for option_name, values in STACKS[name.value].settings.items():
+        option = options[option_name]
         accepted = [option.parse(option.name, value) for value in values]
         given = found.setdefault(option.name, accepted[0])
         if given not in accepted:

@@ -28,7 +28,7 @@ from ..model.errors import (
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
 from ..model.streams import CAMERA_NAMES, NS_PER_S, Stream
 from ..options.messages import ColorEncoding
-from ..stacks.stack_names import IMU, StackName
+from ..options.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -189,7 +189,7 @@ def stack_notes(
         images: The last part of the names of image topics.
         schedule: The selected samples.
     """
-    from ..stacks.stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
+    from ..options.stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
 
     stack, names = STACKS[StackName(options.stack).value], naming_of(options)
     rows = {row.topic: row for row in table}

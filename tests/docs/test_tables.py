@@ -22,7 +22,7 @@ from kitti_ros2.model.bag_formats import CONTAINERS
 from kitti_ros2.model.classes import LABEL_OF_CLASS
 from kitti_ros2.options import datasets, evaluation
 from kitti_ros2.options import table as declared
-from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.options.stack_catalogue import STACKS
 from kitti_ros2.validation.validate import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))

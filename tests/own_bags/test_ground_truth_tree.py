@@ -16,7 +16,7 @@ from kitti_ros2.messages.naming import naming_of, with_ground_truth_tree
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import CAMERA_NAMES, Layout
 from kitti_ros2.options.messages import GroundTruthOptions, MarkerOptions, MessageOptions, Preset
-from kitti_ros2.stacks.stack_names import StackName
+from kitti_ros2.options.stack_names import StackName
 
 from builders import convert_recording, files_of, one_line  # isort: skip
 

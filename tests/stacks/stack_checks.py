@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The checker of each stack: a check for each of its demands.
 
-The demands, with the file and the line that each is from, are in kitti_ros2/stacks.
+The demands, with the file and the line that each is from, are in kitti_ros2/options/stacks.
 """
 
 from __future__ import annotations

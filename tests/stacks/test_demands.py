@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from builders import convert_recording
 from seen import seen_in_bag, seen_live
@@ -13,11 +15,17 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.options.stack_catalogue import STACKS
 from kitti_ros2.options.table import make_play_settings, make_settings
-from kitti_ros2.stacks.stack_catalogue import STACKS
 
 ALSO_SEEN = ('/tf*', '*/camera_info', '/kitti/labels/*')
 """Topics beside those that a stack reads: its checks look at them, and viewers show them."""
+
+SOURCE = re.compile(
+    r'[\w-]+/[\w.-]+(@[0-9a-f]{7,12})? [\w./-]+(:\d+| [\w:.]+|(?<=\.msg))'
+    r'|docs\.foxglove\.dev /docs/[\w/-]+'
+)
+"""A repository, a file, and a line or symbol; or a page."""
 
 
 def due(name):
@@ -68,11 +76,7 @@ def test_every_demand_has_a_check():
 def test_every_demand_names_its_place():
     for stack in STACKS.values():
         for each in stack.demands:
-            assert each.source.repository
-            assert each.source.file
-            assert each.source.line or each.source.symbol or '.msg' in each.source.file or (
-                stack.name == 'foxglove'
-            )  # fmt: skip
+            assert SOURCE.fullmatch(each.source), each.source
 
 
 @pytest.mark.parametrize('name', STACKS)

@@ -4,25 +4,44 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
+from pathlib import Path
+
 import pytest
 
+import kitti_ros2.options
 from kitti_ros2.cli import main
 from kitti_ros2.cli.command import add_config
 from kitti_ros2.messages.naming import naming_of
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ScanStamp
+from kitti_ros2.options.stack_catalogue import STACKS, Demand, make_typed
+from kitti_ros2.options.stack_names import StackName
 from kitti_ros2.options.table import PLAY, TO_BAG, make_play_settings, make_settings
-from kitti_ros2.stacks.stack_catalogue import STACKS
-from kitti_ros2.stacks.stack_names import StackName
 
 
-def test_every_name_has_an_entry():
-    assert [each.value for each in StackName] == list(STACKS)
+def test_every_file_is_of_a_name():
+    folder = files(kitti_ros2.options) / 'stacks'
+    assert {Path(each.name).stem for each in folder.iterdir()} == {each.value for each in StackName}
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'key': 'cloud', 'text': 'PointCloud2'}, 'source'),
+        ({'key': 'cloud', 'text': 'PointCloud2', 'source': 'page', 'sauce': ''}, 'sauce'),
+        ({'key': 'cloud', 'text': 'PointCloud2', 'source': 7}, '7 is no '),
+        (['cloud'], 'cloud'),
+    ],
+)
+def test_a_file_that_is_not_of_its_schema_is_refused(values, message):
+    with pytest.raises(TypeError, match=message):
+        make_typed(Demand, values)
 
 
 def test_its_options_are_those_of_to_bag():
-    settings = {each.name for stack in STACKS.values() for each in stack.settings}
+    settings = {name for stack in STACKS.values() for name in stack.settings}
     of_users = {each.of_option for stack in STACKS.values() for each in stack.demands} - {''}
     assert settings | of_users <= {option.name for option in TO_BAG}
 
@@ -33,9 +52,9 @@ def test_its_options_are_valid(name):
     played = make_play_settings({'stack': name})
     for made, declared in ((settings, TO_BAG), (played, PLAY)):
         options = {each.name: each for each in declared}
-        for setting in STACKS[name].settings:
-            option = options[setting.name]
-            wanted = option.parse(option.name, setting.value)
+        for option_name, values in STACKS[name].settings.items():
+            option = options[option_name]
+            wanted = option.parse(option.name, values[0])
             groups = made.messages, made.messages.ground_truth, made.read
             (found, *_) = (each for each in groups if hasattr(each, option.field))
             assert getattr(found, option.field) == wanted

@@ -21,7 +21,7 @@ from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.options.stack_catalogue import STACKS
 
 TRUTH = '/kitti/ground_truth/odometry'
 ITS_BODY = {

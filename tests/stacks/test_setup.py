@@ -20,8 +20,8 @@ from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import BASE_T_IMU
+from kitti_ros2.options.stack_catalogue import STACKS
 from kitti_ros2.options.table import make_settings
-from kitti_ros2.stacks.stack_catalogue import STACKS
 from kitti_ros2.synthetic.drive import extract_of
 
 from extract_drive import fast_drive  # isort: skip

@@ -10,7 +10,7 @@ import pytest
 
 from kitti_ros2.cli.boundary import main
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.stacks.stack_catalogue import STACKS
+from kitti_ros2.options.stack_catalogue import STACKS
 
 
 def test_the_list_fits_a_terminal(capsys):

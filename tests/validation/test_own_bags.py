@@ -13,7 +13,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.datasets import validate
 from kitti_ros2.model.bag_formats import CONTAINERS, FORMATS
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.stacks.stack_names import StackName
+from kitti_ros2.options.stack_names import StackName
 
 from cropped_set import crop_frame  # isort: skip
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of the stacks, for the option --for, and those that they expect of topics and frames.
 
-catalogue.py describes them. This module is small: readers of bags import it, too.
+stack_catalogue.py describes them. This module is small: readers of bags import it, too.
 """
 
 from __future__ import annotations
