@@ -44,7 +44,7 @@ from ..model.bag_formats import (
 )
 from ..model.errors import format_count
 from ..model.streams import NS_PER_S, format_stamp
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
+from .rule import ERROR, NOTE, WARNING, Breach, RuleScope, RuleTable, breach_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -158,45 +158,97 @@ class BagFacts:
         return breach_in(text, self.path)
 
 
+BAG_RULES = RuleTable[BagFacts](RuleScope.BAG)
+
+
+@BAG_RULES.add(
+    'bag-damage',
+    ERROR,
+    'Files are whole, and the checksums of chunks and summaries are right',
+    'kitti-ros2 recover copies the readable messages',
+)
 def _find_damage(bag: BagFacts) -> Iterator[Breach]:
     for text in bag.losses:
         if METADATA not in text:
             yield bag.breach(text)
 
 
+@BAG_RULES.add(
+    'bag-metadata',
+    ERROR,
+    'metadata.yaml exists, and agrees with the files',
+    'ros2 bag reindex writes it again',
+)
 def _find_metadata(bag: BagFacts) -> Iterator[Breach]:
     for text in (*bag.losses, *bag.notes):
         if METADATA in text:
             yield bag.breach(text)
 
 
-def _find_notes(bag: BagFacts) -> Iterator[Breach]:
-    for text in bag.notes:
-        if METADATA not in text and _UNDEFINED not in text:
-            yield bag.breach(text)
-
-
+@BAG_RULES.add(
+    'bag-schema',
+    WARNING,
+    'Types are defined, and messages are CDR or of ROS 1',
+    'the topics are left out; record them with their definitions',
+)
 def _find_unreadable(bag: BagFacts) -> Iterator[Breach]:
     undefined = (text.partition(';')[0] for text in bag.notes if _UNDEFINED in text)
     for text in (*bag.left_out, *undefined):
         yield bag.breach(text)
 
 
+@BAG_RULES.add(
+    'bag-empty',
+    NOTE,
+    'Bags contain messages',
+    'check that the topics were published while recording',
+)
 def _find_empty(bag: BagFacts) -> Iterator[Breach]:
     if not bag.messages and not bag.losses:
         yield Breach('no messages', bag.path)
 
 
+@BAG_RULES.add(
+    'bag-note',
+    NOTE,
+    'Readers have no remarks',
+    'nothing needs to be done: what is lost has a finding of its own',
+)
+def _find_notes(bag: BagFacts) -> Iterator[Breach]:
+    for text in bag.notes:
+        if METADATA not in text and _UNDEFINED not in text:
+            yield bag.breach(text)
+
+
+@BAG_RULES.add(
+    'tf-tree',
+    ERROR,
+    'Every frame has one parent, and there are no circles',
+    'stop one of the publishers, or rename its frame',
+)
 def _find_tree_faults(bag: BagFacts) -> Iterator[Breach]:
     for text in () if bag.tree is None else bag.tree.faults():
         yield Breach(text, bag.path)
 
 
+@BAG_RULES.add(
+    'tf-changing',
+    WARNING,
+    'Static transforms do not change',
+    'subscribers use the last value: stop one of two publishers; to-kitti --layout object'
+    ' writes the calibration of each frame',
+)
 def _find_changing(bag: BagFacts) -> Iterator[Breach]:
     for parent, child in () if bag.per_frame else bag.changing:
         yield Breach(f'{parent} -> {child} was published with two values', bag.path)
 
 
+@BAG_RULES.add(
+    'tf-apart',
+    WARNING,
+    'All frames are in one tree',
+    'publish or record the transforms between the trees',
+)
 def _find_apart(bag: BagFacts) -> Iterator[Breach]:
     if bag.tree is None:
         return
@@ -207,6 +259,12 @@ def _find_apart(bag: BagFacts) -> Iterator[Breach]:
         yield Breach(f'{len(roots)} trees, of {", ".join(roots[:8])}', bag.path)
 
 
+@BAG_RULES.add(
+    'tf-frame',
+    WARNING,
+    'Frames of headers are in the tree',
+    'correct frame_id of the driver, or publish the transform',
+)
 def _find_unknown_frames(bag: BagFacts) -> Iterator[Breach]:
     known = None if bag.tree is None else bag.tree.frames
     for frame, topic in sorted(bag.frames.items()):
@@ -214,100 +272,16 @@ def _find_unknown_frames(bag: BagFacts) -> Iterator[Breach]:
             yield Breach(f'{topic}: frame {frame} is in no transform', bag.path)
 
 
+@BAG_RULES.add(
+    'camera-size',
+    ERROR,
+    'CameraInfo has the size of the images beside it',
+    'load the calibration of this resolution in the driver',
+)
 def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
     for info, size, image, shape in bag.sizes.differences():
         text = f'{info} is for {size[0]}x{size[1]}, {image} has {shape[0]}x{shape[1]}'
         yield Breach(text, bag.path)
-
-
-_BAG = RuleScope.BAG
-_ERROR = RuleSeverity.ERROR
-_WARNING = RuleSeverity.WARNING
-_NOTE = RuleSeverity.NOTE
-
-BAG_RULES: tuple[Rule[BagFacts], ...] = (
-    Rule(
-        'bag-damage',
-        _ERROR,
-        _BAG,
-        'Files are whole, and the checksums of chunks and summaries are right',
-        'kitti-ros2 recover copies the readable messages',
-        _find_damage,
-    ),
-    Rule(
-        'bag-metadata',
-        _ERROR,
-        _BAG,
-        'metadata.yaml exists, and agrees with the files',
-        'ros2 bag reindex writes it again',
-        _find_metadata,
-    ),
-    Rule(
-        'bag-schema',
-        _WARNING,
-        _BAG,
-        'Types are defined, and messages are CDR or of ROS 1',
-        'the topics are left out; record them with their definitions',
-        _find_unreadable,
-    ),
-    Rule(
-        'bag-empty',
-        _NOTE,
-        _BAG,
-        'Bags contain messages',
-        'check that the topics were published while recording',
-        _find_empty,
-    ),
-    Rule(
-        'bag-note',
-        _NOTE,
-        _BAG,
-        'Readers have no remarks',
-        'nothing needs to be done: what is lost has a finding of its own',
-        _find_notes,
-    ),
-    Rule(
-        'tf-tree',
-        _ERROR,
-        _BAG,
-        'Every frame has one parent, and there are no circles',
-        'stop one of the publishers, or rename its frame',
-        _find_tree_faults,
-    ),
-    Rule(
-        'tf-changing',
-        _WARNING,
-        _BAG,
-        'Static transforms do not change',
-        'subscribers use the last value: stop one of two publishers; to-kitti --layout object'
-        ' writes the calibration of each frame',
-        _find_changing,
-    ),
-    Rule(
-        'tf-apart',
-        _WARNING,
-        _BAG,
-        'All frames are in one tree',
-        'publish or record the transforms between the trees',
-        _find_apart,
-    ),
-    Rule(
-        'tf-frame',
-        _WARNING,
-        _BAG,
-        'Frames of headers are in the tree',
-        'correct frame_id of the driver, or publish the transform',
-        _find_unknown_frames,
-    ),
-    Rule(
-        'camera-size',
-        _ERROR,
-        _BAG,
-        'CameraInfo has the size of the images beside it',
-        'load the calibration of this resolution in the driver',
-        _find_other_size,
-    ),
-)
 
 
 # Rules about single messages of a bag: CameraInfo, PointCloud2, Image, transforms.
@@ -357,11 +331,26 @@ class CheckedMessage:
         return Breach(f'{self.topic} at {self.stamp_ns}: {text}', self.bag)
 
 
+MESSAGE_RULES = RuleTable[CheckedMessage](RuleScope.BAG)
+
+
+@MESSAGE_RULES.add(
+    'message-decode',
+    ERROR,
+    'Messages can be decoded by the definition of their type',
+    'kitti-ros2 recover copies the readable messages',
+)
 def _find_undecodable(message: CheckedMessage) -> Iterator[Breach]:
     if message.error:
         yield message.breach(message.error)
 
 
+@MESSAGE_RULES.add(
+    'camera-uncalibrated',
+    WARNING,
+    'CameraInfo has K or P',
+    'calibrate the camera; to-kitti --calib takes a calibration from elsewhere',
+)
 def _find_uncalibrated(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype == CAMERA_INFO and _is_uncalibrated(message.value):
         yield Breach(f'{message.topic}: K and P are zeros', message.bag)
@@ -371,6 +360,12 @@ def _is_uncalibrated(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
     return info is not None and not (np.any(info.k) or np.any(info.p))
 
 
+@MESSAGE_RULES.add(
+    'camera-info',
+    ERROR,
+    'CameraInfo has a size, positive focal lengths, a rotation R, a region inside the image',
+    'correct the calibration of the driver',
+)
 def _find_bad_camera(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype != CAMERA_INFO or message.value is None or _is_uncalibrated(message.value):
         return
@@ -380,6 +375,12 @@ def _find_bad_camera(message: CheckedMessage) -> Iterator[Breach]:
         yield Breach(f'{message.topic}: {error}', message.bag)
 
 
+@MESSAGE_RULES.add(
+    'camera-distortion',
+    ERROR,
+    'D has as many numbers as its distortion model',
+    'set distortion_model to that of the calibration: plumb_bob has 5 numbers',
+)
 def _find_distortion(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype != CAMERA_INFO or message.value is None:
         return
@@ -393,6 +394,12 @@ def _find_distortion(message: CheckedMessage) -> Iterator[Breach]:
         yield Breach(f'{message.topic}: {text}', message.bag)
 
 
+@MESSAGE_RULES.add(
+    'camera-rotation',
+    WARNING,
+    'R of CameraInfo is the identity where D is 0 and K is that of P',
+    'programs that rectify turn such images once more: write R = I; to-kitti turns none',
+)
 def _find_idle_rotation(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype != CAMERA_INFO or message.value is None:
         return
@@ -406,6 +413,12 @@ def _find_idle_rotation(message: CheckedMessage) -> Iterator[Breach]:
         yield Breach(f'{message.topic}: {text}', message.bag)
 
 
+@MESSAGE_RULES.add(
+    'cloud-layout',
+    ERROR,
+    'PointCloud2 has x, y, z within point_step, and data for width x height points',
+    'correct point_step, row_step and fields in the driver',
+)
 def _find_bad_cloud(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype == CLOUD and message.value is not None:
         try:
@@ -414,6 +427,12 @@ def _find_bad_cloud(message: CheckedMessage) -> Iterator[Breach]:
             yield message.breach(str(error))
 
 
+@MESSAGE_RULES.add(
+    'image-layout',
+    ERROR,
+    'Images have data for all rows; compressed ones are whole',
+    'correct step, width and height in the driver',
+)
 def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
     image = message.value
     if message.msgtype == IMAGE and image is not None:
@@ -427,6 +446,12 @@ def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
             yield message.breach(str(error))
 
 
+@MESSAGE_RULES.add(
+    'image-decode',
+    ERROR,
+    'Pixels of images can be decoded (with --decode)',
+    'record the topic again',
+)
 def _find_bad_pixels(message: CheckedMessage) -> Iterator[Breach]:
     if not message.decode or message.value is None:
         return
@@ -437,6 +462,12 @@ def _find_bad_pixels(message: CheckedMessage) -> Iterator[Breach]:
             yield message.breach(str(error))
 
 
+@MESSAGE_RULES.add(
+    'tf-transform',
+    ERROR,
+    'Transforms have finite numbers, quaternions of length 1, and names of both frames',
+    'correct the publisher: tf2 refuses such transforms',
+)
 def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype not in TF_TYPES or message.value is None:
         return
@@ -449,82 +480,6 @@ def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
             yield Breach(f'{message.topic}: {link} is {numbers}', message.bag)
         if not each.header.frame_id or not each.child_frame_id:
             yield Breach(f'{message.topic}: {link} has a frame without a name', message.bag)
-
-
-MESSAGE_RULES: tuple[Rule[CheckedMessage], ...] = (
-    Rule(
-        'message-decode',
-        _ERROR,
-        _BAG,
-        'Messages can be decoded by the definition of their type',
-        'kitti-ros2 recover copies the readable messages',
-        _find_undecodable,
-    ),
-    Rule(
-        'camera-uncalibrated',
-        _WARNING,
-        _BAG,
-        'CameraInfo has K or P',
-        'calibrate the camera; to-kitti --calib takes a calibration from elsewhere',
-        _find_uncalibrated,
-    ),
-    Rule(
-        'camera-info',
-        _ERROR,
-        _BAG,
-        'CameraInfo has a size, positive focal lengths, a rotation R, a region inside the image',
-        'correct the calibration of the driver',
-        _find_bad_camera,
-    ),
-    Rule(
-        'camera-distortion',
-        _ERROR,
-        _BAG,
-        'D has as many numbers as its distortion model',
-        'set distortion_model to that of the calibration: plumb_bob has 5 numbers',
-        _find_distortion,
-    ),
-    Rule(
-        'camera-rotation',
-        _WARNING,
-        _BAG,
-        'R of CameraInfo is the identity where D is 0 and K is that of P',
-        'programs that rectify turn such images once more: write R = I; to-kitti turns none',
-        _find_idle_rotation,
-    ),
-    Rule(
-        'cloud-layout',
-        _ERROR,
-        _BAG,
-        'PointCloud2 has x, y, z within point_step, and data for width x height points',
-        'correct point_step, row_step and fields in the driver',
-        _find_bad_cloud,
-    ),
-    Rule(
-        'image-layout',
-        _ERROR,
-        _BAG,
-        'Images have data for all rows; compressed ones are whole',
-        'correct step, width and height in the driver',
-        _find_bad_image,
-    ),
-    Rule(
-        'image-decode',
-        _ERROR,
-        _BAG,
-        'Pixels of images can be decoded (with --decode)',
-        'record the topic again',
-        _find_bad_pixels,
-    ),
-    Rule(
-        'tf-transform',
-        _ERROR,
-        _BAG,
-        'Transforms have finite numbers, quaternions of length 1, and names of both frames',
-        'correct the publisher: tf2 refuses such transforms',
-        _find_bad_transforms,
-    ),
-)
 
 
 # Rules about the stamps and the QoS of a topic in a bag.
@@ -572,6 +527,15 @@ class TopicTrack:
         return known
 
 
+TOPIC_RULES = RuleTable[TopicTrack](RuleScope.STREAM)
+
+
+@TOPIC_RULES.add(
+    'header-order',
+    WARNING,
+    'Header stamps of a topic do not go back',
+    'several publishers on the topic, or a clock that was set; to-kitti uses log times then',
+)
 def _find_backward(track: TopicTrack) -> Iterator[Breach]:
     stamps = track.headers()
     backward = np.flatnonzero(np.diff(stamps) < 0)
@@ -582,20 +546,24 @@ def _find_backward(track: TopicTrack) -> Iterator[Breach]:
         yield track.breach(f'{count} before the one above, first by {by:.3g} s')
 
 
+@TOPIC_RULES.add(
+    'header-zero',
+    WARNING,
+    'Header stamps are not 0',
+    'set header.stamp in the publisher; to-kitti uses log times then',
+)
 def _find_zero(track: TopicTrack) -> Iterator[Breach]:
     zeros = sum(stamp == 0 for stamp in track.header_ns)
     if zeros and not track.latched:
         yield track.breach(f'{zeros} of {len(track.header_ns)} header stamps are 0')
 
 
-def _find_future(track: TopicTrack) -> Iterator[Breach]:
-    latest = time.time_ns() + _DAY_NS
-    for name, stamps in (('header stamp', track.header_ns), ('log time', track.log_ns)):
-        last = max(stamps, default=0)
-        if last > latest:
-            yield track.breach(f'the last {name} is {_moment(last)}')
-
-
+@TOPIC_RULES.add(
+    'header-late',
+    WARNING,
+    'Header stamps are within 60 s of the log times',
+    'recorded from another bag, or the clocks of the machines differ',
+)
 def _find_late(track: TopicTrack) -> Iterator[Breach]:
     if track.latched or len(track.header_ns) != len(track.log_ns):
         return
@@ -608,6 +576,26 @@ def _find_late(track: TopicTrack) -> Iterator[Breach]:
         yield track.breach(f'{text} {delays[far][0] / NS_PER_S:.0f} s from their log times')
 
 
+@TOPIC_RULES.add(
+    'bag-future',
+    WARNING,
+    'Stamps are not in the future',
+    'check the clock of the machine, and the unit: nanoseconds',
+)
+def _find_future(track: TopicTrack) -> Iterator[Breach]:
+    latest = time.time_ns() + _DAY_NS
+    for name, stamps in (('header stamp', track.header_ns), ('log time', track.log_ns)):
+        last = max(stamps, default=0)
+        if last > latest:
+            yield track.breach(f'the last {name} is {_moment(last)}')
+
+
+@TOPIC_RULES.add(
+    'bag-gap',
+    WARNING,
+    'Topics of a steady rate have no gap of 1 s and ten periods',
+    'messages were dropped while recording: check the disk, or the QoS',
+)
 def _find_gap(track: TopicTrack) -> Iterator[Breach]:
     if len(track.log_ns) < _LEAST_MESSAGES or track.latched:
         return
@@ -619,11 +607,23 @@ def _find_gap(track: TopicTrack) -> Iterator[Breach]:
         yield track.breach(text)
 
 
+@TOPIC_RULES.add(
+    'bag-latched',
+    WARNING,
+    '/tf_static is latched (QoS durability transient local)',
+    'record with --qos-profile-overrides-path, else late subscribers get no frames',
+)
 def _find_unlatched(track: TopicTrack) -> Iterator[Breach]:
     if track.topic.endswith('tf_static') and track.has_qos and not track.latched:
         yield track.breach('its publisher does not offer durability transient local')
 
 
+@TOPIC_RULES.add(
+    'bag-qos',
+    WARNING,
+    'Offered QoS profiles have known policies, and publishers of a topic agree',
+    'ros2 bag play falls back to another QoS: give it --qos-profile-overrides-path',
+)
 def _find_qos_faults(track: TopicTrack) -> Iterator[Breach]:
     for fault in qos_faults(track.profiles):
         yield track.breach(fault)
@@ -634,65 +634,3 @@ def _moment(stamp_ns: int) -> str:
         return f'{format_stamp(stamp_ns)} UTC'
     except (OverflowError, ValueError):
         return f'{stamp_ns} ns'
-
-
-_STREAM = RuleScope.STREAM
-
-TOPIC_RULES: tuple[Rule[TopicTrack], ...] = (
-    Rule(
-        'header-order',
-        _WARNING,
-        _STREAM,
-        'Header stamps of a topic do not go back',
-        'several publishers on the topic, or a clock that was set; to-kitti uses log times then',
-        _find_backward,
-    ),
-    Rule(
-        'header-zero',
-        _WARNING,
-        _STREAM,
-        'Header stamps are not 0',
-        'set header.stamp in the publisher; to-kitti uses log times then',
-        _find_zero,
-    ),
-    Rule(
-        'header-late',
-        _WARNING,
-        _STREAM,
-        'Header stamps are within 60 s of the log times',
-        'recorded from another bag, or the clocks of the machines differ',
-        _find_late,
-    ),
-    Rule(
-        'bag-future',
-        _WARNING,
-        _STREAM,
-        'Stamps are not in the future',
-        'check the clock of the machine, and the unit: nanoseconds',
-        _find_future,
-    ),
-    Rule(
-        'bag-gap',
-        _WARNING,
-        _STREAM,
-        'Topics of a steady rate have no gap of 1 s and ten periods',
-        'messages were dropped while recording: check the disk, or the QoS',
-        _find_gap,
-    ),
-    Rule(
-        'bag-latched',
-        _WARNING,
-        _STREAM,
-        '/tf_static is latched (QoS durability transient local)',
-        'record with --qos-profile-overrides-path, else late subscribers get no frames',
-        _find_unlatched,
-    ),
-    Rule(
-        'bag-qos',
-        _WARNING,
-        _STREAM,
-        'Offered QoS profiles have known policies, and publishers of a topic agree',
-        'ros2 bag play falls back to another QoS: give it --qos-profile-overrides-path',
-        _find_qos_faults,
-    ),
-)

@@ -23,7 +23,7 @@ from ..model.errors import BadFileError, format_bytes
 from ..model.geometry import Transform
 from ..model.samples import LEFT_OF, rectified_offset
 from ..model.streams import IMAGE_STREAMS, Stream
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in, breach_of
+from .rule import ERROR, NOTE, WARNING, Breach, RuleScope, RuleTable, breach_in, breach_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 _MOST_TEXT = 16 << 20  # the largest text file of KITTI has 1 MB
 _COPY = 'copy or download the file again'
+_CORRECT = 'correct the line, or label the object again'
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,15 @@ def _is_cut(file: DataFile) -> bool:
     return file.path.suffix.lower() == names.BIN and file.size % file.point_bytes != 0
 
 
+FILE_RULES = RuleTable[DataFile](RuleScope.FILE)
+
+
+@FILE_RULES.add(
+    'file-readable',
+    ERROR,
+    'Files can be opened, and are regular files',
+    'check permissions, links and the disk',
+)
 def _find_unreadable(file: DataFile) -> Iterator[Breach]:
     if isinstance(file.error, OSError):
         yield breach_of(file.error, file.path)
@@ -104,11 +114,18 @@ def _find_unreadable(file: DataFile) -> Iterator[Breach]:
         yield Breach('is a pipe, a device or a folder', file.path)
 
 
+@FILE_RULES.add('file-empty', ERROR, 'Files are not empty', _COPY)
 def _find_empty(file: DataFile) -> Iterator[Breach]:
     if _is_empty(file):
         yield Breach('the file is empty', file.path)
 
 
+@FILE_RULES.add(
+    'file-huge',
+    ERROR,
+    'Binary files have at most 268 MB, text files 17 MB',
+    f'{_COPY}; check which program wrote it',
+)
 def _find_huge(file: DataFile) -> Iterator[Breach]:
     if file.regular and file.size > file.most_bytes:
         limit = format_bytes(file.most_bytes)
@@ -116,6 +133,7 @@ def _find_huge(file: DataFile) -> Iterator[Breach]:
         yield Breach(text, file.path)
 
 
+@FILE_RULES.add('scan-size', ERROR, 'Scans have 16 bytes a point, or those of --columns', _COPY)
 def _find_cut(file: DataFile) -> Iterator[Breach]:
     if _is_cut(file):
         text = f'{file.size} bytes, which is no multiple of {file.point_bytes}'
@@ -132,60 +150,15 @@ def _failed(*streams: Stream) -> Callable[[DataFile], Iterator[Breach]]:
     return find
 
 
-_FILE = RuleScope.FILE
-_ERROR = RuleSeverity.ERROR
-
-FILE_RULES: tuple[Rule[DataFile], ...] = (
-    Rule(
-        'file-readable',
-        _ERROR,
-        _FILE,
-        'Files can be opened, and are regular files',
-        'check permissions, links and the disk',
-        _find_unreadable,
-    ),
-    Rule('file-empty', _ERROR, _FILE, 'Files are not empty', _COPY, _find_empty),
-    Rule(
-        'file-huge',
-        _ERROR,
-        _FILE,
-        'Binary files have at most 268 MB, text files 17 MB',
-        f'{_COPY}; check which program wrote it',
-        _find_huge,
-    ),
-    Rule(
-        'scan-size',
-        _ERROR,
-        _FILE,
-        'Scans have 16 bytes a point, or those of --columns',
-        _COPY,
-        _find_cut,
-    ),
-    Rule('scan-file', _ERROR, _FILE, 'Scans can be parsed', _COPY, _failed(Stream.SCAN)),
-    Rule(
-        'image-file',
-        _ERROR,
-        _FILE,
-        'Images are whole PNGs, and the checksum of each chunk is right',
-        _COPY,
-        _failed(*IMAGE_STREAMS),
-    ),
-    Rule(
-        'oxts-packet',
-        _ERROR,
-        _FILE,
-        'GPS/IMU packets have 30 finite numbers, on earth',
-        _COPY,
-        _failed(Stream.OXTS),
-    ),
-    Rule(
-        'text-file',
-        _ERROR,
-        _FILE,
-        'Text files are UTF-8; tracklets are whole XML',
-        _COPY,
-        _failed(Stream.LABELS, Stream.CALIBRATION, Stream.RECORDING),
-    ),
+FILE_RULES.add('scan-file', ERROR, 'Scans can be parsed', _COPY)(_failed(Stream.SCAN))
+FILE_RULES.add(
+    'image-file', ERROR, 'Images are whole PNGs, and the checksum of each chunk is right', _COPY
+)(_failed(*IMAGE_STREAMS))
+FILE_RULES.add('oxts-packet', ERROR, 'GPS/IMU packets have 30 finite numbers, on earth', _COPY)(
+    _failed(Stream.OXTS)
+)
+FILE_RULES.add('text-file', ERROR, 'Text files are UTF-8; tracklets are whole XML', _COPY)(
+    _failed(Stream.LABELS, Stream.CALIBRATION, Stream.RECORDING)
 )
 
 
@@ -243,11 +216,26 @@ class LabelFile:
         return cls(path, lines, tuple(parsed.errors.values()), tracking, by_frame)
 
 
+LABEL_RULES = RuleTable[LabelFile](RuleScope.FILE)
+
+
+@LABEL_RULES.add(
+    'label-line',
+    ERROR,
+    'Lines of labels have 15 or 16 columns (tracking 17 or 18) of finite numbers',
+    _CORRECT,
+)
 def _find_invalid_labels(file: LabelFile) -> Iterator[Breach]:
     for error in file.errors:
         yield breach_of(error, file.path)
 
 
+@LABEL_RULES.add(
+    'label-columns',
+    ERROR,
+    'Object files have lines of objects, tracking files lines with frame and track',
+    'give the label file of the same benchmark',
+)
 def _find_columns(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if (box.frame is not None) != file.tracking:
@@ -256,6 +244,12 @@ def _find_columns(file: LabelFile) -> Iterator[Breach]:
             yield Breach(text, file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-level',
+    ERROR,
+    'occluded is -1 to 3; truncated is 0 to 1 or -1, in tracking -1 to 2',
+    _CORRECT,
+)
 def _find_levels(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if box.occluded not in _OCCLUDED:
@@ -265,6 +259,12 @@ def _find_levels(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{box.class_name}: truncated is {box.truncated:g}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-angle',
+    WARNING,
+    'alpha and rotation_y are within -pi to pi, or -10 if unknown',
+    'wrap the angle; radians, not degrees',
+)
 def _find_angles(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         for name, angle in (('alpha', box.alpha), ('rotation_y', box.rotation_y)):
@@ -272,6 +272,12 @@ def _find_angles(file: LabelFile) -> Iterator[Breach]:
                 yield Breach(f'{box.class_name}: {name} is {angle:g}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-box',
+    ERROR,
+    '2D boxes are left, top, right, bottom',
+    'check the order; KITTI has corners, not width and height',
+)
 def _find_box_2d(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         left, top, right, bottom = box.box_2d
@@ -280,6 +286,12 @@ def _find_box_2d(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{box.class_name}: the 2D box is {numbers}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-size',
+    ERROR,
+    'Height, width and length are positive, below 100 m',
+    'check the order (height, width, length) and the unit (metres)',
+)
 def _find_sizes(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if is_absurd(box) or max(box.size_hwl) > _LONGEST_M:
@@ -287,6 +299,12 @@ def _find_sizes(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{box.class_name}: height, width, length are {numbers}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-location',
+    ERROR,
+    'Locations are within 10 km',
+    'check the unit (metres) and the frame (rectified camera 0)',
+)
 def _find_far(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if max(map(abs, box.location)) > _FARTHEST_M:
@@ -294,6 +312,12 @@ def _find_far(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{box.class_name}: the location is {numbers}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'label-class',
+    WARNING,
+    'Class names that resemble those of KITTI are spelled as there',
+    'evaluations compare names exactly: rename the class',
+)
 def _find_classes(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if box.class_name in CLASSES:
@@ -311,6 +335,9 @@ _KNOWN = {_plain(name): name for name in (*CLASSES, *_ALSO)}
 """The names that others may resemble."""
 
 
+@LABEL_RULES.add(
+    'label-repeated', WARNING, 'No object is listed twice in a frame', 'remove one of the lines'
+)
 def _find_repeated(file: LabelFile) -> Iterator[Breach]:
     seen: dict[Box, int] = {}
     for line, box in file.lines:
@@ -319,6 +346,12 @@ def _find_repeated(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{box.class_name}: the same object as in line {first}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'track-repeated',
+    ERROR,
+    'No track is twice in a frame',
+    'give one of the objects a track id of its own',
+)
 def _find_repeated_tracks(file: LabelFile) -> Iterator[Breach]:
     seen: dict[tuple[int | None, int | None], int] = {}
     for line, box in file.lines:
@@ -330,6 +363,12 @@ def _find_repeated_tracks(file: LabelFile) -> Iterator[Breach]:
             yield Breach(f'{text}, first in line {first}', file.path, line)
 
 
+@LABEL_RULES.add(
+    'track-class',
+    WARNING,
+    'Tracks keep their class',
+    'correct the class, or give the second object a track id of its own',
+)
 def _find_changing_tracks(file: LabelFile) -> Iterator[Breach]:
     for before, (line, box) in _successors(file):
         if before.class_name != box.class_name:
@@ -337,6 +376,12 @@ def _find_changing_tracks(file: LabelFile) -> Iterator[Breach]:
             yield Breach(text, file.path, line)
 
 
+@LABEL_RULES.add(
+    'track-jump',
+    WARNING,
+    'Tracks move at most 15 m a frame',
+    'correct the location, or the frame number',
+)
 def _find_jumps(file: LabelFile) -> Iterator[Breach]:
     for before, (line, box) in _successors(file):
         frames = (box.frame or 0) - (before.frame or 0)
@@ -359,109 +404,6 @@ def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
         ordered = sorted(lines, key=lambda each: each.box.frame or 0)
         for before, after in pairwise(ordered):
             yield before.box, after
-
-
-_WARNING = RuleSeverity.WARNING
-_CORRECT = 'correct the line, or label the object again'
-
-LABEL_RULES: tuple[Rule[LabelFile], ...] = (
-    Rule(
-        'label-line',
-        _ERROR,
-        _FILE,
-        'Lines of labels have 15 or 16 columns (tracking 17 or 18) of finite numbers',
-        _CORRECT,
-        _find_invalid_labels,
-    ),
-    Rule(
-        'label-columns',
-        _ERROR,
-        _FILE,
-        'Object files have lines of objects, tracking files lines with frame and track',
-        'give the label file of the same benchmark',
-        _find_columns,
-    ),
-    Rule(
-        'label-level',
-        _ERROR,
-        _FILE,
-        'occluded is -1 to 3; truncated is 0 to 1 or -1, in tracking -1 to 2',
-        _CORRECT,
-        _find_levels,
-    ),
-    Rule(
-        'label-angle',
-        _WARNING,
-        _FILE,
-        'alpha and rotation_y are within -pi to pi, or -10 if unknown',
-        'wrap the angle; radians, not degrees',
-        _find_angles,
-    ),
-    Rule(
-        'label-box',
-        _ERROR,
-        _FILE,
-        '2D boxes are left, top, right, bottom',
-        'check the order; KITTI has corners, not width and height',
-        _find_box_2d,
-    ),
-    Rule(
-        'label-size',
-        _ERROR,
-        _FILE,
-        'Height, width and length are positive, below 100 m',
-        'check the order (height, width, length) and the unit (metres)',
-        _find_sizes,
-    ),
-    Rule(
-        'label-location',
-        _ERROR,
-        _FILE,
-        'Locations are within 10 km',
-        'check the unit (metres) and the frame (rectified camera 0)',
-        _find_far,
-    ),
-    Rule(
-        'label-class',
-        _WARNING,
-        _FILE,
-        'Class names that resemble those of KITTI are spelled as there',
-        'evaluations compare names exactly: rename the class',
-        _find_classes,
-    ),
-    Rule(
-        'label-repeated',
-        _WARNING,
-        _FILE,
-        'No object is listed twice in a frame',
-        'remove one of the lines',
-        _find_repeated,
-    ),
-    Rule(
-        'track-repeated',
-        _ERROR,
-        _FILE,
-        'No track is twice in a frame',
-        'give one of the objects a track id of its own',
-        _find_repeated_tracks,
-    ),
-    Rule(
-        'track-class',
-        _WARNING,
-        _FILE,
-        'Tracks keep their class',
-        'correct the class, or give the second object a track id of its own',
-        _find_changing_tracks,
-    ),
-    Rule(
-        'track-jump',
-        _WARNING,
-        _FILE,
-        'Tracks move at most 15 m a frame',
-        'correct the location, or the frame number',
-        _find_jumps,
-    ),
-)
 
 
 # Rules about a calibration.
@@ -498,12 +440,27 @@ class CalibrationFile:
     cameras: Collection[int] = ()
 
 
+CALIBRATION_RULES = RuleTable[CalibrationFile](RuleScope.FILE)
+
+
+@CALIBRATION_RULES.add(
+    'calib-value',
+    ERROR,
+    'Calibrations are keys with finite numbers; R is a rotation to 1e-3, P invertible',
+    'correct the line, or copy the file again',
+)
 def _find_invalid_calibration(file: CalibrationFile) -> Iterator[Breach]:
     for breach, absent in _missing(file):
         if not absent:
             yield breach
 
 
+@CALIBRATION_RULES.add(
+    'calib-missing',
+    WARNING,
+    'Calibration files and their usual keys exist',
+    'without it there are no camera models, projections or 3D boxes of labels',
+)
 def _find_absent(file: CalibrationFile) -> Iterator[Breach]:
     for breach, absent in _missing(file):
         if absent:
@@ -515,12 +472,24 @@ def _find_absent(file: CalibrationFile) -> Iterator[Breach]:
             yield Breach(f'no {part}, and camera {camera} has images', file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-placeholder',
+    NOTE,
+    'Calibration keys have values',
+    'empty values and zeros count as absent: nothing to do for sensors that do not exist',
+)
 def _find_placeholders(file: CalibrationFile) -> Iterator[Breach]:
     for note in file.calibration.notes:
         if _CALIB_TIME not in note:
             yield breach_in(note, file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-day',
+    WARNING,
+    'The calibration is of the day of the drive, by its calib_time (raw)',
+    'give the calibration of the day in the name of the drive',
+)
 def _find_another_day(file: CalibrationFile) -> Iterator[Breach]:
     for note in file.calibration.notes:
         if _CALIB_TIME in note:
@@ -535,6 +504,12 @@ def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
         yield breach, no_key
 
 
+@CALIBRATION_RULES.add(
+    'calib-rotation',
+    WARNING,
+    'R R^T is the identity to 1e-5',
+    'write rotations with seven digits or more',
+)
 def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
     found = file.calibration
     rotations: dict[str, Float64Array | None] = {
@@ -553,6 +528,12 @@ def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
                 yield Breach(f'{name}: R R^T differs from the identity by {off:.1g}', file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-projection',
+    ERROR,
+    'P has positive, equal focal lengths (to 10 %) and the last row 0 0 1',
+    'P is 3x4, row by row: check the order and the units',
+)
 def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
     for index, camera in file.calibration.cameras.items():
         p = camera.p_rect
@@ -569,6 +550,12 @@ def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
             yield Breach(text, file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-baseline',
+    WARNING,
+    'Right cameras are 2 cm to 3 m to the right of the left ones, by P1 and P0, P3 and P2',
+    'the fourth column of P is -fx times the place in metres: check sign and unit',
+)
 def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
     found = file.calibration
     for right, left in LEFT_OF.items():
@@ -583,6 +570,12 @@ def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
             yield Breach(f'{text} {left}', file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-contradiction',
+    WARNING,
+    'P_rect agrees with R_rect, R and T (raw): places to 5 mm, rectified axes to 1 mrad',
+    'give the three files of one calibration',
+)
 def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
     cameras = {
         index: camera
@@ -606,6 +599,12 @@ def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
             yield Breach(text, file.path)
 
 
+@CALIBRATION_RULES.add(
+    'calib-scanner',
+    WARNING,
+    'Camera 0 looks along x of the scanner, less than 5 m away',
+    'Tr_velo_to_cam maps the scanner to the camera: check that it is not the inverse',
+)
 def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
     cam0_t_velo = file.calibration.cam0_T_velo
     if cam0_t_velo is None or file.calibration.independent_cameras:
@@ -617,79 +616,3 @@ def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
     distance = float(np.linalg.norm(cam0_t_velo.translation))
     if distance > _NEAR_M:
         yield Breach(f'Tr_velo_to_cam: the scanner is {distance:.1f} m from camera 0', file.path)
-
-
-CALIBRATION_RULES: tuple[Rule[CalibrationFile], ...] = (
-    Rule(
-        'calib-value',
-        _ERROR,
-        _FILE,
-        'Calibrations are keys with finite numbers; R is a rotation to 1e-3, P invertible',
-        'correct the line, or copy the file again',
-        _find_invalid_calibration,
-    ),
-    Rule(
-        'calib-missing',
-        _WARNING,
-        _FILE,
-        'Calibration files and their usual keys exist',
-        'without it there are no camera models, projections or 3D boxes of labels',
-        _find_absent,
-    ),
-    Rule(
-        'calib-placeholder',
-        RuleSeverity.NOTE,
-        _FILE,
-        'Calibration keys have values',
-        'empty values and zeros count as absent: nothing to do for sensors that do not exist',
-        _find_placeholders,
-    ),
-    Rule(
-        'calib-day',
-        _WARNING,
-        _FILE,
-        'The calibration is of the day of the drive, by its calib_time (raw)',
-        'give the calibration of the day in the name of the drive',
-        _find_another_day,
-    ),
-    Rule(
-        'calib-rotation',
-        _WARNING,
-        _FILE,
-        'R R^T is the identity to 1e-5',
-        'write rotations with seven digits or more',
-        _find_not_orthonormal,
-    ),
-    Rule(
-        'calib-projection',
-        _ERROR,
-        _FILE,
-        'P has positive, equal focal lengths (to 10 %) and the last row 0 0 1',
-        'P is 3x4, row by row: check the order and the units',
-        _find_projection,
-    ),
-    Rule(
-        'calib-baseline',
-        _WARNING,
-        _FILE,
-        'Right cameras are 2 cm to 3 m to the right of the left ones, by P1 and P0, P3 and P2',
-        'the fourth column of P is -fx times the place in metres: check sign and unit',
-        _find_baseline,
-    ),
-    Rule(
-        'calib-contradiction',
-        _WARNING,
-        _FILE,
-        'P_rect agrees with R_rect, R and T (raw): places to 5 mm, rectified axes to 1 mrad',
-        'give the three files of one calibration',
-        _find_contradiction,
-    ),
-    Rule(
-        'calib-scanner',
-        _WARNING,
-        _FILE,
-        'Camera 0 looks along x of the scanner, less than 5 m away',
-        'Tr_velo_to_cam maps the scanner to the camera: check that it is not the inverse',
-        _find_scanner,
-    ),
-)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -24,10 +25,10 @@ from ..model.boxes import (
     wrap_angle,
 )
 from ..model.samples import rect_from_velo
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in
+from .rule import ERROR, NOTE, WARNING, Breach, RuleScope, RuleTable, breach_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
@@ -226,6 +227,15 @@ def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
     return near
 
 
+LABEL_FRAME_RULES = RuleTable[Sequence[FrameFiles]](RuleScope.FRAME)
+
+
+@LABEL_FRAME_RULES.add(
+    'label-projection',
+    WARNING,
+    '3D boxes, projected by P2, overlap their 2D boxes (IoU of 0.3 at least)',
+    'check that calibration and labels are of this frame, and the order of the columns',
+)
 def _find_projection(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
     groups: dict[tuple[int, Size], list[FrameFiles]] = {}
     for frame in frames:
@@ -258,6 +268,12 @@ def _find_apart(frames: Sequence[FrameFiles], p_rect: Float64Array, size: Size) 
             yield Breach(text, path, line)
 
 
+@LABEL_FRAME_RULES.add(
+    'label-alpha',
+    WARNING,
+    'alpha is rotation_y less the direction to the object, to 0.2 rad',
+    'compute alpha = rotation_y - atan2(x, z)',
+)
 def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
     known = [
         (frame.label_path, each)
@@ -278,6 +294,15 @@ def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
         yield Breach(text, path, line)
 
 
+FRAME_RULES = RuleTable[FrameFiles](RuleScope.FRAME)
+
+
+@FRAME_RULES.add(
+    'label-outside',
+    WARNING,
+    '2D boxes are inside the image of camera 2',
+    'clip the box; check that the image was not resized or cropped',
+)
 def _find_outside(frame: FrameFiles) -> Iterator[Breach]:
     size = frame.sizes.get(_LABELLED_CAMERA)
     if size is None:
@@ -301,6 +326,15 @@ def _velo_from_rect(calibration: Calibration) -> Transform | None:
         return None
 
 
+SCAN_FRAME_RULES = RuleTable[LabelledScan](RuleScope.FRAME)
+
+
+@SCAN_FRAME_RULES.add(
+    'label-points',
+    NOTE,
+    'Points of the scan are inside each 3D box that is visible and within 40 m',
+    'usual for some objects; if most are listed, check the calibration',
+)
 def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
     for index in places_without_points(scan.points, [each.place for each in scan.boxes]):
         name, line, place = scan.boxes[index]
@@ -308,6 +342,12 @@ def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
         yield Breach(f'{text}: no point of the scan is inside', scan.frame.label_path, line)
 
 
+@FRAME_RULES.add(
+    'calib-image',
+    WARNING,
+    'Principal points are near the middle of the image',
+    'give the calibration of these images; scale it if they were resized',
+)
 def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:
     for index, (width, height) in frame.sizes.items():
         camera = frame.calibration.cameras.get(index)
@@ -319,55 +359,7 @@ def _find_off_middle(frame: FrameFiles) -> Iterator[Breach]:
             yield Breach(f'{text} of {width}x{height}', frame.calibration_path)
 
 
-_FRAME, _WARNING = RuleScope.FRAME, RuleSeverity.WARNING
-
-LABEL_FRAME_RULES: tuple[Rule[Sequence[FrameFiles]], ...] = (
-    Rule(
-        'label-projection',
-        _WARNING,
-        _FRAME,
-        '3D boxes, projected by P2, overlap their 2D boxes (IoU of 0.3 at least)',
-        'check that calibration and labels are of this frame, and the order of the columns',
-        _find_projection,
-    ),
-    Rule(
-        'label-alpha',
-        _WARNING,
-        _FRAME,
-        'alpha is rotation_y less the direction to the object, to 0.2 rad',
-        'compute alpha = rotation_y - atan2(x, z)',
-        _find_alpha,
-    ),
-)
 """Rules that see several frames at once: numpy takes as long for one as for ten."""
-SCAN_FRAME_RULES: tuple[Rule[LabelledScan], ...] = (
-    Rule(
-        'label-points',
-        RuleSeverity.NOTE,
-        _FRAME,
-        'Points of the scan are inside each 3D box that is visible and within 40 m',
-        'usual for some objects; if most are listed, check the calibration',
-        _find_unscanned,
-    ),
-)
-FRAME_RULES: tuple[Rule[FrameFiles], ...] = (
-    Rule(
-        'label-outside',
-        _WARNING,
-        _FRAME,
-        '2D boxes are inside the image of camera 2',
-        'clip the box; check that the image was not resized or cropped',
-        _find_outside,
-    ),
-    Rule(
-        'calib-image',
-        _WARNING,
-        _FRAME,
-        'Principal points are near the middle of the image',
-        'give the calibration of these images; scale it if they were resized',
-        _find_off_middle,
-    ),
-)
 
 
 # Rules about the pixels of an image; only with --decode.
@@ -394,34 +386,29 @@ class ImageFile:
             return str(error)
 
 
+IMAGE_RULES = RuleTable[ImageFile](RuleScope.FILE)
+
+
+@IMAGE_RULES.add(
+    'image-pixels',
+    ERROR,
+    'Pixels can be decoded (with --decode)',
+    'copy or download the file again',
+)
 def _find_undecodable(file: ImageFile) -> Iterator[Breach]:
     if isinstance(file.pixels, str):
         yield Breach(f'the pixels cannot be decoded: {file.pixels}', file.path)
 
 
+@IMAGE_RULES.add(
+    'image-blank',
+    WARNING,
+    'Images are not of a single colour (with --decode)',
+    'check the camera, or the program that wrote the image',
+)
 def _find_blank(file: ImageFile) -> Iterator[Breach]:
     if not isinstance(file.pixels, str) and file.pixels.min() == file.pixels.max():
         yield Breach(f'all pixels are {int(file.pixels.max())}', file.path)
-
-
-IMAGE_RULES: tuple[Rule[ImageFile], ...] = (
-    Rule(
-        'image-pixels',
-        RuleSeverity.ERROR,
-        RuleScope.FILE,
-        'Pixels can be decoded (with --decode)',
-        'copy or download the file again',
-        _find_undecodable,
-    ),
-    Rule(
-        'image-blank',
-        RuleSeverity.WARNING,
-        RuleScope.FILE,
-        'Images are not of a single colour (with --decode)',
-        'check the camera, or the program that wrote the image',
-        _find_blank,
-    ),
-)
 
 
 # Rules about the values of a scan.
@@ -475,6 +462,15 @@ def _reduce(ufunc: np.ufunc, flat: Float32Array) -> list[float]:
     return columns
 
 
+SCAN_RULES = RuleTable[ScanFile](RuleScope.FILE)
+
+
+@SCAN_RULES.add(
+    'scan-finite',
+    ERROR,
+    'Coordinates and reflectances are finite numbers, below 10 km',
+    'copy the file again; check that it has float32 x y z reflectance',
+)
 def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
     low, high = scan.bounds
     if not (scan.reach < _NOT_METRES and math.isfinite(low[3]) and math.isfinite(high[3])):
@@ -485,11 +481,12 @@ def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
         yield Breach(text, scan.path)
 
 
-def _find_far(scan: ScanFile) -> Iterator[Breach]:
-    if _FARTHEST_POINT_M < scan.reach < _NOT_METRES:
-        yield Breach(f'coordinates up to {scan.reach:.0f} m', scan.path)
-
-
+@SCAN_RULES.add(
+    'scan-constant',
+    ERROR,
+    'Points of a scan are at different places',
+    'copy the file again: an interrupted download leaves zeros',
+)
 def _find_constant(scan: ScanFile) -> Iterator[Breach]:
     low, high = scan.bounds
     if len(scan.points) > 1 and low[:3] == high[:3]:
@@ -497,6 +494,20 @@ def _find_constant(scan: ScanFile) -> Iterator[Breach]:
         yield Breach(f'all {len(scan.points)} points are at {place}', scan.path)
 
 
+@SCAN_RULES.add(
+    'scan-range', WARNING, 'Points are within 250 m', 'check the unit (metres) and the four columns'
+)
+def _find_far(scan: ScanFile) -> Iterator[Breach]:
+    if _FARTHEST_POINT_M < scan.reach < _NOT_METRES:
+        yield Breach(f'coordinates up to {scan.reach:.0f} m', scan.path)
+
+
+@SCAN_RULES.add(
+    'scan-reflectance',
+    WARNING,
+    'Reflectances are 0 to 1',
+    'divide intensities by their full scale, such as 255; check the columns of the scan',
+)
 def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
     low, high = (ends[3] for ends in scan.bounds)
     if low < 0 or 1 < high < _NOT_METRES:
@@ -505,55 +516,15 @@ def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
         yield Breach(text, scan.path)
 
 
+@SCAN_RULES.add(
+    'scan-labels',
+    ERROR,
+    'Labels of points (SemanticKITTI) exist for each scan, one for each point',
+    'copy the .label file again; labels and scans must be of one sequence',
+)
 def _find_point_labels(scan: ScanFile) -> Iterator[Breach]:
     if scan.missing:
         yield breach_in(scan.missing.partition('; its points')[0], scan.path.parent.parent)
-
-
-_FILE = RuleScope.FILE
-
-SCAN_RULES: tuple[Rule[ScanFile], ...] = (
-    Rule(
-        'scan-finite',
-        RuleSeverity.ERROR,
-        _FILE,
-        'Coordinates and reflectances are finite numbers, below 10 km',
-        'copy the file again; check that it has float32 x y z reflectance',
-        _find_nonsense,
-    ),
-    Rule(
-        'scan-constant',
-        RuleSeverity.ERROR,
-        _FILE,
-        'Points of a scan are at different places',
-        'copy the file again: an interrupted download leaves zeros',
-        _find_constant,
-    ),
-    Rule(
-        'scan-range',
-        RuleSeverity.WARNING,
-        _FILE,
-        'Points are within 250 m',
-        'check the unit (metres) and the four columns',
-        _find_far,
-    ),
-    Rule(
-        'scan-reflectance',
-        RuleSeverity.WARNING,
-        _FILE,
-        'Reflectances are 0 to 1',
-        'divide intensities by their full scale, such as 255; check the columns of the scan',
-        _find_reflectance,
-    ),
-    Rule(
-        'scan-labels',
-        RuleSeverity.ERROR,
-        _FILE,
-        'Labels of points (SemanticKITTI) exist for each scan, one for each point',
-        'copy the .label file again; labels and scans must be of one sequence',
-        _find_point_labels,
-    ),
-)
 
 
 # Rules about the tracklets of a raw drive.
@@ -567,18 +538,15 @@ class TrackletFrame:
     labels: FrameLabels
 
 
+TRACKLET_RULES = RuleTable[TrackletFrame](RuleScope.FRAME)
+
+
+@TRACKLET_RULES.add(
+    'tracklet-size',
+    ERROR,
+    'Tracklets have positive heights, widths and lengths',
+    'correct the item of tracklet_labels.xml',
+)
 def _find_sizes(frame: TrackletFrame) -> Iterator[Breach]:
     for reason in frame.labels.missing.values():
         yield breach_in(reason.partition('; it gets no')[0], frame.path)
-
-
-TRACKLET_RULES: tuple[Rule[TrackletFrame], ...] = (
-    Rule(
-        'tracklet-size',
-        RuleSeverity.ERROR,
-        RuleScope.FRAME,
-        'Tracklets have positive heights, widths and lengths',
-        'correct the item of tracklet_labels.xml',
-        _find_sizes,
-    ),
-)

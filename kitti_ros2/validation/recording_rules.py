@@ -18,7 +18,7 @@ from ..kitti.recording_index import turn_length
 from ..model.boxes import UNKNOWN_OCCLUSION
 from ..model.errors import format_count, format_numbers, some_of
 from ..model.streams import NS_PER_S, Stream, format_stamp
-from .rule import Breach, Rule, RuleScope, RuleSeverity, breach_in, breach_of
+from .rule import ERROR, NOTE, WARNING, Breach, RuleScope, RuleTable, breach_in, breach_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -85,54 +85,27 @@ class RecordingFacts:
         return loss.numbers[0] not in listing.numbers
 
 
-def _find_other_columns(facts: RecordingFacts) -> Iterator[Breach]:
-    error = facts.recording.scan_error
-    if error is not None:
-        breach = breach_of(error, facts.recording.root)
-        yield breach._replace(text=f'{breach.text}; {error.remedy}')
+RECORDING_RULES = RuleTable[RecordingFacts](RuleScope.RECORDING)
 
 
-def _find_missing_frames(facts: RecordingFacts) -> Iterator[Breach]:
-    for loss, absent in facts.losses():
-        if absent:
-            yield breach_in(loss.text(), facts.recording.root)
-
-
+@RECORDING_RULES.add(
+    'data-unusable',
+    ERROR,
+    'Every file can be used: it has a stamp, its lines are of frames',
+    'the conversion skips these data: correct or complete the file',
+)
 def _find_losses(facts: RecordingFacts) -> Iterator[Breach]:
     for loss, absent in facts.losses():
         if not absent:
             yield breach_in(loss.text(), facts.recording.root)
 
 
-def _find_missing_streams(facts: RecordingFacts) -> Iterator[Breach]:
-    for note in facts.recording.notes:
-        if 'left out' in note and ('absent' in note or 'passed over' in note):
-            yield breach_in(note, facts.recording.root)
-
-
-def _find_no_stamps(facts: RecordingFacts) -> Iterator[Breach]:
-    for note in facts.recording.notes:
-        if 'stamps are nominal' in note:
-            yield breach_in(note, facts.recording.root)
-
-
-def _find_unnumbered(facts: RecordingFacts) -> Iterator[Breach]:
-    for listing in facts.recording.listings.values():
-        if listing.strays:
-            text = f'{some_of(listing.strays)}; names are like {listing.names.example}'
-            yield Breach(text, listing.folder)
-
-
-def _find_sparse(facts: RecordingFacts) -> Iterator[Breach]:
-    if len(facts.points) < _LEAST_SCANS:
-        return
-    counts = np.array(facts.points, np.int64)
-    usual = float(np.median(counts))
-    for index in np.flatnonzero(counts < _FEW_POINTS * usual).tolist():
-        text = f'{counts[index]} points; the median of the scans is {usual:.0f}'
-        yield Breach(text, facts.recording.path(Stream.SCAN, facts.scans[index]))
-
-
+@RECORDING_RULES.add(
+    'image-size',
+    ERROR,
+    'Images have the size in the calibration, or that of the other images of the camera',
+    'calibration holds for one size only: copy the images of this camera again',
+)
 def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
     if facts.recording.layout.traits.calibration_per_frame:
         return
@@ -147,6 +120,70 @@ def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
                 yield Breach(text, facts.recording.path(stream, number))
 
 
+@RECORDING_RULES.add(
+    'scan-columns',
+    ERROR,
+    'Scans have 4 float32 a point, by the size and values of the first ones',
+    'give --columns, or convert them; until then they are not checked',
+    scope=RuleScope.STREAM,
+)
+def _find_other_columns(facts: RecordingFacts) -> Iterator[Breach]:
+    error = facts.recording.scan_error
+    if error is not None:
+        breach = breach_of(error, facts.recording.root)
+        yield breach._replace(text=f'{breach.text}; {error.remedy}')
+
+
+@RECORDING_RULES.add(
+    'frames-missing',
+    WARNING,
+    'Streams have the same numbers, and those of their time stamps',
+    'copy the missing files; KITTI itself has gaps, such as 177 to 180 of drive 0009',
+)
+def _find_missing_frames(facts: RecordingFacts) -> Iterator[Breach]:
+    for loss, absent in facts.losses():
+        if absent:
+            yield breach_in(loss.text(), facts.recording.root)
+
+
+@RECORDING_RULES.add(
+    'names-unusual',
+    WARNING,
+    'Files are named like the others in their folder',
+    'rename or move them; they are not read',
+    scope=RuleScope.STREAM,
+)
+def _find_unnumbered(facts: RecordingFacts) -> Iterator[Breach]:
+    for listing in facts.recording.listings.values():
+        if listing.strays:
+            text = f'{some_of(listing.strays)}; names are like {listing.names.example}'
+            yield Breach(text, listing.folder)
+
+
+@RECORDING_RULES.add(
+    'scan-points',
+    WARNING,
+    'Scans have at least half as many points as the median',
+    'compare with the source: the file may be cut off',
+    scope=RuleScope.STREAM,
+)
+def _find_sparse(facts: RecordingFacts) -> Iterator[Breach]:
+    if len(facts.points) < _LEAST_SCANS:
+        return
+    counts = np.array(facts.points, np.int64)
+    usual = float(np.median(counts))
+    for index in np.flatnonzero(counts < _FEW_POINTS * usual).tolist():
+        text = f'{counts[index]} points; the median of the scans is {usual:.0f}'
+        yield Breach(text, facts.recording.path(Stream.SCAN, facts.scans[index]))
+
+
+@RECORDING_RULES.add(
+    'image-channels',
+    WARNING,
+    'Images of a camera are all grey or all coloured',
+    'copy the images of this camera again',
+    scope=RuleScope.STREAM,
+)
 def _find_other_channels(facts: RecordingFacts) -> Iterator[Breach]:
     for stream, shapes in facts.images.items():
         usual = _most_common({shape: shape[2] for shape in shapes}, shapes)
@@ -156,14 +193,12 @@ def _find_other_channels(facts: RecordingFacts) -> Iterator[Breach]:
                 yield Breach(text, facts.recording.path(stream, number))
 
 
-def _most_common(kinds: Mapping[ImageShape, T], shapes: Mapping[ImageShape, array[int]]) -> T:
-    """Return the kind of most images."""
-    counts: Counter[T] = Counter()
-    for shape, numbers in shapes.items():
-        counts[kinds[shape]] += len(numbers)
-    return counts.most_common(1)[0][0]
-
-
+@RECORDING_RULES.add(
+    'label-frame',
+    WARNING,
+    'Labelled frames have an image or a scan',
+    'check the frame numbers of the labels; copy the missing files',
+)
 def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
     """Find labels of frames that have neither an image nor a scan."""
     streams = facts.recording.streams
@@ -181,6 +216,12 @@ def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
         yield Breach(f'labels of frames {format_numbers(without)}, which have no data', path)
 
 
+@RECORDING_RULES.add(
+    'label-occlusion',
+    WARNING,
+    'The occlusion of most labels is known, or 0',
+    'evaluations leave out labels with 3, unknown: write 0 for visible objects',
+)
 def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
     """Find labels that evaluations leave out; single ones are usual in KITTI."""
     unknown, every = facts.occlusions[UNKNOWN_OCCLUSION], facts.occlusions.total()
@@ -190,101 +231,36 @@ def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
         yield Breach(f'{unknown} of {every} labels have occlusion {UNKNOWN_OCCLUSION}', path)
 
 
-_RECORDING = RuleScope.RECORDING
-_ERROR = RuleSeverity.ERROR
-_WARNING = RuleSeverity.WARNING
-_NOTE = RuleSeverity.NOTE
+def _most_common(kinds: Mapping[ImageShape, T], shapes: Mapping[ImageShape, array[int]]) -> T:
+    """Return the kind of most images."""
+    counts: Counter[T] = Counter()
+    for shape, numbers in shapes.items():
+        counts[kinds[shape]] += len(numbers)
+    return counts.most_common(1)[0][0]
 
-RECORDING_RULES: tuple[Rule[RecordingFacts], ...] = (
-    Rule(
-        'data-unusable',
-        _ERROR,
-        _RECORDING,
-        'Every file can be used: it has a stamp, its lines are of frames',
-        'the conversion skips these data: correct or complete the file',
-        _find_losses,
-    ),
-    Rule(
-        'image-size',
-        _ERROR,
-        _RECORDING,
-        'Images have the size in the calibration, or that of the other images of the camera',
-        'calibration holds for one size only: copy the images of this camera again',
-        _find_other_size,
-    ),
-    Rule(
-        'scan-columns',
-        RuleSeverity.ERROR,
-        RuleScope.STREAM,
-        'Scans have 4 float32 a point, by the size and values of the first ones',
-        'give --columns, or convert them; until then they are not checked',
-        _find_other_columns,
-    ),
-    Rule(
-        'frames-missing',
-        _WARNING,
-        _RECORDING,
-        'Streams have the same numbers, and those of their time stamps',
-        'copy the missing files; KITTI itself has gaps, such as 177 to 180 of drive 0009',
-        _find_missing_frames,
-    ),
-    Rule(
-        'names-unusual',
-        _WARNING,
-        RuleScope.STREAM,
-        'Files are named like the others in their folder',
-        'rename or move them; they are not read',
-        _find_unnumbered,
-    ),
-    Rule(
-        'scan-points',
-        _WARNING,
-        RuleScope.STREAM,
-        'Scans have at least half as many points as the median',
-        'compare with the source: the file may be cut off',
-        _find_sparse,
-    ),
-    Rule(
-        'image-channels',
-        _WARNING,
-        RuleScope.STREAM,
-        'Images of a camera are all grey or all coloured',
-        'copy the images of this camera again',
-        _find_other_channels,
-    ),
-    Rule(
-        'label-frame',
-        _WARNING,
-        _RECORDING,
-        'Labelled frames have an image or a scan',
-        'check the frame numbers of the labels; copy the missing files',
-        _find_unlabelled_frames,
-    ),
-    Rule(
-        'label-occlusion',
-        _WARNING,
-        _RECORDING,
-        'The occlusion of most labels is known, or 0',
-        'evaluations leave out labels with 3, unknown: write 0 for visible objects',
-        _find_unknown_occlusion,
-    ),
-    Rule(
-        'stream-missing',
-        _NOTE,
-        _RECORDING,
-        'The usual streams of the layout exist',
-        'download the archive with them, if they are needed',
-        _find_missing_streams,
-    ),
-    Rule(
-        'stamps-missing',
-        _NOTE,
-        _RECORDING,
-        'Layouts with time have time stamps',
-        'download the archive with them; --period sets the time between frames',
-        _find_no_stamps,
-    ),
+
+@RECORDING_RULES.add(
+    'stream-missing',
+    NOTE,
+    'The usual streams of the layout exist',
+    'download the archive with them, if they are needed',
 )
+def _find_missing_streams(facts: RecordingFacts) -> Iterator[Breach]:
+    for note in facts.recording.notes:
+        if 'left out' in note and ('absent' in note or 'passed over' in note):
+            yield breach_in(note, facts.recording.root)
+
+
+@RECORDING_RULES.add(
+    'stamps-missing',
+    NOTE,
+    'Layouts with time have time stamps',
+    'download the archive with them; --period sets the time between frames',
+)
+def _find_no_stamps(facts: RecordingFacts) -> Iterator[Breach]:
+    for note in facts.recording.notes:
+        if 'stamps are nominal' in note:
+            yield breach_in(note, facts.recording.root)
 
 
 # Rules about the stamps of a stream and of its samples relative to the scans.
@@ -324,11 +300,26 @@ class StampsFile:
         return np.array(list(valid), np.int64), np.array(list(valid.values()), np.int64)
 
 
+STAMP_RULES = RuleTable[StampsFile](RuleScope.STREAM)
+
+
+@STAMP_RULES.add(
+    'stamps-line',
+    ERROR,
+    'Lines of time stamps can be parsed, and are within 1970 to 2038',
+    'correct the line: YYYY-MM-DD HH:MM:SS.nnnnnnnnn, in odometry seconds',
+)
 def _find_invalid(file: StampsFile) -> Iterator[Breach]:
     for error in file.lines.errors.values():
         yield breach_of(error, file.path)
 
 
+@STAMP_RULES.add(
+    'stamps-order',
+    ERROR,
+    'Stamps do not go back',
+    'check the clock of the recorder, and the order of the lines',
+)
 def _find_backward(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
     for place in np.flatnonzero(np.diff(stamps) < 0).tolist():
@@ -336,12 +327,24 @@ def _find_backward(file: StampsFile) -> Iterator[Breach]:
         yield Breach(text, file.path, int(numbers[place + 1]) + 1)
 
 
+@STAMP_RULES.add(
+    'stamps-repeated',
+    WARNING,
+    'Stamps are not repeated',
+    'check whether a sample was written twice',
+)
 def _find_repeated(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
     for place in np.flatnonzero(np.diff(stamps) == 0).tolist():
         yield Breach('the same stamp as above', file.path, int(numbers[place + 1]) + 1)
 
 
+@STAMP_RULES.add(
+    'stamps-gap',
+    WARNING,
+    'Periods are at most 3.5 times the usual one',
+    'samples were dropped, or lines are missing',
+)
 def _find_gaps(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
     periods = np.diff(stamps) / np.maximum(np.diff(numbers), 1)
@@ -354,6 +357,12 @@ def _find_gaps(file: StampsFile) -> Iterator[Breach]:
         yield Breach(text, file.path, int(numbers[place + 1]) + 1)
 
 
+@STAMP_RULES.add(
+    'stamps-date',
+    WARNING,
+    'Stamps are between 2000 and today',
+    'check whether the clock of the recorder was set',
+)
 def _find_implausible(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
     latest = time.time_ns() + _DAY_NS
@@ -367,6 +376,12 @@ def _find_implausible(file: StampsFile) -> Iterator[Breach]:
         yield Breach(text, file.path, int(numbers[first]) + 1)
 
 
+@STAMP_RULES.add(
+    'stamps-pair',
+    WARNING,
+    'Samples of one number are within 50 ms of the scan (raw, synchronized)',
+    'check that no line or file is missing: numbers pair the streams',
+)
 def _find_unpaired(file: StampsFile) -> Iterator[Breach]:
     if file.scans is None or file.ends is not None:
         return
@@ -377,6 +392,12 @@ def _find_unpaired(file: StampsFile) -> Iterator[Breach]:
             yield Breach(text, file.path, number + 1)
 
 
+@STAMP_RULES.add(
+    'stamps-turn',
+    WARNING,
+    'Turns of the scanner take up to 1 s, and contain the stamp of their scan',
+    'check timestamps_start.txt and timestamps_end.txt',
+)
 def _find_turns(file: StampsFile) -> Iterator[Breach]:
     if file.ends is None or file.scans is None:
         return
@@ -395,68 +416,6 @@ def _find_turns(file: StampsFile) -> Iterator[Breach]:
 def _ms(nanoseconds: float) -> str:
     milliseconds = nanoseconds / 1e6
     return f'{milliseconds:.0f} ms' if abs(milliseconds) < 10_000 else f'{milliseconds / 1e3:.0f} s'
-
-
-_STREAM = RuleScope.STREAM
-
-STAMP_RULES: tuple[Rule[StampsFile], ...] = (
-    Rule(
-        'stamps-line',
-        _ERROR,
-        _STREAM,
-        'Lines of time stamps can be parsed, and are within 1970 to 2038',
-        'correct the line: YYYY-MM-DD HH:MM:SS.nnnnnnnnn, in odometry seconds',
-        _find_invalid,
-    ),
-    Rule(
-        'stamps-order',
-        _ERROR,
-        _STREAM,
-        'Stamps do not go back',
-        'check the clock of the recorder, and the order of the lines',
-        _find_backward,
-    ),
-    Rule(
-        'stamps-repeated',
-        _WARNING,
-        _STREAM,
-        'Stamps are not repeated',
-        'check whether a sample was written twice',
-        _find_repeated,
-    ),
-    Rule(
-        'stamps-gap',
-        _WARNING,
-        _STREAM,
-        'Periods are at most 3.5 times the usual one',
-        'samples were dropped, or lines are missing',
-        _find_gaps,
-    ),
-    Rule(
-        'stamps-date',
-        _WARNING,
-        _STREAM,
-        'Stamps are between 2000 and today',
-        'check whether the clock of the recorder was set',
-        _find_implausible,
-    ),
-    Rule(
-        'stamps-pair',
-        _WARNING,
-        _STREAM,
-        'Samples of one number are within 50 ms of the scan (raw, synchronized)',
-        'check that no line or file is missing: numbers pair the streams',
-        _find_unpaired,
-    ),
-    Rule(
-        'stamps-turn',
-        _WARNING,
-        _STREAM,
-        'Turns of the scanner take up to 1 s, and contain the stamp of their scan',
-        'check timestamps_start.txt and timestamps_end.txt',
-        _find_turns,
-    ),
-)
 
 
 # Rules about motion: GPS/IMU packets against each other, and odometry's poses.
@@ -513,6 +472,15 @@ class PacketTrack:
         return np.where((steps > 0) & (steps <= _LONGEST_STEP_S), steps, np.nan)
 
 
+OXTS_RULES = RuleTable[PacketTrack](RuleScope.RECORDING)
+
+
+@OXTS_RULES.add(
+    'oxts-position',
+    WARNING,
+    'Positions move as fast as the velocities say, to 3 m/s and 30 %',
+    'the GPS jumped, or packets are missing or in another order',
+)
 def _find_position(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
@@ -529,6 +497,12 @@ def _find_position(track: PacketTrack) -> Iterator[Breach]:
         yield track.breach(index + 1, f'{text}, the velocity is {speed[index]:.1f} m/s')
 
 
+@OXTS_RULES.add(
+    'oxts-yaw',
+    WARNING,
+    'Yaw turns as fast as the gyroscope says, to 0.2 rad/s',
+    'check the axes (east is 0, counter-clockwise) and the order of the packets',
+)
 def _find_yaw(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
@@ -540,6 +514,12 @@ def _find_yaw(track: PacketTrack) -> Iterator[Breach]:
         yield track.breach(index + 1, text)
 
 
+@OXTS_RULES.add(
+    'oxts-forward',
+    WARNING,
+    'vf is ve cos(yaw) + vn sin(yaw), to 0.1 m/s',
+    'check the columns and axes of the packet',
+)
 def _find_forward(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
@@ -551,6 +531,12 @@ def _find_forward(track: PacketTrack) -> Iterator[Breach]:
         yield track.breach(index, text)
 
 
+@OXTS_RULES.add(
+    'oxts-gravity',
+    WARNING,
+    'az contains gravity: its mean is 9.81 m/s^2, to 1.5 m/s^2',
+    'KITTI has accelerations with gravity; add it',
+)
 def _find_gravity(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
@@ -559,6 +545,12 @@ def _find_gravity(track: PacketTrack) -> Iterator[Breach]:
         yield Breach(f'the mean of az is {mean:.2f} m/s^2', track.path)
 
 
+@OXTS_RULES.add(
+    'oxts-extreme',
+    WARNING,
+    'Speeds are below 100 m/s, accelerations 60 m/s^2, rates 5 rad/s, roll and pitch 0.5 rad',
+    'check the units: radians, metres and seconds',
+)
 def _find_extremes(track: PacketTrack) -> Iterator[Breach]:
     limits = {
         **dict.fromkeys(('vn', 've', 'vf', 'vl', 'vu'), _FASTEST),
@@ -581,11 +573,26 @@ class PosesFile:
     lines: Lines[Float64Array]
 
 
+POSE_RULES = RuleTable[PosesFile](RuleScope.RECORDING)
+
+
+@POSE_RULES.add(
+    'pose-line',
+    ERROR,
+    'Lines of poses are twelve finite numbers',
+    'correct the line, or copy the file again',
+)
 def _find_invalid_poses(file: PosesFile) -> Iterator[Breach]:
     for error in file.lines.errors.values():
         yield breach_of(error, file.path)
 
 
+@POSE_RULES.add(
+    'pose-rotation',
+    ERROR,
+    'Rotations of poses are orthonormal to 1e-3',
+    'write 3x4 matrices [R | t], row by row',
+)
 def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
     for line, pose in file.lines.sound().items():
         rotation = pose[:, :3]
@@ -594,6 +601,12 @@ def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
             yield Breach(f'the rotation is not orthonormal, by {off:.1g}', file.path, line + 1)
 
 
+@POSE_RULES.add(
+    'pose-jump',
+    WARNING,
+    'Consecutive poses are less than 5 m apart',
+    'lines are missing, or the trajectory jumps',
+)
 def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
     poses = file.lines.sound()
     for line, pose in poses.items():
@@ -601,73 +614,3 @@ def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
             moved = float(np.linalg.norm(pose[:, 3] - poses[line - 1][:, 3]))
             if moved > _FARTHEST_STEP_M:
                 yield Breach(f'{moved:.1f} m from the pose above', file.path, line + 1)
-
-
-OXTS_RULES: tuple[Rule[PacketTrack], ...] = (
-    Rule(
-        'oxts-position',
-        _WARNING,
-        _RECORDING,
-        'Positions move as fast as the velocities say, to 3 m/s and 30 %',
-        'the GPS jumped, or packets are missing or in another order',
-        _find_position,
-    ),
-    Rule(
-        'oxts-yaw',
-        _WARNING,
-        _RECORDING,
-        'Yaw turns as fast as the gyroscope says, to 0.2 rad/s',
-        'check the axes (east is 0, counter-clockwise) and the order of the packets',
-        _find_yaw,
-    ),
-    Rule(
-        'oxts-forward',
-        _WARNING,
-        _RECORDING,
-        'vf is ve cos(yaw) + vn sin(yaw), to 0.1 m/s',
-        'check the columns and axes of the packet',
-        _find_forward,
-    ),
-    Rule(
-        'oxts-gravity',
-        _WARNING,
-        _RECORDING,
-        'az contains gravity: its mean is 9.81 m/s^2, to 1.5 m/s^2',
-        'KITTI has accelerations with gravity; add it',
-        _find_gravity,
-    ),
-    Rule(
-        'oxts-extreme',
-        _WARNING,
-        _RECORDING,
-        'Speeds are below 100 m/s, accelerations 60 m/s^2, rates 5 rad/s, roll and pitch 0.5 rad',
-        'check the units: radians, metres and seconds',
-        _find_extremes,
-    ),
-)
-POSE_RULES: tuple[Rule[PosesFile], ...] = (
-    Rule(
-        'pose-line',
-        RuleSeverity.ERROR,
-        _RECORDING,
-        'Lines of poses are twelve finite numbers',
-        'correct the line, or copy the file again',
-        _find_invalid_poses,
-    ),
-    Rule(
-        'pose-rotation',
-        RuleSeverity.ERROR,
-        _RECORDING,
-        'Rotations of poses are orthonormal to 1e-3',
-        'write 3x4 matrices [R | t], row by row',
-        _find_bent_poses,
-    ),
-    Rule(
-        'pose-jump',
-        _WARNING,
-        _RECORDING,
-        'Consecutive poses are less than 5 m apart',
-        'lines are missing, or the trajectory jumps',
-        _find_pose_jumps,
-    ),
-)

@@ -39,6 +39,9 @@ class RuleSeverity(str, Enum):
     """A remark."""
 
 
+ERROR, WARNING, NOTE = RuleSeverity
+
+
 class RuleScope(str, Enum):
     """The extent of data that a rule sees at once."""
 
@@ -83,6 +86,34 @@ class Rule(Generic[S]):
     checks: str
     remedy: str
     find: Callable[[S], Iterable[Breach]] = field(repr=False)
+
+
+class RuleTable(list[Rule[S]]):
+    """The rules about a kind of subject, in the order of reports.
+
+    Args:
+        scope: The extent of data that they see at once.
+    """
+
+    def __init__(self, scope: RuleScope) -> None:
+        super().__init__()
+        self._scope = scope
+
+    def add(
+        self,
+        rule_id: str,
+        severity: RuleSeverity,
+        checks: str,
+        remedy: str,
+        scope: RuleScope | None = None,
+    ) -> Callable[[Callable[[S], Iterable[Breach]]], Callable[[S], Iterable[Breach]]]:
+        """Make a rule of the function that finds its breaches; see Rule."""
+
+        def keep(find: Callable[[S], Iterable[Breach]]) -> Callable[[S], Iterable[Breach]]:
+            self.append(Rule(rule_id, severity, scope or self._scope, checks, remedy, find))
+            return find
+
+        return keep
 
 
 def find_breaches(rules: Iterable[Rule[S]], subject: S) -> Iterator[tuple[str, Breach]]:
@@ -300,31 +331,26 @@ class Unopened:
     error: Exception | None = None
 
 
+SOURCE_RULES = RuleTable[Unopened](RuleScope.SET)
+
+
+@SOURCE_RULES.add(
+    'source-open',
+    ERROR,
+    'Recordings and bags can be opened',
+    'check permissions and links, or copy it again',
+)
 def _find_unopened(source: Unopened) -> Iterator[Breach]:
     if source.error is not None:
         yield breach_of(source.error, source.path)
 
 
+@SOURCE_RULES.add(
+    'source-large',
+    WARNING,
+    'Folders are searched for data sets to the end',
+    'give the data sets themselves',
+)
 def _find_unsearched(source: Unopened) -> Iterator[Breach]:
     if source.error is None:
         yield Breach('only the first 300 folders, 4 levels deep, were searched', source.path)
-
-
-SOURCE_RULES: tuple[Rule[Unopened], ...] = (
-    Rule(
-        'source-open',
-        RuleSeverity.ERROR,
-        RuleScope.SET,
-        'Recordings and bags can be opened',
-        'check permissions and links, or copy it again',
-        _find_unopened,
-    ),
-    Rule(
-        'source-large',
-        RuleSeverity.WARNING,
-        RuleScope.SET,
-        'Folders are searched for data sets to the end',
-        'give the data sets themselves',
-        _find_unsearched,
-    ),
-)

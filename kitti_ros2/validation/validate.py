@@ -32,12 +32,14 @@ from .frame_rules import (
 from .recording_checks import check_recording
 from .recording_rules import OXTS_RULES, POSE_RULES, RECORDING_RULES, STAMP_RULES
 from .rule import (
+    ERROR,
     SOURCE_RULES,
+    WARNING,
     Breach,
     FindingTally,
     Rule,
     RuleScope,
-    RuleSeverity,
+    RuleTable,
     Unopened,
     breach_of,
     find_breaches,
@@ -208,6 +210,15 @@ def _parse_number(known: names.FileNames, line: str) -> int:
     return number
 
 
+SET_RULES = RuleTable[SplitLists](RuleScope.SET)
+
+
+@SET_RULES.add(
+    'split-line',
+    ERROR,
+    'Lists of frames (ImageSets) have a frame number a line',
+    'correct the line',
+)
 def _find_invalid(splits: SplitLists) -> Iterator[Breach]:
     for name, lines in splits.lists.items():
         errors = lines.errors.values() if isinstance(lines, Lines) else [lines]
@@ -215,6 +226,12 @@ def _find_invalid(splits: SplitLists) -> Iterator[Breach]:
             yield breach_of(error, splits.path(name))
 
 
+@SET_RULES.add(
+    'split-frame',
+    ERROR,
+    'Frames of the lists exist',
+    'remove them from the list, or copy the missing frames',
+)
 def _find_absent(splits: SplitLists) -> Iterator[Breach]:
     for name, lines in splits.numbers().items():
         frames = splits.frames_of(name)
@@ -224,15 +241,12 @@ def _find_absent(splits: SplitLists) -> Iterator[Breach]:
             yield Breach(text, splits.path(name), min(lines[number] for number in absent))
 
 
-def _find_repeated(splits: SplitLists) -> Iterator[Breach]:
-    for name, lines in splits.lists.items():
-        first: dict[int, int] = {}
-        for line, number in lines.sound().items() if isinstance(lines, Lines) else ():
-            if first.setdefault(number, line + 1) != line + 1:
-                text = f'frame {number} again, first in line {first[number]}'
-                yield Breach(text, splits.path(name), line + 1)
-
-
+@SET_RULES.add(
+    'split-overlap',
+    ERROR,
+    'train, val and test have no frame in common',
+    'remove the frames from one list: results on them mean nothing',
+)
 def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
     numbers = splits.numbers()
     chosen = [name for name in numbers if name in _DISJOINT]
@@ -245,6 +259,22 @@ def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
             yield Breach(text, splits.path(one), min(numbers[one][each] for each in common))
 
 
+@SET_RULES.add('split-repeated', WARNING, 'Lists have each frame once', 'remove the second line')
+def _find_repeated(splits: SplitLists) -> Iterator[Breach]:
+    for name, lines in splits.lists.items():
+        first: dict[int, int] = {}
+        for line, number in lines.sound().items() if isinstance(lines, Lines) else ():
+            if first.setdefault(number, line + 1) != line + 1:
+                text = f'frame {number} again, first in line {first[number]}'
+                yield Breach(text, splits.path(name), line + 1)
+
+
+@SET_RULES.add(
+    'split-whole',
+    WARNING,
+    'trainval has the frames of train and val',
+    'write the list again from the two others',
+)
 def _find_unlike_whole(splits: SplitLists) -> Iterator[Breach]:
     numbers = splits.numbers()
     if {'train', 'val', _WHOLE} <= numbers.keys():
@@ -253,52 +283,6 @@ def _find_unlike_whole(splits: SplitLists) -> Iterator[Breach]:
         if differing:
             text = f'frames {format_numbers(differing)} are not both here and in train or val'
             yield Breach(text, splits.path(_WHOLE))
-
-
-_SET, _ERROR, _WARNING = RuleScope.SET, RuleSeverity.ERROR, RuleSeverity.WARNING
-
-SET_RULES: tuple[Rule[SplitLists], ...] = (
-    Rule(
-        'split-line',
-        _ERROR,
-        _SET,
-        'Lists of frames (ImageSets) have a frame number a line',
-        'correct the line',
-        _find_invalid,
-    ),
-    Rule(
-        'split-frame',
-        _ERROR,
-        _SET,
-        'Frames of the lists exist',
-        'remove them from the list, or copy the missing frames',
-        _find_absent,
-    ),
-    Rule(
-        'split-overlap',
-        _ERROR,
-        _SET,
-        'train, val and test have no frame in common',
-        'remove the frames from one list: results on them mean nothing',
-        _find_overlap,
-    ),
-    Rule(
-        'split-repeated',
-        _WARNING,
-        _SET,
-        'Lists have each frame once',
-        'remove the second line',
-        _find_repeated,
-    ),
-    Rule(
-        'split-whole',
-        _WARNING,
-        _SET,
-        'trainval has the frames of train and val',
-        'write the list again from the two others',
-        _find_unlike_whole,
-    ),
-)
 
 
 # All rules, in the order of the documentation.
