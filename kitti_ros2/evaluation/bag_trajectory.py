@@ -15,7 +15,6 @@ from ..importer.guess import guess_plan
 from ..importer.plan import PosePlan
 from ..importer.rigging import Rigging
 from ..importer.survey import glance, look
-from ..importer.sync import default_tolerance_ns
 from ..messages.naming import FrameNames
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
@@ -31,6 +30,7 @@ from ..model.errors import (
 )
 from ..model.geometry import NOMINAL_CAM0_T_VELO, Transform
 from ..model.recording import StreamIndex
+from ..model.samples import default_tolerance_ns
 from ..model.streams import Clock, Layout
 from ..own_bags.numbering import BY_POSITION, number_bag
 from ..own_bags.recording import BagRecording

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..bags.locate import is_bag
 from ..importer.box_labels import ImageOf, TrackIds, make_boxes
-from ..importer.sync import NONE, default_tolerance_ns
 from ..kitti import names
 from ..kitti.kitti_recording import rect_from_imu
 from ..kitti.label_file import ResultFiles, find_frame_files
@@ -31,7 +30,7 @@ from ..model.errors import (
     describe_error,
 )
 from ..model.recording import MovingRecording
-from ..model.samples import Pose, nearest_stamps
+from ..model.samples import NONE, Pose, default_tolerance_ns, nearest_stamps
 from ..model.streams import FRAME_STREAMS, LAST_NS, Clock, Layout, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ReadOptions

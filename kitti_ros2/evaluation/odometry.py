@@ -12,7 +12,6 @@ import numpy as np
 from ..bags.locate import locate_bag, looks_like_bag
 from ..drawing.drawn_objects import INK, plot_file
 from ..files.remote import as_path
-from ..importer.sync import NONE
 from ..messages.naming import FrameNames
 from ..model.errors import (
     BadFileError,
@@ -26,6 +25,7 @@ from ..model.errors import (
 )
 from ..model.geometry import Transform
 from ..model.recording import ScannerMotion
+from ..model.samples import NONE
 from ..model.streams import NS_PER_S, format_stamp
 from ..options.evaluation import ODOMETRY, make_odometry_options
 from .ground_truth import truth_of_file, truth_of_folder

@@ -16,6 +16,7 @@ from ..bags.bag_files import path_of
 from ..files.local_files import FilePlacer
 from ..files.staging import staged
 from ..kitti import names
+from ..kitti.append import appended
 from ..kitti.names import SPLITS
 from ..kitti.opening import keep_all_but_camera_sets, keep_all_but_data_sets
 from ..kitti.store import STORE
@@ -24,7 +25,6 @@ from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError
 from ..model.streams import NS_PER_S, Layout, Stream
-from .append import appended
 from .bag_calibration import camera_models
 from .bag_cameras import other_cameras
 from .bag_poses import PlannedMotion, read_motion

@@ -21,6 +21,7 @@ from ..messages.tf_tree import find_body
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
 from ..model.errors import MissingDataError, UsageError, one_line, some_of
+from ..model.samples import default_tolerance_ns
 from ..model.streams import NS_PER_S, Stream, format_stamp
 from .bag_cameras import (
     find_cameras,
@@ -38,7 +39,6 @@ from .clocks import clocked, estimate_offsets
 from .kitti_frames import pass_over, undecoded
 from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link
 from .survey import SOLID
-from .sync import default_tolerance_ns
 from .tf_frames import (
     NamedFrames,
     child_of,

@@ -14,10 +14,10 @@ import numpy as np
 from ..messages.moving_tree import MAX_GAP_NS
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import Loss, UnsynchronisedError, UsageError
+from ..model.samples import NONE, match_frames
 from ..model.streams import NS_PER_S, Stream
 from .clocks import clock_notes, clocked, describe_gap
 from .plan import Incomplete, check_types, topic_of
-from .sync import NONE, by_group, first_places, match_frames, places_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 
     from ..bags.reader import BagMessage, BagMessages
     from ..messages.moving_tree import Track
-    from ..model.samples import Int64Array
+    from ..model.samples import Int64Array, StreamMatch
     from ..model.streams import Layout
     from ..options.read import SelectionOptions
     from .plan import Plan
     from .survey import Survey, TopicSurvey
-    from .sync import StreamMatch
 
 
 # The frames that a selection takes: by their numbers, seconds from the first, or stamps.
@@ -267,6 +266,29 @@ def _match_2d(
         f' labels.boxes_2d from the plan, or set stamps: log or a larger tolerance_s'
     )
     return places, [Loss(flat, match.dropped, reason)]
+
+
+def places_of(
+    indices: Int64Array, groups: Sequence[Sequence[int]] | None
+) -> tuple[tuple[int, ...], ...]:
+    """Return the places of the messages of each frame, by the index of its group."""
+    return tuple(
+        () if index == NONE else (index,) if groups is None else tuple(groups[index])
+        for index in indices.tolist()
+    )
+
+
+def first_places(groups: Sequence[Sequence[int]] | None, indices: Int64Array) -> Int64Array:
+    """Return the place of the first message of each frame's group, NONE without one."""
+    if groups is None:
+        return indices
+    firsts = np.array([*(group[0] for group in groups), NONE], dtype=np.int64)
+    return np.asarray(firsts[indices])
+
+
+def by_group(stamps_ns: Int64Array, groups: Sequence[Sequence[int]] | None) -> Int64Array:
+    """Return the stamp of the first message of each group."""
+    return stamps_ns if groups is None else np.asarray(stamps_ns[[group[0] for group in groups]])
 
 
 def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:

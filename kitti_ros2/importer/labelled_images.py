@@ -22,7 +22,7 @@ from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
 from ..messages.naming import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, LossTally, UsageError, describe_error
-from ..model.samples import FrameLabels
+from ..model.samples import FrameLabels, default_tolerance_ns
 from ..model.streams import Layout
 from .bag_poses import read_moving
 from .bag_scans import without_unreadable_scans
@@ -31,7 +31,6 @@ from .guess import guess_plan
 from .plan import NONE, SOURCE, TF, topic_of
 from .rigging import Rigging
 from .survey import glance
-from .sync import default_tolerance_ns
 from .tf_frames import BoxTimes, stamp_of_boxes
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from ..messages.tf_tree import differ
 from ..model import bag_formats as types
 from ..model.errors import KittiRos2Error, Loss, format_numbers
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
-from ..model.samples import rect_from_velo
+from ..model.samples import NONE, rect_from_velo
 from ..model.streams import Stream, format_stamp
 from .bag_calibration import camera_models, make_calibrations, rect_in_frame, swapped_sizes
 from .bag_cameras import ImageConversion, other_cameras
@@ -26,7 +26,6 @@ from .bag_labels import BoxConversion
 from .bag_scans import ScanConversion
 from .kitti_frames import undecoded
 from .plan import LINK_T_OPTICAL, TF, VelocityAxes, frame_of, made_optical_frames, topic_of
-from .sync import NONE
 from .tf_frames import MovingBase, child_of, made_frame
 
 if TYPE_CHECKING:

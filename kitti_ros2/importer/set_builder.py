@@ -23,7 +23,7 @@ from ..kitti.store import STORE
 from ..kitti.writers import WriteOptions
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damage
 from ..model.geometry import Transform
-from ..model.samples import rect_from_velo
+from ..model.samples import NONE, rect_from_velo
 from ..model.streams import Stream
 from .bag_calibration import is_extract
 from .bag_labels import LabelMessages, joined
@@ -42,7 +42,6 @@ from .kitti_frames import (
 )
 from .oxts_packets import PacketMaker, UnitPoses
 from .rigging import Riggings
-from .sync import NONE
 from .tf_frames import BoxTimes, UnknownPlaceError
 
 if TYPE_CHECKING:

@@ -41,10 +41,12 @@ from ..model.bag_formats import (
     TF_TYPES,
     TWIST,
 )
-from .sync import group_messages, late_ns, unset_stamps, usable_stamps
+from ..model.streams import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
 
     from ..bags.bag_files import BagSource
     from ..bags.container_file import StoredChannel
@@ -88,6 +90,96 @@ READ = HEADED | types.TF_TYPES | {types.MARKERS}
 
 FIRST_ONLY = LARGE_TYPES | SCAN_TYPES
 """Types of which a glance reads the first message."""
+
+
+# The stamps of a topic that are used.
+
+
+def usable_stamps(header_ns: Int64Array, log_ns: Int64Array) -> tuple[Int64Array, str | None]:
+    """Select the stamps to use: header stamps, or log times where those are invalid.
+
+    Args:
+        header_ns: (N,) nanoseconds, in the order of the log.
+        log_ns: (N,) nanoseconds.
+
+    Returns:
+        The stamps, and the reason for log times: most header stamps are 0, one is before 1970, or
+        more than a second earlier than one before; None for header stamps. Of these, those that are
+        not set get the median distance that the others have from log times.
+    """
+    unset = unset_stamps(header_ns)
+    if 0 < 2 * np.count_nonzero(unset) < len(header_ns):
+        lead_ns = np.sort((header_ns - log_ns)[~unset])
+        header_ns = np.where(unset, log_ns + lead_ns[len(lead_ns) // 2], header_ns)
+        unset[:] = False
+    for is_wrong, fault in (
+        (unset, '0'),
+        (header_ns < 0, 'before 1970'),
+        (late_ns(header_ns) > NS_PER_S, 'more than a second earlier than one before'),
+    ):
+        wrong = np.flatnonzero(is_wrong)
+        if len(wrong):
+            verb = 'is' if len(wrong) == 1 else 'are'
+            return log_ns, (
+                f'{len(wrong)} of {len(header_ns)} header stamps {verb} {fault}'
+                f' (the first that of message {wrong[0] + 1}); log time is used'
+            )
+    return header_ns, None
+
+
+def unset_stamps(stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    """Return (N,) which stamps are not set: 0.
+
+    The first may be 0 if the next one follows within a second: the time of simulators begins there.
+    """
+    unset: npt.NDArray[np.bool_] = stamps_ns == 0
+    if len(stamps_ns) > 1 and 0 < stamps_ns[1] <= NS_PER_S:
+        unset[0] = False
+    return unset
+
+
+def late_ns(stamps_ns: Int64Array) -> Int64Array:
+    """Return (N,) the nanoseconds by which stamps are earlier than the latest one before them."""
+    latest: Int64Array = np.maximum.accumulate(stamps_ns)
+    return latest - stamps_ns
+
+
+# The messages of a topic of labels that belong together: those of one stamp.
+#
+# Some publishers send the boxes of a moment in several arrays, one a class; several detectors may
+# share a topic. A MarkerArray has no stamp of its own, its markers have; one without markers
+# belongs to the nearest others.
+
+
+def group_messages(stamps_ns: Sequence[int], log_ns: Sequence[int]) -> list[list[int]]:
+    """Group messages by stamp; each is alone unless another one has its stamp.
+
+    Args:
+        stamps_ns: Of each; 0 for an array of markers without one, negative for no stamp.
+        log_ns: Of each, in the order of reading.
+
+    Returns:
+        The places of each group's messages, groups in the order of their first ones.
+    """
+    stamps = np.array(stamps_ns, dtype=np.int64)
+    alone = [[place] for place in range(len(stamps))]
+    known = np.unique(stamps[stamps > 0])
+    # A publisher that never renews its stamp tells nothing by it.
+    if len(known) < 2 or len(known) == np.count_nonzero(stamps > 0):
+        return alone
+    logs = np.array(log_ns, dtype=np.int64)
+    starts = np.full(len(known), np.iinfo(np.int64).max)
+    np.minimum.at(starts, np.searchsorted(known, stamps[stamps > 0]), logs[stamps > 0])
+    near_ns = int(np.median(np.diff(np.sort(starts)))) // 2
+    groups: dict[int, list[int]] = defaultdict(list)
+    for place, stamp in enumerate(stamps.tolist()):
+        key = stamp if stamp > 0 else -1 - place
+        if not stamp:
+            gaps = np.where(stamps > 0, np.abs(logs - logs[place]), np.iinfo(np.int64).max)
+            nearest = int(np.argmin(gaps))
+            key = int(stamps[nearest]) if gaps[nearest] <= near_ns else -1 - place
+        groups[key].append(place)
+    return sorted(groups.values())
 
 
 # Survey of one topic: its stamps, frames, and a few of its messages.

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -398,3 +398,127 @@ def nearest_stamps(known_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Ar
     is_before = stamps_ns - known_ns[before] <= np.abs(known_ns[after] - stamps_ns)
     place = np.where(is_before, before, after)
     return place, stamps_ns - known_ns[place]
+
+
+# Assignment of the samples of each stream to frames, by their stamps alone.
+
+
+_Key = TypeVar('_Key')
+
+NONE = -1
+"""The index of a sample that a frame does not have."""
+_LONE_PERIOD_NS = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class StreamMatch:
+    """The assignment of the samples of a stream to frames.
+
+    Attributes:
+        indices: (N,) int64, for each frame the index of its sample, NONE where it has none.
+        dropped: Number of samples without a frame.
+        max_error_ns: Largest distance between a frame and its sample; 0 without matches.
+        mean_error_ns: Their mean.
+    """
+
+    indices: Int64Array
+    dropped: int
+    max_error_ns: int
+    mean_error_ns: float
+
+    @property
+    def matched(self) -> int:
+        """Number of frames with a sample."""
+        return int(np.count_nonzero(self.indices != NONE))
+
+
+def match_frames(
+    reference_ns: Int64Array, streams: Mapping[_Key, Int64Array], tolerance_ns: int
+) -> dict[_Key, StreamMatch]:
+    """Assign the nearest sample of each stream to each frame.
+
+    Pairs are made in order of increasing distance: each sample goes to one frame at most, a pair is
+    never further apart than the tolerance, and pairs do not cross, so samples stay in their order.
+    Where two frames compete for a sample, the nearer one gets it (of two equally near ones the
+    earlier); the other gets the sample on its other side, or none.
+
+    Args:
+        reference_ns: (N,) stamps of the frames, nanoseconds, in any order.
+        streams: (M,) stamps of each stream, in any order.
+        tolerance_ns: Nanoseconds, inclusive.
+    """
+    reference = np.asarray(reference_ns, dtype=np.int64)
+    return {
+        name: _match(reference, np.asarray(stamps_ns, dtype=np.int64), tolerance_ns)
+        for name, stamps_ns in streams.items()
+    }
+
+
+def default_tolerance_ns(reference_ns: Int64Array) -> int:
+    """Return half the median period of the frames, nanoseconds; of a single frame that of 10 Hz."""
+    periods = np.diff(np.unique(reference_ns))
+    return int(np.median(periods)) // 2 if len(periods) else _LONE_PERIOD_NS // 2
+
+
+def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -> StreamMatch:
+    """Match one stream.
+
+    In the merged order of frames and samples, the nearest pair always consists of neighbours, and
+    once it is made no pair crosses it. So all pairs are chosen among neighbours alone.
+    """
+    count = len(reference_ns)
+    stamps = np.concatenate([reference_ns, stamps_ns])
+    # Equal stamps alternate, beginning with a frame.
+    order = np.lexsort((np.concatenate([_turns(reference_ns), _turns(stamps_ns)]), stamps))
+    gaps = np.diff(stamps[order])
+    is_frame = order < count
+    possible = (is_frame[1:] != is_frame[:-1]) & (gaps <= tolerance_ns)
+    left = np.flatnonzero(possible)
+    left = left[_nearest_first(left, gaps[left])]
+    pairs = np.stack([order[left], order[left + 1]])
+    frames, samples = pairs.min(axis=0), pairs.max(axis=0) - count
+    indices = np.full(count, NONE, dtype=np.int64)
+    indices[frames] = samples
+    errors = gaps[left]
+    return StreamMatch(
+        indices,
+        dropped=len(stamps_ns) - len(samples),
+        max_error_ns=int(errors.max(initial=0)),
+        mean_error_ns=float(errors.mean()) if len(errors) else 0.0,
+    )
+
+
+def _turns(stamps_ns: Int64Array) -> npt.NDArray[np.intp]:
+    """Return for each stamp the number of equal stamps before it."""
+    order = np.argsort(stamps_ns, kind='stable')
+    ordered = stamps_ns[order]
+    turns = np.empty(len(order), dtype=np.intp)
+    turns[order] = np.arange(len(order)) - np.searchsorted(ordered, ordered)
+    return turns
+
+
+def _nearest_first(places: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArray[np.bool_]:
+    """Select pairs in order of increasing gap, each of which excludes its neighbours.
+
+    Pairs at consecutive places share a frame or a sample. A pair is made unless a nearer neighbour
+    is made: along a slope of increasing gaps, from its lowest pair up, every other one; the pair on
+    top of two slopes, if both leave it free.
+
+    Args:
+        places: (K,) ascending.
+        gaps: (K,) nanoseconds.
+    """
+    adjoining = np.diff(places, prepend=-2) == 1
+    change = np.diff(gaps, prepend=gaps[:1])
+    above_the_last = adjoining & (change >= 0)
+    above_the_next = np.roll(adjoining & (change < 0), -1)
+    free_before = _steps_up(above_the_last) % 2 == 0
+    free_after = _steps_up(above_the_next[::-1])[::-1] % 2 == 0
+    made: npt.NDArray[np.bool_] = free_before & free_after
+    return made
+
+
+def _steps_up(above: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Return for each the length of the run, including it, of values above the one before."""
+    position = np.arange(len(above))
+    return position - np.maximum.accumulate(np.where(above, 0, position))

@@ -27,7 +27,6 @@ from ..importer.plan import Incomplete, topic_of
 from ..importer.rigging import Rigging, Riggings
 from ..importer.set_builder import times_of_boxes
 from ..importer.survey import look
-from ..importer.sync import NONE
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD, UNPLACED
 from ..messages.naming import LABEL_LINES, decode_text
@@ -41,7 +40,7 @@ from ..model.errors import (
     describe_frames,
 )
 from ..model.geometry import Transform
-from ..model.samples import FrameLabels, Pose, Trajectory
+from ..model.samples import NONE, FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Layout, Stream
 from ..own_bags.numbering import BY_POSITION, number_bag
 from ..own_bags.recording import BagRecording, PlacedMessages, places_of

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..files.image_files import decode_image
-from ..importer.sync import NONE, default_tolerance_ns, match_frames
 from ..kitti.prepare import scan_at
 from ..messages.naming import base_t_imu, map_from_world, place_pose
 from ..model.errors import (
@@ -25,13 +24,16 @@ from ..model.errors import (
     describe_frames,
 )
 from ..model.samples import (
+    NONE,
     Calibration,
     FrameLabels,
     Image,
     OxtsPacket,
     Pose,
     Scan,
+    default_tolerance_ns,
     has_complete_labels,
+    match_frames,
 )
 from ..model.streams import CAMERA_COUNT, FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions

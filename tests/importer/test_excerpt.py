@@ -14,7 +14,7 @@ from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.kitti_frames import Excerpt, Frames, choose_frames, frame_topics, numbered
 from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import look
-from kitti_ros2.importer.sync import NONE
+from kitti_ros2.model.samples import NONE
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import Bound, SelectionOptions

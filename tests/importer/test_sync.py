@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.sync import NONE, default_tolerance_ns, match_frames, usable_stamps
+from kitti_ros2.importer.survey import usable_stamps
+from kitti_ros2.model.samples import NONE, default_tolerance_ns, match_frames
 
 T0 = 1317042145951199337
 MS = 1_000_000

@@ -16,8 +16,7 @@ from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.box_labels import rectified_boxes
 from kitti_ros2.importer.plan import format_plan, parse_plan
-from kitti_ros2.importer.survey import look
-from kitti_ros2.importer.sync import group_messages
+from kitti_ros2.importer.survey import group_messages, look
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import CameraModel

@@ -32,7 +32,7 @@ from fault_points import RECORD, shown, tree_of  # noqa: E402
 from fault_spread import beginning_with, spread  # noqa: E402
 
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest  # noqa: E402
-from kitti_ros2.importer.append import mend  # noqa: E402
+from kitti_ros2.kitti.append import mend  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -20,7 +20,7 @@ from power_cut import Record
 
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest
 from kitti_ros2.cli import main
-from kitti_ros2.importer.append import mend
+from kitti_ros2.kitti.append import mend
 from kitti_ros2.model.streams import Layout
 
 if TYPE_CHECKING:

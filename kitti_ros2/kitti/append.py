@@ -22,8 +22,16 @@ from ..files.local_staging import lock_exclusively, may_exist, refuse_link, repo
 from ..files.remote import is_remote
 from ..files.staging import staged
 from ..files.threads import deferred_signals
-from ..kitti import names
-from ..kitti.object_set import (
+from ..model.errors import (
+    KittiRos2Error,
+    NotDurableError,
+    OutputError,
+    OutputExistsError,
+    UsageError,
+    format_numbers,
+)
+from . import names
+from .object_set import (
     BEFORE,
     COMMITTED,
     CONTENT,
@@ -34,15 +42,7 @@ from ..kitti.object_set import (
     format_journal,
     parse_journal,
 )
-from ..kitti.store import STORE
-from ..model.errors import (
-    KittiRos2Error,
-    NotDurableError,
-    OutputError,
-    OutputExistsError,
-    UsageError,
-    format_numbers,
-)
+from .store import STORE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,7 +20,7 @@ import pytest
 
 from kitti_ros2.cli import main
 from kitti_ros2.files.staging import staged
-from kitti_ros2.importer.append import appended, mend, next_number
+from kitti_ros2.kitti.append import appended, mend, next_number
 from kitti_ros2.kitti.object_set import COMMITTED, FOLDER, JOURNAL, find_journal, parse_journal
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.store import STORE
@@ -505,7 +505,7 @@ def test_frames_whose_commit_is_not_confirmed_are_in_the_set(made, monkeypatch):
         if (out / FOLDER / COMMITTED).exists() and [*folders] == [out / FOLDER]:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr('kitti_ros2.importer.append.sync_folders', refuse)
+    monkeypatch.setattr('kitti_ros2.kitti.append.sync_folders', refuse)
     with pytest.raises(NotDurableError, match='is complete, but the disk does not confirm'):
         append(out)
     assert next_number(out, 'training') == first + 2
@@ -521,7 +521,7 @@ def test_what_cannot_be_cleared_after_a_commit_is_left_to_the_next_run(made, mon
         raise error
 
     with monkeypatch.context() as broken:
-        broken.setattr('kitti_ros2.importer.append.parse_journal', refuse)
+        broken.setattr('kitti_ros2.kitti.append.parse_journal', refuse)
         append(out)
     assert next_number(out, 'training') == first + 2
     assert (out / FOLDER / COMMITTED).exists()
