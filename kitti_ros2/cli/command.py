@@ -9,12 +9,22 @@ import re
 import signal
 import sys
 from contextlib import ExitStack, contextmanager
-from functools import lru_cache
+from functools import lru_cache, wraps
 from importlib import import_module
 from inspect import Parameter, Signature, signature
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeAlias, TypeVar, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Optional,
+    TypeAlias,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+)
 
 import typer
 from typer.core import TyperCommand
@@ -464,7 +474,7 @@ _TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
 def takes(
     table: str, *, of: str = 'table', but: tuple[str, ...] = ()
 ) -> Callable[[Marked], Marked]:
-    """Mark a command whose **given are the options of a table in options/.
+    """Mark a command whose **given are the options of a table in options/, as far as given.
 
     Args:
         table: Name of the table.
@@ -478,10 +488,20 @@ def takes(
             for each in signature(command, eval_str=True).parameters.values()
             if each.kind is not Parameter.VAR_KEYWORD
         ]
+
+        @wraps(command)
+        def run(*values: object, **given: object) -> object:
+            return command(*values, **_given(given))
+
         _TABLES[command.__name__] = table, of, frozenset(but), own
-        return _with_parameters(command, own)
+        return cast('Marked', _with_parameters(run, own))
 
     return mark
+
+
+def _given(values: Mapping[str, object]) -> dict[str, object]:
+    """Return the options that are given: those that are neither None nor an empty list."""
+    return {name: value for name, value in values.items() if value is not None and value != []}
 
 
 def add_options(command: Callable[..., object]) -> None:
@@ -502,11 +522,6 @@ def _with_parameters(command: Marked, parameters: list[Parameter]) -> Marked:
     with_urls = [accept_urls(each) for each in parameters]
     command.__signature__ = Signature(with_urls)  # type: ignore[attr-defined]
     return command
-
-
-def chosen(given: Mapping[str, object]) -> dict[str, object]:
-    """Return the options that are given: those that are neither None nor an empty list."""
-    return {name: value for name, value in given.items() if value is not None and value != []}
 
 
 def _parameter(option: Option) -> Parameter:

@@ -5,58 +5,31 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..files.processes import keep_imports
-from ..files.staging import losses_json
 from ..model.errors import format_bytes, format_count, some_of
 from ..options.datasets import make_crop_options, make_split_options
-from .command import JsonOption, QuietOption, argument, chosen, takes
+from .command import JsonOption, QuietOption, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import complain, format_path, print_json, say, show_losses, step_progress
+from .output import (
+    complain,
+    format_path,
+    print_json,
+    put_result,
+    report_values,
+    say,
+    show_losses,
+    step_progress,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from ..datasets.cropping import CroppedRecording, CropReport
     from ..datasets.splitting import SplitReport
 
 
 # kitti-ros2 crop.
-
-
-def run_crop(src: Path, out: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
-    """Cut the scans of a KITTI folder and print a summary.
-
-    Args:
-        src: The folder.
-        out: The folder to create.
-        given: Options by name.
-        json: Whether to print the summary as JSON.
-        quiet: Print only losses.
-
-    Returns:
-        The exit code: 1 if something could not be cut or placed.
-    """
-    from ..datasets.cropping import crop_sets
-    from ..files.processes import keep_freed_memory
-
-    keep_imports()
-    options = make_crop_options(given)
-    keep_freed_memory()
-    started = time.monotonic()
-    with step_progress('cutting scans', show=not (quiet or json)) as progress:
-        report = crop_sets(src, out, options, progress)
-    elapsed = time.monotonic() - started
-    if json:
-        values = {**asdict(report), 'losses': losses_json(report.losses), 'seconds': elapsed}
-        print_json(values)
-    elif not quiet:
-        _summarize(report, elapsed)
-    show_losses(report.losses)
-    return EXIT_LOSSES if report.losses else EXIT_OK
 
 
 def _summarize(report: CropReport, elapsed: float) -> None:
@@ -84,35 +57,6 @@ def _points(each: CroppedRecording) -> str:
 
 
 # kitti-ros2 split.
-
-
-def run_split(src: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
-    """Divide a data set, or check its lists, and print the lists.
-
-    Args:
-        src: The set.
-        given: Options by name.
-        json: Whether to print the lists as JSON.
-        quiet: Print only faults and losses.
-
-    Returns:
-        The exit code: 1 if lists overlap or contain what cannot be used.
-    """
-    from ..datasets.splitting import split_set
-
-    keep_imports()
-    report = split_set(src, *make_split_options(given))
-    if json:
-        print_json({**asdict(report), 'losses': losses_json(report.losses)})
-    elif not quiet:
-        _print(report)
-    for fault in report.faults:
-        complain(fault)
-    if report.faults and not report.losses:
-        count = format_count(len(report.faults), 'fault')
-        complain(f'kitti-ros2: {count} in the lists, listed above; exit code 1')
-    show_losses(report.losses)
-    return EXIT_LOSSES if report.faults or report.losses else EXIT_OK
 
 
 def _print(report: SplitReport) -> None:
@@ -148,7 +92,23 @@ def crop(
       kitti-ros2 crop object object_reduced --view reduced --folder velodyne_reduced
       kitti-ros2 crop odometry front --sequence 00 --box 0 -40 -3 70 40 1
     """
-    return run_crop(src, out, chosen(given), json=json, quiet=quiet)
+    from ..datasets.cropping import crop_sets
+    from ..files.processes import keep_freed_memory
+
+    keep_imports()
+    options = make_crop_options(given)
+    keep_freed_memory()
+    started = time.monotonic()
+    with step_progress('cutting scans', show=not (quiet or json)) as progress:
+        report = crop_sets(src, out, options, progress)
+    elapsed = time.monotonic() - started
+    return put_result(
+        lambda: {**report_values(report), 'seconds': elapsed},
+        lambda: _summarize(report, elapsed),
+        report.losses,
+        json=json,
+        quiet=quiet,
+    )
 
 
 @takes('SPLIT', of='datasets')
@@ -168,4 +128,18 @@ def split(
       kitti-ros2 split object --ratio 0.8 0.2 --by-drive
       kitti-ros2 split object --check
     """
-    return run_split(src, chosen(given), json=json, quiet=quiet)
+    from ..datasets.splitting import split_set
+
+    keep_imports()
+    report = split_set(src, *make_split_options(given))
+    if json:
+        print_json(report_values(report))
+    elif not quiet:
+        _print(report)
+    for fault in report.faults:
+        complain(fault)
+    if report.faults and not report.losses:
+        count = format_count(len(report.faults), 'fault')
+        complain(f'kitti-ros2: {count} in the lists, listed above; exit code 1')
+    show_losses(report.losses)
+    return EXIT_LOSSES if report.faults or report.losses else EXIT_OK

@@ -16,7 +16,7 @@ from ..model.streams import Layout
 from .command import OverwriteOption, QuietOption, argument, choice
 from .info import overlook, print_overview
 from .output import format_path, step_progress
-from .to_bag import run_to_bag
+from .to_bag import to_bag
 
 _NEXT = """
 What to do next:
@@ -28,47 +28,6 @@ What to do next:
   kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
 or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
 """
-
-
-def run_demo(
-    out: Path, layout: str, frames: int, seed: int, *, overwrite: bool, quiet: bool
-) -> int:
-    """Write the synthetic recording to out, convert it to MCAP beside it, and summarize the bag.
-
-    Returns:
-        The exit code of the conversion.
-
-    Raises:
-        OutputExistsError: out exists and overwrite is not given.
-    """
-    from ..files.local_staging import refuse_link
-    from ..files.staging import staged
-    from ..kitti.opening import keep_all_but_data_sets
-    from ..options.read import ReadOptions
-    from ..options.table import make_settings
-    from ..synthetic import SyntheticOptions, write_synthetic
-
-    kind = make_settings({'layout': layout}).read.layout
-    options = SyntheticOptions(frames=frames, seed=seed)
-    recording, bag = out / 'kitti', out / 'bag'
-    refuse_link(out)
-    for taken in (recording, bag):
-        if taken.exists() and not overwrite:
-            raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
-    if kind is None:
-        raise AssertionError('a given layout is never None')
-    making = step_progress('making the street', frames, show=not quiet)
-    refusal = keep_all_but_data_sets(1) if overwrite else None
-    with making as progress, staged(recording, refusal) as stage:
-        made = write_synthetic(stage, kind, options, progress=progress)
-        inside = os.path.relpath(made, os.path.realpath(stage))
-    source = recording / inside
-    given = {'layout': layout, 'overwrite': overwrite}
-    code = run_to_bag(source, bag, given, None, quiet=quiet)
-    if not quiet:
-        print_overview(overlook(bag, ReadOptions()))
-        sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
-    return code
 
 
 def demo(
@@ -93,4 +52,30 @@ def demo(
       kitti-ros2 demo
       kitti-ros2 demo street --layout tracking --frames 100
     """
-    return run_demo(out, layout, frames, seed, overwrite=overwrite, quiet=quiet)
+    from ..files.local_staging import refuse_link
+    from ..files.staging import staged
+    from ..kitti.opening import keep_all_but_data_sets
+    from ..options.read import ReadOptions
+    from ..options.table import make_settings
+    from ..synthetic import SyntheticOptions, write_synthetic
+
+    kind = make_settings({'layout': layout}).read.layout
+    options = SyntheticOptions(frames=frames, seed=seed)
+    recording, bag = out / 'kitti', out / 'bag'
+    refuse_link(out)
+    for taken in (recording, bag):
+        if taken.exists() and not overwrite:
+            raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
+    if kind is None:
+        raise AssertionError('a given layout is never None')
+    making = step_progress('making the street', frames, show=not quiet)
+    refusal = keep_all_but_data_sets(1) if overwrite else None
+    with making as progress, staged(recording, refusal) as stage:
+        made = write_synthetic(stage, kind, options, progress=progress)
+        inside = os.path.relpath(made, os.path.realpath(stage))
+    source = recording / inside
+    code = to_bag(source, bag, layout=layout, overwrite=overwrite, quiet=quiet)
+    if not quiet:
+        print_overview(overlook(bag, ReadOptions()))
+        sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
+    return code

@@ -8,17 +8,24 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
 from ..files.processes import keep_imports
-from ..files.staging import losses_json
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.datasets import make_download_options, make_extract_options
-from .command import JsonOption, QuietOption, chosen, takes
+from .command import JsonOption, QuietOption, takes
 from .exits import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
-from .output import bytes_progress, complain, format_path, print_json, say, show_losses
+from .output import (
+    bytes_progress,
+    complain,
+    format_path,
+    print_json,
+    report_values,
+    say,
+    show_losses,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,38 +39,6 @@ if TYPE_CHECKING:
 
 
 _MOST_NAMED = 3
-
-
-def run_extract(paths: list[Path], given: dict[str, object], *, json: bool, quiet: bool) -> int:
-    """Extract archives into the last path and report what was written.
-
-    Returns:
-        The exit code.
-    """
-    from ..datasets.extracting import extract_all
-    from ..kitti.archives import is_archive
-
-    keep_imports()
-    *archives, root = paths
-    if is_archive(root.name) and (root.is_file() or not archives):
-        raise UsageError(
-            f'{root}: ROOT is missing (the folder to extract into);'
-            f' usage: kitti-ros2 extract ARCHIVE... ROOT [OPTIONS]'
-        )
-    options = make_extract_options(given)
-    with bytes_progress('extracting', show=not quiet) as (progress,):
-        report = extract_all(archives, root, options, progress)
-    show_losses(report.losses)
-    if json:
-        print_json(report_json(report))
-    elif not quiet:
-        say_extracted(report)
-    return EXIT_LOSSES if report.losses else EXIT_OK
-
-
-def report_json(report: ExtractReport) -> dict[str, Any]:
-    """Return a report for print_json."""
-    return {**asdict(report), 'losses': losses_json(report.losses)}
 
 
 def say_extracted(report: ExtractReport) -> None:
@@ -94,37 +69,6 @@ def say_data_sets(root: Path) -> None:
 
 
 _USAGE = 'usage: kitti-ros2 download WHAT... ROOT [OPTIONS]'
-
-
-def run_download(
-    words: Sequence[str], given: dict[str, object], *, listing: bool, json: bool, quiet: bool
-) -> int:
-    """Download what words name into the folder that is the last of them, or list what there is.
-
-    Returns:
-        The exit code.
-    """
-    from ..datasets.downloading import download_all, select_entries
-
-    keep_imports()
-    options, extraction = make_download_options(given)
-    if listing:
-        return _list(words, options, json=json)
-    what, root = _split(words, options)
-    entries = select_entries(what, options)
-    try:
-        with bytes_progress('downloading', 'extracting', show=not quiet) as (fetching, extracting):
-            progress = fetching, extracting
-            report = download_all(entries, root, options, extraction, progress)
-    except KeyboardInterrupt:
-        complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
-        sys.exit(EXIT_INTERRUPTED)
-    show_losses(report.losses)
-    if json:
-        print_json({**asdict(report), 'losses': losses_json(report.losses)})
-    elif not quiet:
-        _say(report)
-    return EXIT_LOSSES if report.losses else EXIT_OK
 
 
 def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str], Path]:
@@ -239,7 +183,28 @@ def download(
       kitti-ros2 download raw 2011_09_26_drive_0005 kitti --accept-license
       kitti-ros2 download object velodyne calib label_2 kitti
     """
-    return run_download(words or [], chosen(given), listing=list_, json=json, quiet=quiet)
+    from ..datasets.downloading import download_all, select_entries
+
+    keep_imports()
+    words = words or []
+    options, extraction = make_download_options(given)
+    if list_:
+        return _list(words, options, json=json)
+    what, root = _split(words, options)
+    entries = select_entries(what, options)
+    try:
+        with bytes_progress('downloading', 'extracting', show=not quiet) as (fetching, extracting):
+            progress = fetching, extracting
+            report = download_all(entries, root, options, extraction, progress)
+    except KeyboardInterrupt:
+        complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
+        sys.exit(EXIT_INTERRUPTED)
+    show_losses(report.losses)
+    if json:
+        print_json(report_values(report))
+    elif not quiet:
+        _say(report)
+    return EXIT_LOSSES if report.losses else EXIT_OK
 
 
 @takes('EXTRACT', of='datasets')
@@ -264,4 +229,22 @@ def extract(
       kitti-ros2 extract 2011_09_26_drive_0005_sync.zip 2011_09_26_calib.zip kitti
       kitti-ros2 extract downloads/data_object_calib.zip object --remove-archives
     """
-    return run_extract(paths, chosen(given), json=json, quiet=quiet)
+    from ..datasets.extracting import extract_all
+    from ..kitti.archives import is_archive
+
+    keep_imports()
+    *archives, root = paths
+    if is_archive(root.name) and (root.is_file() or not archives):
+        raise UsageError(
+            f'{root}: ROOT is missing (the folder to extract into);'
+            f' usage: kitti-ros2 extract ARCHIVE... ROOT [OPTIONS]'
+        )
+    options = make_extract_options(given)
+    with bytes_progress('extracting', show=not quiet) as (progress,):
+        report = extract_all(archives, root, options, progress)
+    show_losses(report.losses)
+    if json:
+        print_json(report_values(report))
+    elif not quiet:
+        say_extracted(report)
+    return EXIT_LOSSES if report.losses else EXIT_OK

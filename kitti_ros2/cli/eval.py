@@ -32,13 +32,12 @@ from .command import (
     OverwriteOption,
     QuietOption,
     argument,
-    chosen,
     out_option,
     takes,
 )
-from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
     NONE,
+    ResultOutput,
     cell,
     check_output,
     check_plot,
@@ -47,9 +46,9 @@ from .output import (
     is_picture,
     number_cell,
     plain_table,
-    print_json,
+    put_result,
+    refuse_files,
     say,
-    show_losses,
     step_progress,
 )
 
@@ -70,7 +69,6 @@ if TYPE_CHECKING:
     from ..options.evaluation import DetectionOptions
     from ..options.read import ReadOptions
     from ..pictures.recording_frames import FrameSource
-    from .output import ResultOutput
 
 
 # The frames with the most errors: their table, their JSON, the folder with their pictures.
@@ -134,64 +132,6 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
 
 
 # kitti-ros2 eval detection.
-
-
-def run_eval_detection(
-    ground_truth: Path,
-    results: Path,
-    given: Mapping[str, object],
-    output: ResultOutput,
-) -> int:
-    """Print the scores of detections.
-
-    Args:
-        ground_truth: The labels.
-        results: The result files, or a bag.
-        given: The options of eval detection.
-        output: Where and how the scores are put; `out` is the chart to draw, or a folder for
-            pictures of the worst frames.
-
-    Returns:
-        The exit code: 1 where frames or lines could not be scored.
-    """
-    from ..evaluation.detection import read_frames, score_frames
-    from ..evaluation.score_values import detection_values as scores_json
-    from ..files.processes import keep_freed_memory
-
-    keep_imports()
-    keep_freed_memory()
-    batch, given = split_batch_options(given)
-    read, options, recorded = make_detection_options(given)
-    if batch.whole:
-        from .collection import EVAL_DETECTION, run_eval_collection
-
-        return run_eval_collection(EVAL_DETECTION, (ground_truth, results), given, batch, output)
-    out = output.out
-    pictures = out is not None and options.worst is not None and not is_picture(out)
-    check = check_folder if pictures else check_plot
-    refusal = check(out, (ground_truth, results), overwrite=output.overwrite)
-    with step_progress('reading', show=not output.quiet) as progress:
-        files = count(1)
-        truth, found = read_frames(
-            ground_truth, results, read, recorded, lambda: progress(next(files))
-        )
-    with _open_pictures(ground_truth, read) if pictures else nullcontext() as source:
-        scores = score_frames(truth, found, options)
-        losses = scores.losses
-        if out is not None and source is not None:
-            worst = scores.worst or ()
-            losses += draw_worst(source, worst, found, options, out, refusal, quiet=output.quiet)
-        elif out is not None:
-            _draw_curves(scores, results, out, refusal)
-    if output.json:
-        print_json(scores_json(scores))
-    elif not output.quiet:
-        say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
-        print_detections(scores)
-        if out is not None:
-            say(format_path(out))
-    show_losses(losses)
-    return EXIT_LOSSES if losses else EXIT_OK
 
 
 def _open_pictures(ground_truth: Path, read: ReadOptions) -> closing[FrameSource]:
@@ -273,52 +213,6 @@ _ALIGNMENTS = {
 }
 
 
-def run_eval_odometry(
-    ground_truth: Path,
-    result: Path,
-    given: Mapping[str, object],
-    output: ResultOutput,
-) -> int:
-    """Print the scores of a trajectory.
-
-    Args:
-        ground_truth: A poses file, a KITTI folder or a bag.
-        result: A poses file, a TUM file or a bag.
-        given: Options by name.
-        output: Where and how the scores are put; `out` is the plot to draw.
-
-    Returns:
-        The exit code: 1 where frames have no pose, or data could not be used.
-    """
-    from ..evaluation.odometry import score_trajectory
-    from ..evaluation.score_values import odometry_values as scores_json
-    from ..files.staging import staged_file
-
-    keep_imports()
-    batch, given = split_batch_options(given)
-    read, options = make_odometry_options(given)
-    if batch.whole:
-        from .collection import EVAL_ODOMETRY, run_eval_collection
-
-        return run_eval_collection(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
-    out = output.out
-    refusal = check_plot(out, (ground_truth, result), overwrite=output.overwrite)
-    scores = score_trajectory(ground_truth, result, read, options)
-    if out is not None:
-        from ..evaluation.odometry import draw_odometry
-
-        with staged_file(out, refusal) as path:
-            draw_odometry(scores, path)
-    if output.json:
-        print_json(scores_json(scores))
-    elif not output.quiet:
-        print_trajectory(scores)
-        if out is not None:
-            say(format_path(out))
-    show_losses(scores.losses)
-    return EXIT_LOSSES if scores.losses else EXIT_OK
-
-
 def print_trajectory(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from rich.console import Console
@@ -397,47 +291,6 @@ _COLUMNS = {
 """By TrackEval's name of a figure the heading of its column."""
 
 
-def run_eval_tracking(
-    ground_truth: Path,
-    results: Path,
-    given: Mapping[str, object],
-    output: ResultOutput,
-) -> int:
-    """Print the scores of tracks.
-
-    Args:
-        ground_truth: A tracking set.
-        results: A folder of a tracker's files, one of them, or a bag.
-        given: Options by name.
-        output: Where and how the scores are put.
-
-    Returns:
-        The exit code: 1 where sequences or frames have no results, or lines could not be used.
-
-    Raises:
-        UsageError: Options do not go together.
-    """
-    from ..evaluation.score_values import tracking_values as scores_json
-    from ..evaluation.tracking import score_tracking
-
-    keep_imports()
-    batch, given = split_batch_options(given)
-    read, options = make_tracking_options(given)
-    if batch.whole:
-        from .collection import EVAL_TRACKING, run_eval_collection
-
-        return run_eval_collection(EVAL_TRACKING, (ground_truth, results), given, batch, output)
-    output.refuse_files()
-    with step_progress('scoring', show=not output.quiet) as progress:
-        scores = score_tracking(ground_truth, results, read, options, progress)
-    if output.json:
-        print_json(scores_json(scores))
-    elif not output.quiet:
-        print_tracks(scores)
-    show_losses(scores.losses)
-    return EXIT_LOSSES if scores.losses else EXIT_OK
-
-
 def print_tracks(scores: TrackingScores) -> None:
     """Print a table for a terminal of 80 columns."""
     from rich.console import Console
@@ -463,36 +316,6 @@ _PRINT: dict[str, Callable[[Any], None]] = {
     'odometry': print_trajectory,
     'tracking': print_tracks,
 }
-
-
-def run_eval_live(src: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
-    """Score a running stack and print the scores and its latency.
-
-    Args:
-        src: A KITTI folder or a bag.
-        given: Options by name.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses, and nothing of the node.
-
-    Returns:
-        The exit code: 1 if a frame has no answer, or something could not be played or scored.
-    """
-    from ..evaluation.live import run_live
-    from ..files.processes import keep_freed_memory
-
-    keep_imports()
-    keep_freed_memory()
-    options, played = make_live_options(given)
-    with step_progress('answered', show=not quiet) as progress:
-        found = run_live(
-            src, options, played, show=(lambda _: None) if quiet else _show, progress=progress
-        )
-    if json:
-        print_json(_values(found))
-    elif not quiet:
-        _print(found)
-    show_losses(found.losses)
-    return EXIT_LOSSES if found.losses else EXIT_OK
 
 
 def _show(line: bytes) -> None:
@@ -571,10 +394,44 @@ def eval_detection(
       kitti-ros2 eval detection object results --frames val.txt --loose -o pr.png
       kitti-ros2 eval detection object results --worst 20 -o errors
     """
-    from .output import ResultOutput
+    from ..evaluation.detection import read_frames, score_frames
+    from ..evaluation.score_values import detection_values as scores_json
+    from ..files.processes import keep_freed_memory
 
-    output = ResultOutput(out, overwrite, json, quiet)
-    return run_eval_detection(ground_truth, results, chosen(given), output)
+    keep_imports()
+    keep_freed_memory()
+    batch, given = split_batch_options(given)
+    read, options, recorded = make_detection_options(given)
+    if batch.whole:
+        from .collection import EVAL_DETECTION, run_eval_collection
+
+        output = ResultOutput(out, overwrite, json, quiet)
+        return run_eval_collection(EVAL_DETECTION, (ground_truth, results), given, batch, output)
+    pictures = out is not None and options.worst is not None and not is_picture(out)
+    check = check_folder if pictures else check_plot
+    refusal = check(out, (ground_truth, results), overwrite=overwrite)
+    with step_progress('reading', show=not quiet) as progress:
+        files = count(1)
+        truth, found = read_frames(
+            ground_truth, results, read, recorded, lambda: progress(next(files))
+        )
+    with _open_pictures(ground_truth, read) if pictures else nullcontext() as source:
+        scores = score_frames(truth, found, options)
+        losses = scores.losses
+        if out is not None and source is not None:
+            worst = scores.worst or ()
+            losses += draw_worst(source, worst, found, options, out, refusal, quiet=quiet)
+        elif out is not None:
+            _draw_curves(scores, results, out, refusal)
+
+    def show() -> None:
+        say(f'{results}: {format_count(scores.frames, "frame")}, labels of {ground_truth}')
+        print_detections(scores)
+
+        if out is not None:
+            say(format_path(out))
+
+    return put_result(lambda: scores_json(scores), show, losses, json=json, quiet=quiet)
 
 
 @takes('ODOMETRY_ALL', of='evaluation')
@@ -602,10 +459,32 @@ def eval_odometry(
       kitti-ros2 eval odometry poses/09.txt results/09.txt -o 09.png
       kitti-ros2 eval odometry odometry run.mcap --sequence 09 --topic /odom
     """
-    from .output import ResultOutput
+    from ..evaluation.odometry import score_trajectory
+    from ..evaluation.score_values import odometry_values as scores_json
+    from ..files.staging import staged_file
 
-    output = ResultOutput(out, overwrite, json, quiet)
-    return run_eval_odometry(ground_truth, result, chosen(given), output)
+    keep_imports()
+    batch, given = split_batch_options(given)
+    read, options = make_odometry_options(given)
+    if batch.whole:
+        from .collection import EVAL_ODOMETRY, run_eval_collection
+
+        output = ResultOutput(out, overwrite, json, quiet)
+        return run_eval_collection(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
+    refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
+    scores = score_trajectory(ground_truth, result, read, options)
+    if out is not None:
+        from ..evaluation.odometry import draw_odometry
+
+        with staged_file(out, refusal) as path:
+            draw_odometry(scores, path)
+
+    def show() -> None:
+        print_trajectory(scores)
+        if out is not None:
+            say(format_path(out))
+
+    return put_result(lambda: scores_json(scores), show, scores.losses, json=json, quiet=quiet)
 
 
 @takes('TRACKING_ALL', of='evaluation')
@@ -629,10 +508,27 @@ def eval_tracking(
       kitti-ros2 eval tracking tracking/training results/data
       kitti-ros2 eval tracking tracking run.mcap --sequence 0000 --class-map 1=Car
     """
-    from .output import ResultOutput
+    from ..evaluation.score_values import tracking_values as scores_json
+    from ..evaluation.tracking import score_tracking
 
-    output = ResultOutput(out, overwrite, json, quiet)
-    return run_eval_tracking(ground_truth, results, chosen(given), output)
+    keep_imports()
+    batch, given = split_batch_options(given)
+    read, options = make_tracking_options(given)
+    if batch.whole:
+        from .collection import EVAL_TRACKING, run_eval_collection
+
+        output = ResultOutput(out, overwrite, json, quiet)
+        return run_eval_collection(EVAL_TRACKING, (ground_truth, results), given, batch, output)
+    refuse_files(out, overwrite=overwrite)
+    with step_progress('scoring', show=not quiet) as progress:
+        scores = score_tracking(ground_truth, results, read, options, progress)
+    return put_result(
+        lambda: scores_json(scores),
+        lambda: print_tracks(scores),
+        scores.losses,
+        json=json,
+        quiet=quiet,
+    )
 
 
 @takes('LIVE', of='evaluation')
@@ -653,4 +549,16 @@ def eval_live(
       kitti-ros2 eval live tracking --node 'python detector.py' --topic /boxes
       kitti-ros2 eval live drive_0005.mcap --node ./slam.sh --topic /odom --json
     """
-    return run_eval_live(src, chosen(given), json=json, quiet=quiet)
+    from ..evaluation.live import run_live
+    from ..files.processes import keep_freed_memory
+
+    keep_imports()
+    keep_freed_memory()
+    options, played = make_live_options(given)
+    with step_progress('answered', show=not quiet) as progress:
+        found = run_live(
+            src, options, played, show=(lambda _: None) if quiet else _show, progress=progress
+        )
+    return put_result(
+        lambda: _values(found), lambda: _print(found), found.losses, json=json, quiet=quiet
+    )

@@ -12,7 +12,7 @@ from ..files.processes import keep_imports
 from ..model.errors import format_bytes, format_count, format_duration, one_line
 from ..model.streams import Clock, format_stamp
 from ..options.table import make_settings
-from .command import JsonOption, QuietOption, argument, chosen, takes
+from .command import JsonOption, QuietOption, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import cell, plain_table, print_json, show_losses
 
@@ -28,28 +28,6 @@ if TYPE_CHECKING:
 
 
 _MOST_FRAMES = 24
-
-
-def run_info(path: Path, given: Mapping[str, object], *, json: bool, quiet: bool) -> int:
-    """Print a summary of a KITTI folder or a bag.
-
-    Args:
-        path: The folder or the bag.
-        given: The options layout and sequence.
-        json: Whether to print JSON instead of tables.
-        quiet: Print only losses; all of it is in JSON.
-
-    Returns:
-        The exit code: 1 where something is missing or damaged.
-    """
-    overview = overlook(path, make_settings(given).read)
-    if json:
-        print_json(_values(overview))
-    else:
-        if not quiet:
-            print_overview(overview)
-        show_losses(overview.losses)
-    return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK
 
 
 def overlook(path: Path, options: ReadOptions) -> Overview:
@@ -200,4 +178,11 @@ def info(
       kitti-ros2 info 2011_09_26/2011_09_26_drive_0005_sync
       kitti-ros2 info drive_0005.mcap --json
     """
-    return run_info(src, chosen(given), json=json, quiet=quiet)
+    overview = overlook(src, make_settings(given).read)
+    if json:
+        print_json(_values(overview))
+    else:
+        if not quiet:
+            print_overview(overview)
+        show_losses(overview.losses)
+    return EXIT_LOSSES if overview.losses or not overview.complete else EXIT_OK

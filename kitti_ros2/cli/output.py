@@ -7,14 +7,15 @@ from __future__ import annotations
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..files.staging import json_text, keep_all, keep_all_but_files
+from ..files.staging import json_text, keep_all, keep_all_but_files, losses_json
 from ..model.errors import UsageError, either, one_line
+from .exits import EXIT_LOSSES, EXIT_OK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -115,6 +116,39 @@ def print_json(values: object) -> None:
     sys.stdout.write(json_text(values))
 
 
+def report_values(report: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass with losses
+    """Return a report for print_json."""
+    return {**asdict(report), 'losses': losses_json(report.losses)}
+
+
+def put_result(
+    values: Callable[[], object],
+    show: Callable[[], None],
+    losses: tuple[Loss, ...],
+    *,
+    json: bool,
+    quiet: bool,
+) -> int:
+    """Print the result of a command, and what it skipped.
+
+    Args:
+        values: Returns the result for JSON.
+        show: Prints it for a reader.
+        losses: What was skipped.
+        json: Whether to print JSON.
+        quiet: Print only losses.
+
+    Returns:
+        The exit code: 1 with losses.
+    """
+    if json:
+        print_json(values())
+    elif not quiet:
+        show()
+    show_losses(losses)
+    return EXIT_LOSSES if losses else EXIT_OK
+
+
 # Where and how a command that checks, counts or scores puts its result.
 
 
@@ -134,14 +168,15 @@ class ResultOutput:
     json: bool
     quiet: bool
 
-    def refuse_files(self) -> None:
-        """Refuse -o and --overwrite of a command that writes files with --all only.
 
-        Raises:
-            UsageError: One is given.
-        """
-        if self.out is not None or self.overwrite:
-            raise UsageError('-o and --overwrite are for whole collections; give --all too')
+def refuse_files(out: Path | None, *, overwrite: bool) -> None:
+    """Refuse -o and --overwrite of a command that writes files with --all only.
+
+    Raises:
+        UsageError: One is given.
+    """
+    if out is not None or overwrite:
+        raise UsageError('-o and --overwrite are for whole collections; give --all too')
 
 
 # Checks of output files before the work for them begins.

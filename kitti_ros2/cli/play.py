@@ -16,12 +16,12 @@ from ..model.errors import UsageError
 from ..options.declare import parse_texts
 from ..options.table import PLAY, make_play_settings
 from ..player.ros_installed import check_installed
-from .command import QuietOption, argument, chosen, takes
+from .command import QuietOption, add_config, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
 from .output import complain, say
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from .exits import Ending
 
@@ -90,53 +90,6 @@ def complete_port(words: Sequence[str]) -> list[str]:
         waiting = word == _FOXGLOVE and '--' not in completed
         completed.append(f'{_FOXGLOVE}={_PORT}' if waiting else word)
     return completed
-
-
-def run_play(
-    src: Path | None,
-    given: Mapping[str, object],
-    config: Path | None,
-    ros_args: Sequence[str],
-    *,
-    viewers: ViewerAccess | None,
-    keyboard: bool,
-    quiet: bool = False,
-) -> int:
-    """Play a recording or a bag as a ROS 2 node, or for viewers.
-
-    Args:
-        src: KITTI folder or bag; None takes it from the parameter `source`.
-        given: Parameters of the command line by name.
-        config: YAML file of options; the command line wins.
-        ros_args: Arguments for ROS.
-        viewers: Where viewers connect; None plays in ROS.
-        keyboard: Whether keys in a terminal control it.
-        quiet: Print only warnings, errors, losses, and the address for viewers.
-
-    Returns:
-        The exit code: also 0 after Ctrl-C.
-    """
-    from ..files.processes import keep_freed_memory
-
-    ending = end_by_signal()
-    chosen = dict(given)
-    if config:
-        from .command import add_config
-
-        chosen = add_config(config, chosen, PLAY)
-    if viewers is not None:
-        controls = {'keyboard': keyboard, 'quiet': quiet}
-        return _play_for_viewers(src, chosen, ros_args, ending, viewers, **controls)
-    make_play_settings(chosen)
-    if src is not None:
-        chosen['source'] = str(src)
-    check_installed()
-    from ..player.run import run_player
-
-    keep_imports()
-    keep_freed_memory()
-    failures = run_player(chosen, ros_args, ending, keyboard=keyboard, quiet=quiet)
-    return EXIT_LOSSES if failures else EXIT_OK
 
 
 def _play_for_viewers(
@@ -252,8 +205,24 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
       kitti-ros2 play 2011_09_26/2011_09_26_drive_0005_sync --loop
       kitti-ros2 play drive_0005.mcap --rate 0.5 --topics /kitti/velo/points '/tf*'
     """
-    settings = chosen({'loop': 0 if loop else times, **given})
+    from ..files.processes import keep_freed_memory
+
+    if loop or times is not None:
+        given['loop'] = 0 if loop else times
     viewers = viewer_access(foxglove, bind, allow_origin or ())
-    return run_play(
-        src, settings, config, context.obj, viewers=viewers, keyboard=keyboard, quiet=quiet
-    )
+    ending = end_by_signal()
+    if config:
+        given = add_config(config, given, PLAY)
+    if viewers is not None:
+        controls = {'keyboard': keyboard, 'quiet': quiet}
+        return _play_for_viewers(src, given, context.obj, ending, viewers, **controls)
+    make_play_settings(given)
+    if src is not None:
+        given['source'] = str(src)
+    check_installed()
+    from ..player.run import run_player
+
+    keep_imports()
+    keep_freed_memory()
+    failures = run_player(given, context.obj, ending, keyboard=keyboard, quiet=quiet)
+    return EXIT_LOSSES if failures else EXIT_OK

@@ -20,54 +20,6 @@ if TYPE_CHECKING:
     from ..bags.recover import RecoveryReport
 
 
-def run_recover(
-    bag: Path,
-    out: Path,
-    storage: str | None,
-    *,
-    overwrite: bool,
-    fsync: bool = True,
-    quiet: bool,
-    json: bool = False,
-) -> int:
-    """Recover a bag and report what was lost.
-
-    Args:
-        bag: The truncated or damaged bag.
-        out: The repaired bag.
-        storage: The container, None for that of out's suffix, else the bag's own.
-        overwrite: Whether an existing bag may be replaced.
-        fsync: Whether the repaired bag outlasts a power cut.
-        quiet: Print only losses.
-        json: Whether to print the summary as JSON.
-
-    Returns:
-        The exit code.
-    """
-    from ..bags.recover import recover as repair
-    from ..files.processes import keep_freed_memory
-
-    keep_imports()
-    keep_freed_memory()
-    started = time.monotonic()
-    with step_progress('', show=not quiet) as progress:
-        report = repair(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
-    elapsed = time.monotonic() - started
-    for loss in report.losses:
-        complain(loss)
-    if json:
-        print_json({**asdict(report), 'seconds': elapsed})
-    elif not quiet:
-        _summarize(report, elapsed)
-    if not report.losses:
-        return EXIT_OK
-    what = _lost(report)
-    if report.lost_exactly and not report.lost:
-        what = 'every message was copied, but the bag is not as a recorder leaves it'
-    complain(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
-    return EXIT_LOSSES
-
-
 def _summarize(report: RecoveryReport, elapsed: float) -> None:
     for note in report.notes:
         say(f'note: {note}')
@@ -104,4 +56,25 @@ def recover(
       kitti-ros2 recover truncated.mcap repaired.mcap
       kitti-ros2 recover recording.bag repaired --storage mcap
     """
-    return run_recover(bag, out, storage, overwrite=overwrite, fsync=fsync, json=json, quiet=quiet)
+    from ..bags.recover import recover as repair
+    from ..files.processes import keep_freed_memory
+
+    keep_imports()
+    keep_freed_memory()
+    started = time.monotonic()
+    with step_progress('', show=not quiet) as progress:
+        report = repair(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
+    elapsed = time.monotonic() - started
+    for loss in report.losses:
+        complain(loss)
+    if json:
+        print_json({**asdict(report), 'seconds': elapsed})
+    elif not quiet:
+        _summarize(report, elapsed)
+    if not report.losses:
+        return EXIT_OK
+    what = _lost(report)
+    if report.lost_exactly and not report.lost:
+        what = 'every message was copied, but the bag is not as a recorder leaves it'
+    complain(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
+    return EXIT_LOSSES

@@ -15,7 +15,7 @@ import typer
 from ..files.processes import keep_imports
 from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
-from .command import JsonOption, OverwriteOption, QuietOption, chosen, takes
+from .command import JsonOption, OverwriteOption, QuietOption, takes
 from .exits import EXIT_OK
 from .output import cell, complain, format_path, plain_table, print_json, say
 
@@ -27,53 +27,6 @@ if TYPE_CHECKING:
 
 
 _COLUMNS = 80
-
-
-def run_stacks(
-    name: str | None,
-    drive: Path | None,
-    source: Mapping[str, object],
-    *,
-    out: Path | None,
-    overwrite: bool,
-    json: bool,
-    quiet: bool,
-) -> int:
-    """List the stacks, show one, or write the files to run it on a drive.
-
-    Args:
-        name: The stack; None lists all.
-        drive: The KITTI folder to write files for; None writes none.
-        source: Options of the recording.
-        out: The folder of the files; None is one of the stack's name.
-        overwrite: Whether its files may be replaced.
-        json: Whether to print JSON.
-        quiet: Print only notes.
-
-    Returns:
-        The exit code.
-    """
-    from ..options.stack_catalogue import STACKS
-
-    keep_imports()
-    if drive is None and (out is not None or overwrite or source):
-        raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
-    if name is None:
-        if drive is not None:
-            raise UsageError('--config needs a STACK: kitti-ros2 stacks STACK --config DRIVE')
-        _list(json=json, quiet=quiet)
-        return EXIT_OK
-    if name not in STACKS:
-        raise not_one_of('STACK', name, [*STACKS])
-    stack = STACKS[name]
-    if drive is not None:
-        folder = out or Path(name)
-        _write(stack, drive, folder, source, overwrite=overwrite, json=json, quiet=quiet)
-    elif json:
-        print_json(_values(stack))
-    elif not quiet:
-        _show(stack)
-    return EXIT_OK
 
 
 def _write(
@@ -236,6 +189,24 @@ def stacks(
       kitti-ros2 stacks kiss-icp
       kitti-ros2 stacks dlio --config 2011_09_26/2011_09_26_drive_0005_sync -o run
     """
-    return run_stacks(
-        stack, drive, chosen(given), out=out, overwrite=overwrite, json=json, quiet=quiet
-    )
+    from ..options.stack_catalogue import STACKS
+
+    keep_imports()
+    if drive is None and (out is not None or overwrite or given):
+        raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
+    if stack is None:
+        if drive is not None:
+            raise UsageError('--config needs a STACK: kitti-ros2 stacks STACK --config DRIVE')
+        _list(json=json, quiet=quiet)
+        return EXIT_OK
+    if stack not in STACKS:
+        raise not_one_of('STACK', stack, [*STACKS])
+    found = STACKS[stack]
+    if drive is not None:
+        folder = out or Path(stack)
+        _write(found, drive, folder, given, overwrite=overwrite, json=json, quiet=quiet)
+    elif json:
+        print_json(_values(found))
+    elif not quiet:
+        _show(found)
+    return EXIT_OK

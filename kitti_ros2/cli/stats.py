@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
 import typer
 
@@ -13,84 +13,16 @@ from ..files.processes import keep_imports
 from ..model.errors import UsageError
 from ..options.datasets import make_statistics_options
 from ..options.table import split_batch_options
-from .command import JsonOption, QuietOption, argument, chosen, out_option, takes
-from .exits import EXIT_LOSSES, EXIT_OK
+from .command import JsonOption, QuietOption, argument, out_option, takes
 from .output import (
+    ResultOutput,
     check_output,
     check_plot,
     format_path,
-    print_json,
+    put_result,
     say,
-    show_losses,
     step_progress,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from .output import ResultOutput
-
-
-def run_stats(
-    paths: Sequence[Path],
-    given: Mapping[str, object],
-    output: ResultOutput,
-    *,
-    table: Path | None,
-) -> int:
-    """Print the statistics of data sets.
-
-    Args:
-        paths: Folders or bags.
-        given: The options points, layout and sequence.
-        output: Where and how the statistics are put; `out` is the picture to draw.
-        table: The CSV file to write, None for none.
-
-    Returns:
-        The exit code: 1 where something is missing or damaged.
-    """
-    from ..datasets.set_statistics import count_set, find_sources, plain_values, write_csv
-    from ..files.processes import keep_freed_memory
-    from ..files.staging import staged_file
-    from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets, titles_of
-
-    keep_imports()
-    keep_freed_memory()
-    batch, given = split_batch_options(given)
-    read, options = make_statistics_options(given)
-    if batch.whole:
-        from .collection import run_statistics_collection
-
-        if table is not None:
-            raise UsageError(f'{table}: with --all the table is OUT/{TABLE}; leave --csv out')
-        return run_statistics_collection(paths, given, batch, output)
-    out = output.out
-    write_table = check_output(table, paths, KEEP_ALL_BUT_TABLES, overwrite=output.overwrite)
-    draw = check_plot(out, paths, overwrite=output.overwrite)
-    sources = [find_sources(path, read) for path in paths]
-    with step_progress('counting', show=not output.quiet) as progress:
-        sets = [
-            count_set(path, found, options, progress)
-            for path, found in zip(paths, sources, strict=True)
-        ]
-    if table is not None:
-        with staged_file(table, write_table) as path:
-            write_csv(path, sets)
-    if out is not None:
-        from ..datasets.statistics_plot import draw_statistics
-
-        with staged_file(out, draw) as path:
-            draw_statistics(sets, titles_of(paths), path)
-    if output.json:
-        print_json({'sets': [plain_values(each) for each in sets]})
-    elif not output.quiet:
-        print_sets(sets, points=options.points)
-        for written in (table, out):
-            if written is not None:
-                say(format_path(written))
-    losses = tuple(loss for each in sets for loss in each.total.losses)
-    show_losses(losses)
-    return EXIT_LOSSES if losses else EXIT_OK
 
 
 @takes('STATS_ALL', of='datasets')
@@ -120,7 +52,49 @@ def stats(
       kitti-ros2 stats object/training --points -o stats.png
       kitti-ros2 stats 2011_09_26 tracking --csv stats.csv
     """
-    from .output import ResultOutput
+    from ..datasets.set_statistics import count_set, find_sources, plain_values, write_csv
+    from ..files.processes import keep_freed_memory
+    from ..files.staging import staged_file
+    from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets, titles_of
 
-    output = ResultOutput(out, overwrite, json, quiet)
-    return run_stats(paths, chosen(given), output, table=csv)
+    keep_imports()
+    keep_freed_memory()
+    batch, given = split_batch_options(given)
+    read, options = make_statistics_options(given)
+    if batch.whole:
+        from .collection import run_statistics_collection
+
+        if csv is not None:
+            raise UsageError(f'{csv}: with --all the table is OUT/{TABLE}; leave --csv out')
+        output = ResultOutput(out, overwrite, json, quiet)
+        return run_statistics_collection(paths, given, batch, output)
+    write_table = check_output(csv, paths, KEEP_ALL_BUT_TABLES, overwrite=overwrite)
+    draw = check_plot(out, paths, overwrite=overwrite)
+    sources = [find_sources(path, read) for path in paths]
+    with step_progress('counting', show=not quiet) as progress:
+        sets = [
+            count_set(path, found, options, progress)
+            for path, found in zip(paths, sources, strict=True)
+        ]
+    if csv is not None:
+        with staged_file(csv, write_table) as path:
+            write_csv(path, sets)
+    if out is not None:
+        from ..datasets.statistics_plot import draw_statistics
+
+        with staged_file(out, draw) as path:
+            draw_statistics(sets, titles_of(paths), path)
+
+    def show() -> None:
+        print_sets(sets, points=options.points)
+        for written in (csv, out):
+            if written is not None:
+                say(format_path(written))
+
+    return put_result(
+        lambda: {'sets': [plain_values(each) for each in sets]},
+        show,
+        tuple(loss for each in sets for loss in each.total.losses),
+        json=json,
+        quiet=quiet,
+    )

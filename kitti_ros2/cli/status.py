@@ -14,16 +14,18 @@ from .exits import EXIT_LOSSES, EXIT_OK
 from .output import print_json
 
 
-def run_status(out: Path, *, json: bool, quiet: bool) -> int:
-    """Print how much of a collection is done.
+def status(
+    out: Annotated[Path, argument('OUT', 'The folder that a command with --all writes')],
+    json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> int:
+    """Show how much of a collection is done, failed and left.
 
-    Args:
-        out: The folder that a command with --all writes.
-        json: Whether to print JSON instead of text.
-        quiet: Print only failed units and skipped data.
+    Also how fast it goes, and why units failed. It may be asked while the collection is written.
 
-    Returns:
-        The exit code: 1 with failed units or skipped data.
+    Examples:
+      kitti-ros2 status bags
+      kitti-ros2 status bags --json
     """
     from ..batch.manifest import STATES, manifest_folder, measure_pace, read_manifest
     from .collection import complain_of, print_groups, print_pace, record_json
@@ -48,19 +50,3 @@ def run_status(out: Path, *, json: bool, quiet: bool) -> int:
         print_pace(out, pace)
     complain_of(records, command)
     return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK
-
-
-def status(
-    out: Annotated[Path, argument('OUT', 'The folder that a command with --all writes')],
-    json: JsonOption = False,
-    quiet: QuietOption = False,
-) -> int:
-    """Show how much of a collection is done, failed and left.
-
-    Also how fast it goes, and why units failed. It may be asked while the collection is written.
-
-    Examples:
-      kitti-ros2 status bags
-      kitti-ros2 status bags --json
-    """
-    return run_status(out, json=json, quiet=quiet)

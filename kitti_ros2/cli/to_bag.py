@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from ..files.processes import keep_imports
-from ..files.staging import losses_json
 from ..model.bag_formats import FILE_NAMES
 from ..model.errors import (
     KeptInterruptError,
@@ -27,9 +25,8 @@ from ..model.errors import (
 from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings, split_batch_options
-from .command import JsonOption, QuietOption, argument, chosen, takes
-from .exits import EXIT_LOSSES, EXIT_OK
-from .output import conversion_progress, format_path, print_json, say, show_losses
+from .command import JsonOption, QuietOption, add_config, argument, takes
+from .output import conversion_progress, format_path, put_result, report_values, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -39,83 +36,10 @@ if TYPE_CHECKING:
     from ..own_bags.to_bag import ExportReport
 
 
-def run_to_bag(
-    src: Path,
-    out: Path,
-    given: Mapping[str, object],
-    config: Path | None,
-    *,
-    quiet: bool,
-    json: bool = False,
-) -> int:
-    """Convert, show the progress, and print a summary.
-
-    Args:
-        src: KITTI folder.
-        out: Bag.
-        given: Options of the command line by name.
-        config: YAML file of options; the command line wins.
-        quiet: Print only losses.
-        json: Whether to print the summary as JSON.
-
-    Returns:
-        The exit code.
-    """
-    from ..bags.open_source import open_folder
-    from ..files.processes import keep_freed_memory
-    from ..files.staging import refuse_inside
-    from ..kitti.extract_oxts import add_extract
-    from ..kitti.prepare import add_predictions
-    from ..own_bags.to_bag import ExportOptions, convert
-
-    keep_imports()
-    batch, chosen = split_batch_options(given, jobs_alone=True)
-    if config:
-        from .command import add_config
-
-        chosen = add_config(config, chosen, TO_BAG)
-    settings = make_settings(chosen)
-    if settings.messages.images is not Images.COMPRESSED:
-        keep_freed_memory()
-    if batch.whole:
-        return _run_whole(src, out, chosen, settings, batch, quiet=quiet, json=json)
-    options = ExportOptions.of(settings, out)
-    recording = open_folder(src, settings.read)
-    add_predictions(recording, settings.predictions.path)
-    add_extract(recording, settings.imu)
-    refuse_inside(src, out)
-    if settings.read.layout is None and not quiet and not json:
-        say(f'{src}: layout {recording.layout.value}, {recording.name}')
-    started = time.monotonic()
-    with _interruption_described():
-        report = convert(
-            recording,
-            out,
-            options,
-            progress=partial(conversion_progress, show=not quiet),
-            jobs=batch.jobs or 1,
-        )
-    elapsed = time.monotonic() - started
-    if json:
-        print_json(
-            {
-                'layout': recording.layout.value,
-                'name': recording.name,
-                **asdict(report),
-                'losses': losses_json(report.losses),
-                'seconds': elapsed,
-            }
-        )
-    elif not quiet:
-        _summarize(report, elapsed, images=settings.messages.images, recording=recording)
-    show_losses(report.losses)
-    return EXIT_LOSSES if report.losses else EXIT_OK
-
-
 def _run_whole(
     src: Path,
     out: Path,
-    chosen: Mapping[str, object],
+    given: Mapping[str, object],
     settings: Settings,
     batch: BatchOptions,
     *,
@@ -128,7 +52,7 @@ def _run_whole(
     from ..batch.units import find_roots, find_units
     from .collection import refuse_sequence, run_collection
 
-    if chosen.get('keep_partial'):
+    if given.get('keep_partial'):
         raise UsageError(
             '--keep-partial is for one bag; with --all, the next run converts again what was'
             ' interrupted'
@@ -136,7 +60,7 @@ def _run_whole(
     read = settings.read
     refuse_sequence(read)
     roots = find_roots(src)
-    collection = Collection('to-bag', out, bag_suffix(chosen), chosen, batch, run_bag_unit)
+    collection = Collection('to-bag', out, bag_suffix(given), given, batch, run_bag_unit)
     return run_collection(
         collection,
         lambda search: find_units(roots, read.layout, batch.slice_frames, search),
@@ -157,7 +81,7 @@ def _interruption_described() -> Iterator[None]:
 
 
 def _summarize(
-    report: ExportReport, elapsed: float, *, images: Images, recording: ReadableRecording
+    report: ExportReport, elapsed: float, images: Images, recording: ReadableRecording
 ) -> None:
     written = {topic: count for topic, count in report.counts.items() if count}
     rate = f'{report.frames / elapsed:.0f} frames/s, {report.size_bytes / elapsed / 1e6:.0f} MB/s'
@@ -173,6 +97,16 @@ def _summarize(
     )
     if images is Images.COMPRESSED and recording.cameras:
         say('images are the files themselves, PNG or JPEG; --images raw decodes them')
+
+
+def _start_workers(given: Mapping[str, object]) -> None:
+    """Start the workers of a collection: they import while this process does."""
+    scheduler = given.get('scheduler')
+    alone = str(given.get('jobs')) == '1' and not scheduler
+    if given.get('all') and not alone and scheduler in {None, 'local'}:
+        from ..batch.pool import prepare_workers
+
+        prepare_workers(cluster=scheduler is not None)
 
 
 @takes('TO_BAG_ALL')
@@ -199,13 +133,45 @@ def to_bag(
       kitti-ros2 to-bag 2011_09_26/2011_09_26_drive_0005_sync drive_0005.mcap
       kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
-    values = chosen(given)
-    scheduler = values.get('scheduler')
-    alone = str(values.get('jobs')) == '1' and not scheduler
-    if values.get('all') and not alone and scheduler in {None, 'local'}:
-        from ..batch.pool import prepare_workers
+    _start_workers(given)
+    from ..bags.open_source import open_folder
+    from ..files.processes import keep_freed_memory
+    from ..files.staging import refuse_inside
+    from ..kitti.extract_oxts import add_extract
+    from ..kitti.prepare import add_predictions
+    from ..own_bags.to_bag import ExportOptions, convert
 
-        # They import while this process does.
-        prepare_workers(cluster=scheduler is not None)
-
-    return run_to_bag(src, out, values, config, json=json, quiet=quiet)
+    keep_imports()
+    batch, given = split_batch_options(given, jobs_alone=True)
+    if config:
+        given = add_config(config, given, TO_BAG)
+    settings = make_settings(given)
+    if settings.messages.images is not Images.COMPRESSED:
+        keep_freed_memory()
+    if batch.whole:
+        return _run_whole(src, out, given, settings, batch, quiet=quiet, json=json)
+    options = ExportOptions.of(settings, out)
+    recording = open_folder(src, settings.read)
+    add_predictions(recording, settings.predictions.path)
+    add_extract(recording, settings.imu)
+    refuse_inside(src, out)
+    if settings.read.layout is None and not quiet and not json:
+        say(f'{src}: layout {recording.layout.value}, {recording.name}')
+    started = time.monotonic()
+    with _interruption_described():
+        report = convert(
+            recording,
+            out,
+            options,
+            progress=partial(conversion_progress, show=not quiet),
+            jobs=batch.jobs or 1,
+        )
+    elapsed = time.monotonic() - started
+    named = {'layout': recording.layout.value, 'name': recording.name}
+    return put_result(
+        lambda: {**named, **report_values(report), 'seconds': elapsed},
+        lambda: _summarize(report, elapsed, settings.messages.images, recording),
+        report.losses,
+        json=json,
+        quiet=quiet,
+    )

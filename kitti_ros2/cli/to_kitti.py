@@ -20,7 +20,7 @@ from ..files.staging import keep_all, losses_json
 from ..model.errors import UsageError, format_bytes, format_count, one_line
 from ..model.streams import Stream
 from ..options.table import make_import_options, split_batch_options
-from .command import JsonOption, QuietOption, chosen, takes
+from .command import JsonOption, QuietOption, takes
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
     cell,
@@ -28,6 +28,8 @@ from .output import (
     format_path,
     plain_table,
     print_json,
+    put_result,
+    report_values,
     say,
     show_losses,
 )
@@ -365,72 +367,6 @@ _NO_OUT = 'OUT is missing (the folder to create)'
 _YAML = {'.yaml', '.yml'}
 
 
-def run_to_kitti(
-    paths: Sequence[Path],
-    given: Mapping[str, Any],
-    plan_file: Path | None,
-    *,
-    plan_only: bool,
-    preview: Path | None = None,
-    quiet: bool,
-    json: bool = False,
-) -> int:
-    """Convert and print a summary; or show the plan, or what it makes of three frames.
-
-    Args:
-        paths: Bags, and the output last; without an output the plan is shown on a terminal.
-        given: Options by name.
-        plan_file: A plan to use.
-        plan_only: Whether to print the plan as YAML and stop.
-        preview: A picture of three frames to write first.
-        quiet: Print only losses.
-        json: Whether to print the summary, or the plan, as JSON.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        UsageError: The arguments are invalid.
-    """
-    from ..files.processes import keep_freed_memory
-    from ..files.staging import refuse_inside
-    from ..own_bags.to_kitti import is_restored, own_bags
-
-    keep_imports()
-    batch, given = split_batch_options(given)
-    options = make_import_options(given)
-    if batch.whole:
-        if plan_only or preview is not None:
-            raise UsageError(
-                '--plan and --preview look at the bags of one recording; leave out --all'
-            )
-        return _run_whole(paths, given, options, plan_file, batch, quiet=quiet, json=json)
-    if plan_only:
-        if options.overwrite or not options.selection.is_whole or json or preview is not None:
-            raise UsageError(
-                '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
-                ' and --json with the conversion, and --preview without --plan'
-            )
-        _check_plan_only(paths, plan_file)
-        return _print_plan(paths, options)
-    shown = sys.stdout.isatty() and not (quiet or json)
-    bags, out = _split(paths, alone=shown or json or preview is not None)
-    if out is not None:
-        for bag in bags:
-            refuse_inside(bag, out)
-    if preview is not None:
-        check_preview(preview, bags, out)
-    keep_freed_memory()
-    request = PlanRequest(given, options, plan_file, preview)
-    with ExitStack() as stack:
-        opened = _open(bags, stack)
-        if out is None:
-            return print_look(request, opened, quiet=quiet, json=json)
-        shown = shown and plan_file is None
-        shown = shown and not is_restored(own_bags(opened, options)[0], options)
-        return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)
-
-
 def _run_whole(
     paths: Sequence[Path],
     given: Mapping[str, object],
@@ -507,15 +443,17 @@ def _convert(
     reports = conversion.run()
     elapsed = time.monotonic() - started
     losses = tuple(loss for report in reports for loss in report.losses)
-    if json:
-        values = [{**asdict(each), 'losses': losses_json(each.losses)} for each in reports]
-        result = {'path': out, 'recordings': values, 'notes': notes, 'seconds': elapsed}
-        print_json(result | drawn_values(request, None if seen is None else seen.drawn))
-    elif not quiet:
+
+    def values() -> dict[str, object]:
+        recordings = [*map(report_values, reports)]
+        result = {'path': out, 'recordings': recordings, 'notes': notes, 'seconds': elapsed}
+        return result | drawn_values(request, None if seen is None else seen.drawn)
+
+    def show() -> None:
         for report in reports:
             _summarize(report, out, elapsed)
-    show_losses(losses)
-    return EXIT_LOSSES if losses else EXIT_OK
+
+    return put_result(values, show, losses, json=json, quiet=quiet)
 
 
 def _note(text: str) -> None:
@@ -608,12 +546,40 @@ def to_kitti(
       kitti-ros2 to-kitti drive_0005.mcap raw_data
       kitti-ros2 to-kitti drive.bag my_set --layout object --start 10s --end 20s
     """
-    return run_to_kitti(
-        paths,
-        chosen(given),
-        plan_file,
-        plan_only=plan,
-        preview=preview,
-        json=json,
-        quiet=quiet,
-    )
+    from ..files.processes import keep_freed_memory
+    from ..files.staging import refuse_inside
+    from ..own_bags.to_kitti import is_restored, own_bags
+
+    keep_imports()
+    batch, given = split_batch_options(given)
+    options = make_import_options(given)
+    if batch.whole:
+        if plan or preview is not None:
+            raise UsageError(
+                '--plan and --preview look at the bags of one recording; leave out --all'
+            )
+        return _run_whole(paths, given, options, plan_file, batch, quiet=quiet, json=json)
+    if plan:
+        if options.overwrite or not options.selection.is_whole or json or preview is not None:
+            raise UsageError(
+                '--plan prints the plan of all frames, as YAML; give --start, --end, --overwrite'
+                ' and --json with the conversion, and --preview without --plan'
+            )
+        _check_plan_only(paths, plan_file)
+        return _print_plan(paths, options)
+    shown = sys.stdout.isatty() and not (quiet or json)
+    bags, out = _split(paths, alone=shown or json or preview is not None)
+    if out is not None:
+        for bag in bags:
+            refuse_inside(bag, out)
+    if preview is not None:
+        check_preview(preview, bags, out)
+    keep_freed_memory()
+    request = PlanRequest(given, options, plan_file, preview)
+    with ExitStack() as stack:
+        opened = _open(bags, stack)
+        if out is None:
+            return print_look(request, opened, quiet=quiet, json=json)
+        shown = shown and plan_file is None
+        shown = shown and not is_restored(own_bags(opened, options)[0], options)
+        return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)

@@ -15,61 +15,20 @@ from ..files.processes import keep_imports
 from ..model.errors import format_bytes, format_count, one_line
 from ..options.datasets import make_validation_options
 from ..options.table import split_batch_options
-from .command import AllOverwriteOption, JsonOption, QuietOption, chosen, out_option, takes
+from .command import AllOverwriteOption, JsonOption, QuietOption, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import complain, format_path, print_json, step_progress
+from .output import ResultOutput, complain, format_path, print_json, refuse_files, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..options.table import BatchOptions
     from ..validation.rule import RuleFindings, ValidationReport
-    from .output import ResultOutput
-
 
 _SHOWN_PLACES = 3
 _SHOWN_SOURCES = 12
 _SHOWN_ERRORS = 20
 _STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
-
-
-def run_validate(paths: Sequence[Path], given: Mapping[str, Any], output: ResultOutput) -> int:
-    """Check KITTI folders and bags, and print the findings by rule.
-
-    Args:
-        paths: The folders and bags.
-        given: Options by name.
-        output: Where and how the findings are put.
-
-    Returns:
-        The exit code: 1 with errors.
-
-    Raises:
-        UsageError: Options do not go together.
-    """
-    from ..files.processes import keep_freed_memory
-    from ..validation.validate import validate as check
-
-    keep_imports()
-    keep_freed_memory()
-    batch, options = split_batch_options(given)
-    if batch.whole:
-        return _run_whole(paths, options, batch, output)
-    output.refuse_files()
-    started = time.monotonic()
-    with step_progress('', show=not output.quiet) as progress:
-        report = check(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
-    elapsed = time.monotonic() - started
-    if output.json:
-        print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
-    elif not output.quiet:
-        _print_report(report, elapsed)
-    if report.ok:
-        return EXIT_OK
-    if output.quiet:
-        _complain_of_errors(report)
-    complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
-    return EXIT_LOSSES
 
 
 def _run_whole(
@@ -171,6 +130,27 @@ def validate(
       kitti-ros2 validate object
       kitti-ros2 validate 2011_09_26 drive_0005.mcap --json
     """
-    from .output import ResultOutput
+    from ..files.processes import keep_freed_memory
+    from ..validation.validate import validate as check
 
-    return run_validate(paths, chosen(given), ResultOutput(out, overwrite, json, quiet))
+    keep_imports()
+    keep_freed_memory()
+    batch, options = split_batch_options(given)
+    if batch.whole:
+        output = ResultOutput(out, overwrite, json, quiet)
+        return _run_whole(paths, options, batch, output)
+    refuse_files(out, overwrite=overwrite)
+    started = time.monotonic()
+    with step_progress('', show=not quiet) as progress:
+        report = check(paths, progress=progress, **options)  # type: ignore[arg-type] # checked
+    elapsed = time.monotonic() - started
+    if json:
+        print_json({**asdict(report), 'ok': report.ok, 'seconds': elapsed})
+    elif not quiet:
+        _print_report(report, elapsed)
+    if report.ok:
+        return EXIT_OK
+    if quiet:
+        _complain_of_errors(report)
+    complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
+    return EXIT_LOSSES

@@ -19,7 +19,7 @@ from ..files.staging import keep_all, keep_all_but_files
 from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_settings, make_view_settings
-from .command import QuietOption, argument, chosen, out_option, takes
+from .command import QuietOption, argument, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
 from .output import complain, conversion_progress, format_path, say, show_losses, step_progress
 
@@ -420,17 +420,16 @@ def view(
       kitti-ros2 view object/training --frame 8 --mode boxes -o boxes.png
       kitti-ros2 view drive_0005.mcap --start 5s --end 15s -o drive.mp4
     """
-    drawn = chosen(given)
     if rerun:
-        selected = {name: drawn.pop(name) for name in (*_COMMON, *_TOPICS) if name in drawn}
-        pictures = ['out'] * (out is not None) + list(drawn)
+        selected = {name: given.pop(name) for name in (*_COMMON, *_TOPICS) if name in given}
+        pictures = ['out'] * (out is not None) + list(given)
         if pictures:
             option = pictures[0].replace('_', '-')
             raise UsageError(f'--{option} is for pictures and does not go with --rerun')
 
         overwrite = bool(selected.pop('overwrite', False))
         return run_rerun(src, selected, web=web, save=save, overwrite=overwrite, quiet=quiet)
-    if web or save is not None or drawn.keys() & set(_TOPICS):
+    if web or save is not None or given.keys() & set(_TOPICS):
         raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
     if out is None:
         raise UsageError(
@@ -438,4 +437,4 @@ def view(
             ' or kitti-ros2 view SRC --rerun'
         )
 
-    return run_view(src, out, drawn, quiet=quiet)
+    return run_view(src, out, given, quiet=quiet)
