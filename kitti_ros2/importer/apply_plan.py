@@ -7,8 +7,8 @@ Also what a plan makes of a bag, in advance, and what programs demand of the res
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from .box_labels import is_own
 from .clocks import clock_notes, clocked
 from .guess import Guess, guess_plan, passed_over
 from .kitti_frames import choose_frames, pick_frames, select_frames
-from .plan import NONE, SOURCE, TF, made_optical_frames
+from .plan import NONE, SOURCE, TF, made_optical_frames, topic_uses
 from .rigging import Rigging
 from .set_builder import Target, build
 from .tf_frames import CAMERA, LEVEL, made_frame, optical_axis
@@ -433,15 +433,6 @@ def convert_by_plan(
 # What a plan makes of the topics of a bag: by stream, and those that it passes over.
 
 
-_UNIT = ('imu', 'fix', 'velocity')
-_STREAMS = {
-    'scan': Stream.SCAN,
-    'pose': Stream.POSE,
-    'labels': Stream.LABELS,
-    **dict.fromkeys(_UNIT, Stream.OXTS),
-}
-"""By key of a plan the stream whose topics are named there."""
-
 _ORDER = (
     Stream.SCAN,
     Stream.IMAGE_0,
@@ -454,8 +445,6 @@ _ORDER = (
     Stream.OXTS,
     Stream.CALIBRATION,
 )
-_FRAMES = frozenset({'frame', 'body', 'world'})
-"""Keys of coordinate frames, whose names may be those of topics."""
 
 
 @dataclass(frozen=True)
@@ -551,38 +540,15 @@ def streams_of_topics(plan: Plan, survey: Survey) -> dict[str, tuple[str, ...]]:
     """Return by topic of a bag the streams that a plan makes of it, of topics with messages."""
     present = {each.name for each in _with_messages(survey)}
     found: dict[str, dict[str, None]] = {}
-    for stream, text in _texts(asdict(plan)):
-        if text in present:
-            found.setdefault(text, {})[stream.value] = None
+    for use in topic_uses(plan):
+        if use.topic in present:
+            found.setdefault(use.topic, {})[use.stream.value] = None
     for topic in _with_messages(survey):
         if topic.msgtype in TF_TYPES and plan.calibration == TF and topic.name not in found:
             found[topic.name] = {Stream.CALIBRATION.value: None}
     if plan.calibration == SOURCE and CALIBRATION in present:
         found[CALIBRATION] = {Stream.CALIBRATION.value: None}
     return {topic: tuple(streams) for topic, streams in found.items()}
-
-
-def _texts(values: Mapping[str, Any]) -> Iterator[tuple[Stream, str]]:
-    """Yield the texts of a plan that may name topics, each with the stream of its key."""
-    for key, value in values.items():
-        if key in _STREAMS:
-            yield from _texts_below(value, _STREAMS[key])
-    for camera in values['camera_sets'].values():
-        yield from _texts_below(camera, Stream.IMAGE_2)
-    for number, camera in values['cameras'].items():
-        yield from _texts_below(camera, Stream(f'image_{number}'))
-
-
-def _texts_below(value: Any, stream: Stream) -> Iterator[tuple[Stream, str]]:  # noqa: ANN401
-    if isinstance(value, str):
-        yield stream, value
-    elif isinstance(value, dict):
-        for key, each in value.items():
-            if key not in _FRAMES:
-                yield from _texts_below(each, Stream.CALIBRATION if key == 'info' else stream)
-    elif isinstance(value, (list, tuple)):
-        for each in value:
-            yield from _texts_below(each, stream)
 
 
 def _with_messages(survey: Survey) -> list[TopicSurvey]:

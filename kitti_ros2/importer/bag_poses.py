@@ -25,6 +25,7 @@ from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
 from .kitti_frames import pass_over
 from .plan import Incomplete, PosePlan, topic_of
+from .roles import POSES
 from .tf_frames import NamedFrames, child_of, is_renamed, is_truth, moving_pairs
 
 if TYPE_CHECKING:
@@ -85,12 +86,12 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     """Choose an Odometry, PoseStamped or Path."""
     known = survey.tree.frames
-    for msgtype in (types.ODOMETRY, types.POSE, types.PATH):
+    for msgtype in POSES.msgtypes:
         topics = survey.of_type(msgtype)
         if topics:
             best = max(topics, key=lambda each: _rank(each, known))
             if best.name not in own_topics():
-                topics = survey.of_type(types.ODOMETRY, types.POSE, types.PATH)
+                topics = survey.of_type(*POSES.msgtypes)
             notes += pass_over('poses', best, topics)
             body = child_of(best)
             if best.name in own_topics():  # of base_link, also if its tree names it otherwise
@@ -376,9 +377,6 @@ def read_tree(
 # base_footprint becomes that of base_link in map by the transforms at the same stamps.
 
 
-POSE_TYPES = (types.ODOMETRY, types.POSE, types.PATH)
-"""Message types of poses, besides transforms."""
-
 _SHOWN = 12
 
 
@@ -439,7 +437,7 @@ def find_ends(plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFr
     """
     if topic.msgtype in types.TF_TYPES:
         return _ends_of_links(plan, survey, names)
-    if topic.msgtype in POSE_TYPES and topic.name not in own_topics():
+    if topic.msgtype in POSES.msgtypes and topic.name not in own_topics():
         return _ends_of_poses(plan, topic, names)
     return _AS_THEY_ARE
 
@@ -754,7 +752,7 @@ def read_track(
 
 def _told(topic: TopicSurvey) -> str:
     """Return the topic if its invalid poses are found when the track is read."""
-    return topic.name if topic.msgtype in POSE_TYPES else ''
+    return topic.name if topic.msgtype in POSES.msgtypes else ''
 
 
 def _read(
@@ -809,7 +807,7 @@ def _poses(
     Raises:
         ValueError: One is not.
     """
-    if msgtype in POSE_TYPES:
+    if msgtype in POSES.msgtypes:
         poses_of(message)
         stamped = getattr(message, 'poses', [message])
         poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]

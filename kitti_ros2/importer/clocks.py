@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,13 +13,14 @@ from ..messages.clouds import tells_another_time, time_field
 from ..model.errors import Loss
 from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, Stream
-from .plan import StampSource
+from .plan import StampSource, topic_uses
+from .roles import BOXES_2D, INFO, UNIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from ..model.samples import Int64Array
-    from .plan import Plan
+    from .plan import Plan, TopicUse
     from .survey import Survey, TopicSurvey
 
 
@@ -37,78 +38,29 @@ _ROUNDED_NS = 2_000_000
 
 _DETECTION_NS = 10 * NS_PER_S
 
-_ROLES = ('imu', 'fix', 'velocity')
-_OF_SET = 'image_2 of '
-"""Begins the names of streams of camera_sets: the camera is camera 2 of its set."""
 
-
-@dataclass(frozen=True)
-class PlannedStream:
-    """A stream of a plan with stamps.
-
-    Attributes:
-        name: In texts: scan, image_2 (of a camera set: image_2 of NAME), pose, labels, imu.
-        key: Of its offset in the plan: scan.offset_s.
-        topic: Its topic.
-        offset_s: Of the plan, seconds.
-    """
-
-    name: str
-    key: str
-    topic: str
-    offset_s: float
-
-    def __str__(self) -> str:
-        return f'{self.name} ({self.topic})'
-
-
-def planned_streams(plan: Plan) -> dict[str, PlannedStream]:
+def planned_streams(plan: Plan) -> dict[str, TopicUse]:
     """Return the streams of a plan by name, the reference first; of camera_sets those of all."""
-    found = [
-        PlannedStream(name, f'{name}.offset_s', part.topic, part.offset_s)
-        for name, part in (('scan', plan.scan), ('pose', plan.pose), ('labels', plan.labels))
-        if part is not None
-    ]
-    found += [
-        PlannedStream(f'image_{index}', f'cameras.{index}.offset_s', camera.topic, camera.offset_s)
-        for index, camera in plan.cameras.items()
-    ]
-    found += [
-        PlannedStream(
-            f'{_OF_SET}{name}', f'camera_sets.{name}.offset_s', camera.topic, camera.offset_s
-        )
-        for name, camera in plan.camera_sets.items()
-    ]
-    unit = (
-        (plan.imu, plan.imu_offset_s),
-        (plan.fix, plan.fix_offset_s),
-        (plan.velocity, plan.velocity_offset_s),
-    )
-    found += [
-        PlannedStream(name, f'{name}_offset_s', topic, offset_s)
-        for name, (topic, offset_s) in zip(_ROLES, unit, strict=True)
-        if topic
-    ]
-    found.sort(key=lambda each: each.name.partition(' ')[0] != plan.reference)
-    return {each.name: each for each in found}
+    found = [use for use in topic_uses(plan) if use.role not in (INFO, BOXES_2D)]
+    found.sort(key=lambda use: use.name.partition(' ')[0] != plan.reference)
+    return {use.name: use for use in found}
 
 
-def with_offset(plan: Plan, name: str, offset_s: float) -> Plan:
-    """Return a plan with the offset of a stream, by the name of planned_streams."""
-    if name.startswith(_OF_SET):
-        own = name.removeprefix(_OF_SET)
-        camera = replace(plan.camera_sets[own], offset_s=offset_s)
-        return replace(plan, camera_sets={**plan.camera_sets, own: camera})
-    if name.startswith('image_'):
-        index = int(name.removeprefix('image_'))
-        camera = replace(plan.cameras[index], offset_s=offset_s)
-        return replace(plan, cameras={**plan.cameras, index: camera})
-    if name in _ROLES:
+def with_offset(plan: Plan, stream: TopicUse, offset_s: float) -> Plan:
+    """Return a plan with the offset of a stream."""
+    owner, *which = stream.key.split('.')[:-1] or ['']
+    if not owner:
         # mypy does not know the types of fields by name.
-        return replace(plan, **{f'{name}_offset_s': offset_s})  # type: ignore[arg-type]
-    part = {'scan': plan.scan, 'pose': plan.pose, 'labels': plan.labels}[name]
-    moved = None if part is None else replace(part, offset_s=offset_s)
-    return replace(plan, **{name: moved})  # type: ignore[arg-type]
+        return replace(plan, **{stream.offset_key: offset_s})  # type: ignore[arg-type]
+    part = getattr(plan, owner)
+    if which:
+        part = {
+            key: replace(each, offset_s=offset_s) if str(key) in which else each
+            for key, each in part.items()
+        }
+    else:
+        part = replace(part, offset_s=offset_s)
+    return replace(plan, **{owner: part})
 
 
 def clocked(survey: Survey, plan: Plan) -> Survey:
@@ -121,14 +73,10 @@ def clocked(survey: Survey, plan: Plan) -> Survey:
     by_log = plan.stamps is StampSource.LOG
     if by_log:
         topics = {name: replace(topic, by_log=True) for name, topic in topics.items()}
-    for stream in planned_streams(plan).values():
-        if stream.topic in topics:
-            offset_ns = round(stream.offset_s * NS_PER_S)
-            topics[stream.topic] = replace(topics[stream.topic], offset_ns=offset_ns)
-    if plan.labels is not None and plan.labels.boxes_2d in topics:
-        offset_ns = round(plan.labels.offset_s * NS_PER_S)
-        flat = topics[plan.labels.boxes_2d]
-        topics[flat.name] = replace(flat, offset_ns=offset_ns)
+    for use in topic_uses(plan):
+        if use.role is not INFO and use.topic in topics:
+            offset_ns = round(use.offset_s * NS_PER_S)
+            topics[use.topic] = replace(topics[use.topic], offset_ns=offset_ns)
     middles_ns = None if by_log else scan_middles_ns(survey, plan)
     if plan.scan is not None and middles_ns is not None:
         scans = topics[plan.scan.topic]
@@ -271,17 +219,17 @@ def estimate_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
     for name, offset_ns in corrections.items():
         stream = streams[name]
         offset_s = stream.offset_s + offset_ns / NS_PER_S
-        plan = with_offset(plan, name, offset_s)
+        plan = with_offset(plan, stream, offset_s)
         side = 'ahead of' if offset_ns < 0 else 'behind'
         notes.append(
             f'{stream}: its clock is {_seconds(offset_ns)} {side} the others by the times of'
-            f' recording{_scale(offset_ns)}; {stream.key} {offset_s!r} corrects it'
+            f' recording{_scale(offset_ns)}; {stream.offset_key} {offset_s!r} corrects it'
         )
     return plan, notes
 
 
 def find_corrections(
-    survey: Survey, streams: Mapping[str, PlannedStream], reference: str
+    survey: Survey, streams: Mapping[str, TopicUse], reference: str
 ) -> dict[str, int]:
     """Return the nanoseconds to add to the stamps of each stream whose clock differs."""
     topics = {
@@ -457,13 +405,13 @@ def describe_gap(
     found = find_corrections(survey, streams, plan.reference)
     if found:
         keys = ', '.join(
-            f'{streams[each].key}: {streams[each].offset_s + offset / NS_PER_S!r}'
+            f'{streams[each].offset_key}: {streams[each].offset_s + offset / NS_PER_S!r}'
             for each, offset in found.items()
         )
         return f'{text}; by the times of recording, set {keys} in the plan, or stamps: log'
     return (
-        f'{text}; set {stream.key}, stamps: log, or a larger tolerance_s in the plan, or remove the'
-        f' stream from it'
+        f'{text}; set {stream.offset_key}, stamps: log, or a larger tolerance_s in the plan, or'
+        f' remove the stream from it'
     )
 
 
@@ -477,7 +425,7 @@ def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss
     """
     losses = []
     for name, stream in planned_streams(plan).items():
-        topic = survey.topics.get(stream.topic) if name in _ROLES else None
+        topic = survey.topics.get(stream.topic) if stream.role in UNIT else None
         if topic is None or not topic.count or not len(frames_ns):
             continue
         stamps = topic.stamps()[0]

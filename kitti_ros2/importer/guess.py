@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..messages.cdr import vector_of
 from ..messages.naming import RECORDING
 from ..messages.oxts import has_orientation
-from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import find_body
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
@@ -37,8 +36,8 @@ from .bag_poses import guess_pose, link_topics
 from .bag_scans import cloud_notes, guess_scan
 from .clocks import clocked, estimate_offsets
 from .kitti_frames import pass_over, undecoded
-from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link
-from .survey import SOLID
+from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link, topic_uses
+from .roles import FIX, IMU, LABELS, ROLES, SCAN, VELOCITY
 from .tf_frames import (
     NamedFrames,
     child_of,
@@ -52,7 +51,7 @@ from .tf_frames import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from ..messages.tf_tree import FrameTree, Heading
@@ -94,12 +93,11 @@ def guess_unit(
     elif 'imu' in found and not ('velocity' in found and survey.topics[found['velocity']].moves):
         found |= _odometry_of(survey, survey.topics[found['imu']].frame)
     placed = 'fix' in found or pose is not None
-    for key, msgtype, rest in (
-        ('imu', 'Imu', 'its columns of oxts are 0'),
-        ('velocity', 'TwistStamped', 'in oxts it is derived from the places' if placed else ''),
-    ):
+    derived = 'in oxts it is derived from the places'
+    for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
+        rest = derived if key == 'velocity' and placed else 'its columns of oxts are 0'
         if key not in found:
-            notes.append(f'missing: {key} ({msgtype}); {rest or "its columns of oxts are 0"}')
+            notes.append(f'missing: {key} ({msgtype}); {rest}')
     return found
 
 
@@ -109,11 +107,12 @@ def _best_topics(
     """Return the topics of the unit by their keys, and note those that are passed over."""
     found: dict[str, str] = {}
     joined = _joined_frames(survey, scan)
-    for key, msgtype, rank in (
-        ('imu', types.IMU, partial(_imu_rank, joined=joined)),
-        ('fix', types.FIX, _fix_rank),
-        ('velocity', types.TWIST, _velocity_rank),
+    for role, rank in (
+        (IMU, partial(_imu_rank, joined=joined)),
+        (FIX, _fix_rank),
+        (VELOCITY, _velocity_rank),
     ):
+        key, (msgtype,) = role.key, role.msgtypes
         topics = _of_vehicle(survey, msgtype, scan)
         if key == 'velocity':
             topics = _in_known_axes(topics, survey, joined, pose, found)
@@ -488,15 +487,9 @@ def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, .
 
     Those that scans are made from in place of clouds are included if scans are missing.
     """
-    wanted = {types.CLOUD, types.IMAGE, types.COMPRESSED, types.CAMERA_INFO}
-    wanted |= SCAN_TYPES if scans else set()
-    if Stream.POSE in layout.traits.streams:
-        wanted |= {types.ODOMETRY, types.POSE, types.PATH}
-    if Stream.LABELS in layout.traits.streams:
-        wanted |= {types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS}
-        wanted |= {types.MARKERS}
-    if Stream.OXTS in layout.traits.streams:
-        wanted |= {types.IMU, types.FIX, types.TWIST}
+    used = [role for role in ROLES if role.stream in layout.traits.streams]
+    wanted = {msgtype for role in used for msgtype in role.msgtypes}
+    wanted |= set(SCAN.more_types) if scans else set()
     left_out = (
         loss for channel, loss in survey.left_out if channel.msgtype in wanted and loss.count
     )
@@ -528,14 +521,9 @@ def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
 
 _PACKETS = 'raw packets: play them through the driver, and record its PointCloud2'
 _RADAR = 'KITTI has no radar'
-_OBJECTS = (
-    '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic'
-)
 _BOXES_2D = '2D boxes: labels need a Detection2DArray'
 _LABELS_2D = '2D boxes: for labels of layouts object and tracking: name the topic in labels.topic'
 _JOINED_2D = '2D boxes: name the topic in labels.boxes_2d'
-_POSES = 'poses: for the layouts odometry, raw and tracking: name the topic in pose.topic'
-_UNIT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
 _VIDEO = 'video: record Image or CompressedImage, or decode it to them'
 _LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
 _MARKERS = 'drawings: cubes of a MarkerArray are boxes, if labels.topic names it'
@@ -546,10 +534,7 @@ _MAP = 'KITTI has no maps'
 _STATE = 'KITTI has no place for it'
 
 _ADVICE = {
-    'sensor_msgs/Image': 'images: name the topic in cameras',
-    'sensor_msgs/CompressedImage': 'images: name the topic in cameras',
-    'sensor_msgs/CameraInfo': 'calibration of images that are not used',
-    'sensor_msgs/PointCloud2': 'scans: name the topic in scan.topic',
+    **{msgtype.replace('/msg/', '/'): role.advice for role in ROLES for msgtype in role.msgtypes},
     'sensor_msgs/PointCloud': 'scans of an old type: convert them to PointCloud2',
     'sensor_msgs/LaserScan': 'one ring: name the topic in scan.topic, with scan.from: laser_scan',
     'sensor_msgs/MultiEchoLaserScan': 'one ring: record a LaserScan of it',
@@ -570,24 +555,15 @@ _ADVICE = {
     'radar_msgs/RadarTracks': _RADAR,
     'radar_msgs/RadarReturn': _RADAR,
     'ars40x_msgs/ObjectList': _RADAR,
-    'vision_msgs/Detection3DArray': _OBJECTS,
     'vision_msgs/Detection3D': 'one 3D box: labels need a Detection3DArray',
     'vision_msgs/Detection2D': _BOXES_2D,
-    'autoware_perception_msgs/DetectedObjects': _OBJECTS,
-    'autoware_perception_msgs/TrackedObjects': _OBJECTS,
     'autoware_perception_msgs/PredictedObjects': '3D boxes: record TrackedObjects for labels',
     'autoware_auto_perception_msgs/DetectedObjects': '3D boxes of an old type of Autoware',
     'autoware_auto_perception_msgs/TrackedObjects': '3D boxes of an old type of Autoware',
     'visualization_msgs/MarkerArray': _MARKERS,
     'visualization_msgs/Marker': 'a drawing: labels need the cubes of a MarkerArray',
     'geometry_msgs/PoseArray': 'poses without sizes: labels need boxes',
-    'nav_msgs/Odometry': _POSES,
-    'nav_msgs/Path': _POSES,
-    'geometry_msgs/PoseStamped': _POSES,
     'geometry_msgs/PoseWithCovarianceStamped': 'poses: record Odometry or PoseStamped of them',
-    'sensor_msgs/Imu': _UNIT,
-    'sensor_msgs/NavSatFix': _UNIT,
-    'geometry_msgs/TwistStamped': _UNIT,
     'geometry_msgs/TwistWithCovarianceStamped': 'velocities: record a TwistStamped of them',
     'gps_msgs/GPSFix': 'positions: record a NavSatFix of them',
     'gps_common/GPSFix': 'positions: record a NavSatFix of them',
@@ -637,7 +613,6 @@ _BACKGROUND = frozenset(
 )
 """Types that nodes publish about themselves."""
 
-_BOXES = SOLID | {types.DETECTIONS_2D}
 _DEPTHS = frozenset({'16UC1', '32FC1'})
 _DEPTH_NAME = re.compile(r'depth|disparity', re.IGNORECASE)
 _MOST_TOPICS = 6
@@ -675,7 +650,7 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
             between frames.
         named: Topics to leave out.
     """
-    left_out = set(named) | set(_texts(asdict(plan))) | _planned_links(survey, plan)
+    left_out = {*named, *(use.topic for use in topic_uses(plan))} | _planned_links(survey, plan)
     if RECORDING in survey.topics:
         left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
     pixels = _pixel_frames(survey, plan)
@@ -736,25 +711,13 @@ def _planned_links(survey: Survey, plan: Plan) -> set[str]:
         return set()
 
 
-def _texts(value: Any) -> Iterator[str]:  # noqa: ANN401 - of dataclasses
-    """Yield all texts within a value."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for each in value.values():
-            yield from _texts(each)
-    elif isinstance(value, (list, tuple)):
-        for each in value:
-            yield from _texts(each)
-
-
 def _advice(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     kind = _short(topic.msgtype)
     if kind in _BACKGROUND:
         return ''
-    if topic.msgtype in _BOXES and not (plan.cameras or plan.camera_sets):
+    if topic.msgtype in LABELS.every_type and not (plan.cameras or plan.camera_sets):
         return _NO_CAMERA
-    if topic.msgtype in _BOXES and plan.calibration == NONE:
+    if topic.msgtype in LABELS.every_type and plan.calibration == NONE:
         return _NO_CALIBRATION
     if topic.msgtype == types.DETECTIONS_2D:
         return _advice_2d(topic, survey, plan, pixels)

@@ -17,7 +17,7 @@ from ..model.errors import Loss, UnsynchronisedError, UsageError
 from ..model.samples import NONE, match_frames
 from ..model.streams import NS_PER_S, Stream
 from .clocks import clock_notes, clocked, describe_gap
-from .plan import Incomplete, check_types, topic_of
+from .plan import Incomplete, check_types, topic_of, topic_uses
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -515,14 +515,7 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
         plan: Names the topics; those of transforms are always included.
         named: Topics whose messages are reported one by one already.
     """
-    wanted = {camera.info for camera in plan.cameras.values()} | set(frame_topics(plan).values())
-    wanted |= {plan.imu, plan.fix, plan.velocity}
-    if plan.pose is not None:
-        wanted.add(plan.pose.topic)
-    if plan.scan is not None:
-        wanted.add(plan.scan.info)
-    if plan.labels is not None:
-        wanted.add(plan.labels.boxes_2d)
+    wanted = {use.topic for use in topic_uses(plan)}
     return tuple(
         undecoded(topic)
         for topic in survey.topics.values()

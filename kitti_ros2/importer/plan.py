@@ -20,13 +20,13 @@ from ..messages.images import size_of
 from ..messages.naming import LABEL_LINES
 from ..messages.scan_sources import MODELS, SCAN_SOURCES
 from ..messages.tf_tree import AXES
-from ..model import bag_formats as types
 from ..model.bag_formats import CAMERA_INFO
 from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
 from ..model.classes import KITTI_CLASSES, own_class
 from ..model.errors import UsageError, did_you_mean, one_line, shown
 from ..model.geometry import Transform
-from ..model.streams import GeoOrigin, Layout
+from ..model.streams import GeoOrigin, Layout, Stream
+from .roles import BOXES_2D, IMAGES, INFO, LABELS, POSES, SCAN, UNIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from ..messages.camera_info import CameraModel
     from ..messages.tf_tree import Link
+    from .roles import Role
     from .survey import Survey, TopicSurvey
 
 
@@ -242,6 +243,65 @@ class Plan:
     origin: str = ''
 
 
+# The topics that a plan names, each with its role.
+
+
+@dataclass(frozen=True)
+class TopicUse:
+    """What a plan uses a topic for.
+
+    Attributes:
+        name: Of its stream in texts: scan, image_2 (of a camera set: image_2 of NAME), pose, imu.
+        key: In the plan: scan.topic, cameras.2.info, imu.
+        topic: Its name.
+        role: Its row of the table.
+        stream: KITTI's stream that is made of it.
+        offset_s: Added to its stamps, seconds.
+    """
+
+    name: str
+    key: str
+    topic: str
+    role: Role
+    stream: Stream
+    offset_s: float
+
+    def __str__(self) -> str:
+        return f'{self.name} ({self.topic})'
+
+    @property
+    def offset_key(self) -> str:
+        """The key of the offset."""
+        part, _, _ = self.key.rpartition('.')
+        return f'{part}.offset_s' if part else f'{self.key}_offset_s'
+
+
+def topic_uses(plan: Plan) -> Iterator[TopicUse]:
+    """Yield the topics that a plan names."""
+    parts: list[tuple[str, str, Role, Stream, Any]] = [
+        (role.key, role.key, role, role.stream, getattr(plan, role.key))
+        for role in (SCAN, POSES, LABELS)
+    ]
+    for index, camera in plan.cameras.items():
+        stream = Stream(f'image_{index}')
+        parts.append((stream.value, f'cameras.{index}', IMAGES, stream, camera))
+    for own, camera in plan.camera_sets.items():
+        name = f'{Stream.IMAGE_2.value} of {own}'  # it is camera 2 of its set
+        parts.append((name, f'camera_sets.{own}', IMAGES, Stream.IMAGE_2, camera))
+    for name, key, role, stream, part in parts:
+        if part is not None:
+            yield TopicUse(name, f'{key}.topic', part.topic, role, stream, part.offset_s)
+        for more in (INFO, BOXES_2D):
+            topic = getattr(part, more.key, '')
+            if topic:
+                key_of = f'{key}.{more.key}'
+                yield TopicUse(name, key_of, topic, more, more.stream, part.offset_s)
+    for role in UNIT:
+        topic, offset_s = getattr(plan, role.key), getattr(plan, f'{role.key}_offset_s')
+        if topic:
+            yield TopicUse(role.key, role.key, topic, role, role.stream, offset_s)
+
+
 # The topics that a plan names, in the survey of its bags.
 
 
@@ -342,15 +402,7 @@ def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
 # Check of the message types of the topics that a plan names.
 
 
-_IMAGES = (types.IMAGE, types.COMPRESSED)
-_LABELS = (
-    types.DETECTIONS_3D,
-    types.TRACKED_OBJECTS,
-    types.DETECTED_OBJECTS,
-    types.MARKERS,
-    types.DETECTIONS_2D,
-)
-_VELOCITIES = (types.TWIST, types.ODOMETRY)
+_CHECKED = (IMAGES, LABELS, *UNIT)
 
 
 def check_types(plan: Plan, survey: Survey) -> None:
@@ -361,23 +413,14 @@ def check_types(plan: Plan, survey: Survey) -> None:
     Raises:
         UsageError: The type of one is another; the error names the key.
     """
-    for key, name, expected in _uses(plan):
-        topic = survey.topics.get(name) if name else None  # a bag may have a topic of no name
-        if topic is not None and topic.count and topic.msgtype not in expected:
-            raise UsageError(
-                f'{key}: {name} is of type {topic.msgtype}; expected {", ".join(expected)}'
-            )
-
-
-def _uses(plan: Plan) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    """Yield the key, the topic and the valid types of each use of a topic."""
-    for index, camera in plan.cameras.items():
-        yield f'cameras.{index}.topic', camera.topic, _IMAGES
-    if plan.labels is not None and plan.labels.topic != LABEL_LINES:
-        yield 'labels.topic', plan.labels.topic, _LABELS
-    yield 'imu', plan.imu, (types.IMU,)
-    yield 'fix', plan.fix, (types.FIX,)
-    yield 'velocity', plan.velocity, _VELOCITIES
+    for use in sorted(topic_uses(plan), key=lambda use: use.role is not IMAGES):
+        topic = survey.topics.get(use.topic)
+        if use.role not in _CHECKED or use.topic == LABEL_LINES or topic is None:
+            continue
+        if topic.count and topic.msgtype not in use.role.every_type:
+            expected = ', '.join(use.role.every_type)
+            key = f'{use.key}: {use.topic}'
+            raise UsageError(f'{key} is of type {topic.msgtype}; expected {expected}')
 
 
 # Check of the classes that a plan maps.

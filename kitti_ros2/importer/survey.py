@@ -28,20 +28,18 @@ from ..messages.naming import CALIBRATION, RECORDING, decode_text
 from ..messages.oxts import has_motion, place_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import FrameTree, LinkTally
-from ..model import bag_formats as types
 from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
     FIX,
     LARGE_TYPES,
     MARKERS,
-    ODOMETRY,
     PICTURES,
     STRING,
     TF_TYPES,
-    TWIST,
 )
 from ..model.streams import NS_PER_S
+from .roles import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -56,40 +54,6 @@ if TYPE_CHECKING:
     from ..model.errors import Loss
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Int64Array, TextFile
-
-
-# The message types that a survey looks at.
-
-
-_SOLID_BOXES = frozenset({types.DETECTIONS_3D, types.DETECTED_OBJECTS, types.TRACKED_OBJECTS})
-BOXES = _SOLID_BOXES | {types.DETECTIONS_2D}
-"""Types with boxes that begin with a Header."""
-
-SOLID = _SOLID_BOXES | {types.MARKERS}
-"""Types with 3D boxes."""
-
-HEADED = SCAN_TYPES | BOXES
-HEADED |= {
-    types.IMAGE,
-    types.COMPRESSED,
-    types.CAMERA_INFO,
-    types.IMU,
-    types.FIX,
-    types.TWIST,
-    types.ODOMETRY,
-    types.POSE,
-    types.PATH,
-}
-"""Types that begin with a Header."""
-
-DESCRIBING = types.TF_TYPES | BOXES | {types.CAMERA_INFO, types.MARKERS, types.STRING}
-"""Types that describe the sensors, or what they see."""
-
-READ = HEADED | types.TF_TYPES | {types.MARKERS}
-"""Types of which some messages are decoded."""
-
-FIRST_ONLY = LARGE_TYPES | SCAN_TYPES
-"""Types of which a glance reads the first message."""
 
 
 # The stamps of a topic that are used.
@@ -391,7 +355,7 @@ class TopicSurvey:
 _LOOKS = 8
 _ALL_OF_FIRST = 64
 _EVERY = 16
-_WITH_TWIST = frozenset({TWIST, ODOMETRY})
+_WITH_TWIST = frozenset(VELOCITY.every_type)
 
 
 @dataclass(frozen=True)

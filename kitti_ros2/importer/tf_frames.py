@@ -30,7 +30,7 @@ from ..model.errors import MissingDataError, UsageError
 from ..model.geometry import Transform
 from .bag_calibration import rect_in_frame
 from .plan import TF, frame_of, topic_of
-from .survey import SOLID
+from .roles import SOLID
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
