@@ -67,7 +67,11 @@ EXTRAS = {
     # The figures of `eval odometry` and `eval tracking`.
     'eval': ['evo>=1.31,<2', 'trackeval>=1.3,<2'],
     # The server that `play --foxglove` shows a recording with; Foxglove's schemas in protobuf.
-    'foxglove': ['foxglove-sdk>=0.30,<0.31', 'mcap-protobuf-support>=0.5.3,<0.7'],
+    'foxglove': [
+        'foxglove-sdk>=0.30,<0.31',
+        'mcap-protobuf-support>=0.5.3,<0.7',
+        'websockets>=15,<18',
+    ],
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
@@ -92,7 +96,7 @@ EXTRAS['test'] = [
     *EXTRAS['remote'][1:2],
     'hypothesis>=6.100,<7',
     *EXTRAS['plot'],
-    *EXTRAS['foxglove'][1:],
+    *EXTRAS['foxglove'][1:2],
     'mcap-ros2-support>=0.5.5,<0.7',
     'moto[s3,server]>=5.0.20,<6',
     'mypy>=1.15,<3',
@@ -104,7 +108,7 @@ EXTRAS['test'] = [
     'ruff>=0.17,<0.18',
     *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
-    'websockets>=15,<18',
+    *EXTRAS['foxglove'][2:],
 ]
 
 

@@ -57,6 +57,7 @@ GUESTS = {
     'mcap': {'messages', 'bags'},
     'distributed': {'batch'},
     'foxglove': {'viewers.foxglove_server'},
+    'websockets': {'viewers.foxglove_proxy'},
     'fsspec': {'files'},
     'evo': {'evaluation'},
     'cv2': {'drawing', 'files', 'messages', 'pictures', 'report', 'synthetic'},

@@ -115,12 +115,13 @@ def _play_for_viewers(
     settings = make_play_settings({'at_end': 'pause', 'clock': _VIEWERS_CLOCK_HZ, **chosen})
     try:
         from ..viewers.foxglove_server import run_bridge
-        from ..viewers.websocket import Admission, parse_origin
+        from ..viewers.origin_check import OriginCheck, parse_origin
     except ImportError as error:  # the SDK is missing or too old for playback control
         raise UsageError(
-            "--foxglove needs foxglove-sdk 0.30; run pip install 'kitti_ros2[foxglove]'"
+            '--foxglove needs foxglove-sdk 0.30 and websockets 15; run'
+            " pip install 'kitti_ros2[foxglove]'"
         ) from error
-    admission = Admission(viewers.bind, frozenset(map(parse_origin, viewers.origins)))
+    origin_check = OriginCheck(viewers.bind, frozenset(map(parse_origin, viewers.origins)))
     keep_imports()
     keep_freed_memory()
     status = StatusLine(show=not quiet)
@@ -135,7 +136,7 @@ def _play_for_viewers(
         complain(text)
 
     terminal = Terminal(tell, warn, status, keyboard=keyboard, quiet=quiet)
-    failures = run_bridge(str(src), settings, viewers.port, admission, ending, terminal)
+    failures = run_bridge(str(src), settings, viewers.port, origin_check, ending, terminal)
     return EXIT_LOSSES if failures else EXIT_OK
 
 

@@ -32,7 +32,8 @@ from ..options.outputs import RATES, Stamps
 from ..player.bag_program import STATE, describe, open_program, reserved_by_viewers
 from ..player.session import Audience, Session, Transport, encode_state, favour_what_is_due
 from ..player.to_the_end import play_to_the_end
-from .foxglove_gate import Gate, exposure, hidden_address
+from .foxglove_proxy import ViewerProxy, hidden_address
+from .origin_check import exposure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from ..player.playback import Playback
     from ..player.program import Program
     from ..player.to_the_end import StopRequest, Terminal
-    from .websocket import Admission
+    from .origin_check import OriginCheck
 
 
 # The topics of a program as WebSocket channels: CDR with its ros2msg definition.
@@ -188,8 +189,8 @@ _GOODBYE_S = 1.0
 _BACKLOG = 64
 """Messages that the SDK queues for each viewer, a quarter of a second of a drive with all topics.
 
-It queues a copy for each viewer. The gate always reads; what a slow viewer does not take waits in
-its Outbox, whose bound is in bytes.
+It queues a copy for each viewer. The proxy always reads; what a slow viewer does not take waits
+in its SendQueue, whose bound is in bytes.
 """
 
 _WEB_VIEWER = 'https://app.foxglove.dev'
@@ -209,7 +210,7 @@ class ViewerServer(ServerListener):
         port: TCP port; 0 takes a free one.
         complain: Called once with each reason why something cannot be published, or a connection
             is refused.
-        admission: The address to bind to, and which web pages may connect.
+        origin_check: The address to bind to, and which web pages may connect.
 
     Attributes:
         session: The session.
@@ -227,7 +228,7 @@ class ViewerServer(ServerListener):
         settings: PlaySettings,
         port: int,
         complain: Callable[[str], None],
-        admission: Admission,
+        origin_check: OriginCheck,
     ) -> None:
         self.ended = threading.Event()
         self.on_ended: Callable[[], None] = lambda: None
@@ -244,7 +245,7 @@ class ViewerServer(ServerListener):
         self.session = Session(
             program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
         )
-        self._gate = _open_gate(port, admission, complain)
+        self._proxy = _open_proxy(port, origin_check, complain)
         self._server = self._serve(program, with_clock=settings.playback.clock_hz > 0)
 
     def _serve(self, program: Program, *, with_clock: bool) -> WebSocketServer:
@@ -262,15 +263,15 @@ class ViewerServer(ServerListener):
                 message_backlog_size=_BACKLOG,
             )
         except RuntimeError as error:  # the SDK raises it for every failure
-            self._gate.close(0.0)
+            self._proxy.close(0.0)
             raise UsageError(f'the server of foxglove-sdk does not start: {error}') from None
-        self._gate.open(host, server.port)
+        self._proxy.open(host, server.port)
         return server
 
     @property
     def url(self) -> str:
         """The address for viewers."""
-        return self._gate.url
+        return self._proxy.url
 
     @property
     def web_url(self) -> str:
@@ -294,7 +295,7 @@ class ViewerServer(ServerListener):
         deadline = time.monotonic() + _GOODBYE_S
         goodbye.start()
         goodbye.join(_GOODBYE_S)
-        self._gate.close(max(0.0, deadline - time.monotonic()))
+        self._proxy.close(max(0.0, deadline - time.monotonic()))
 
     def _end(self, error: BaseException | None) -> None:
         self._tell_changes()
@@ -364,7 +365,7 @@ class ViewerServer(ServerListener):
 
     def tell_time(self, stamp_ns: int) -> None:
         """Send the recording's time, nanoseconds since 1970."""
-        self._gate.tell_time(stamp_ns)
+        self._proxy.tell_time(stamp_ns)
 
     def _tell_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
         # The answer to a seek request contains it already.
@@ -411,20 +412,24 @@ class ViewerServer(ServerListener):
         self._server.publish_status(complaint, StatusLevel.Warning)
 
 
-def _open_gate(port: int, admission: Admission, complain: Callable[[str], None]) -> Gate:
+def _open_proxy(
+    port: int, origin_check: OriginCheck, complain: Callable[[str], None]
+) -> ViewerProxy:
     """Listen for viewers.
 
     Raises:
         UsageError: The address or the port is not available.
     """
     try:
-        return Gate(admission.bound, port, admission, complain)
+        return ViewerProxy(origin_check.bound, port, origin_check, complain)
     except socket.gaierror as error:
-        raise UsageError(f'{admission.bound}: no such address ({error.strerror}): --bind') from None
+        raise UsageError(
+            f'{origin_check.bound}: no such address ({error.strerror}): --bind'
+        ) from None
     except OSError as error:
         if error.errno == errno.EADDRNOTAVAIL:
             raise UsageError(
-                f'{admission.bound} is not an address of this machine; --bind takes one that is,'
+                f'{origin_check.bound} is not an address of this machine; --bind takes one that is,'
                 f' or 0.0.0.0 for all'
             ) from None
         raise UsageError(
@@ -498,7 +503,7 @@ def run_bridge(
     source: str,
     settings: PlaySettings,
     port: int,
-    admission: Admission,
+    origin_check: OriginCheck,
     stop_request: StopRequest,
     terminal: Terminal,
 ) -> int:
@@ -508,7 +513,7 @@ def run_bridge(
         source: KITTI folder or bag.
         settings: Playback settings.
         port: TCP port; 0 takes a free one.
-        admission: The address to bind to, and which web pages may connect.
+        origin_check: The address to bind to, and which web pages may connect.
         stop_request: The request to stop.
         terminal: Shows the program, its address, and what cannot be played.
 
@@ -525,12 +530,12 @@ def run_bridge(
     with ExitStack() as stack:
         stack.callback(program.close)
         stack.enter_context(few_lines(terminal.complain))
-        server = ViewerServer(program, settings, port, terminal.complain, admission)
+        server = ViewerServer(program, settings, port, terminal.complain, origin_check)
         server.on_ended = stop_request.set
         if not terminal.quiet:
             terminal.say(describe(program))
         terminal.say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
-        warning = exposure(admission.bound, server.url)
+        warning = exposure(origin_check.bound, server.url)
         if warning:
             terminal.complain(warning)
         for note in program.notes():

@@ -27,7 +27,7 @@ pytest.importorskip('foxglove', reason='needs foxglove-sdk (pip install kitti_ro
 pytest.importorskip('websockets', reason='needs websockets (pip install kitti_ros2[test])')
 
 from kitti_ros2.viewers.foxglove_server import ViewerServer
-from kitti_ros2.viewers.websocket import Admission
+from kitti_ros2.viewers.origin_check import OriginCheck
 
 from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
 
@@ -52,7 +52,7 @@ def serve():
         settings = make_play_settings({'at_end': 'pause', 'clock': 20, **values})
         complaints = []
         program = open_program(str(source), settings)
-        admission = Admission('127.0.0.1')
+        admission = OriginCheck('127.0.0.1')
         servers.append(ViewerServer(program, settings, 0, complaints.append, admission))
         servers[-1].complaints = complaints
         servers[-1].start()
@@ -383,7 +383,7 @@ def test_no_number_of_times_disconnects_a_viewer(raw):
 
 def test_a_viewer_that_does_not_read_harms_nobody(raw, monkeypatch):
     """It loses its oldest messages, but no control; the other one misses nothing."""
-    monkeypatch.setattr('kitti_ros2.viewers.foxglove_gate.MESSAGE_LIMIT', 1 << 18)
+    monkeypatch.setattr('kitti_ros2.viewers.foxglove_proxy.MESSAGE_LIMIT', 1 << 18)
     server = raw(loop=0, rate=20, clock=1000)  # so that much news waits for it
     with Viewer(server.url, queue=16) as asleep, Viewer(server.url) as awake:
         asleep.subscribe()

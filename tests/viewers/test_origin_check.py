@@ -5,11 +5,10 @@
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.viewers.foxglove_gate import exposure
-from kitti_ros2.viewers.websocket import Admission, is_loopback, parse_origin
+from kitti_ros2.viewers.origin_check import OriginCheck, exposure, is_loopback, parse_origin
 
 LOCAL = '127.0.0.1'
-HERE = Admission(LOCAL)
+HERE = OriginCheck(LOCAL)
 
 
 @pytest.mark.parametrize(
@@ -94,15 +93,15 @@ def test_other_hosts_are_refused_whatever_the_origin(host, origin):
     ],
 )
 def test_the_bound_address_is_a_host(bound, local, host, accepted):
-    assert (Admission(bound).refusal(host, None, local) is None) == accepted
+    assert (OriginCheck(bound).refusal(host, None, local) is None) == accepted
 
 
 def test_an_allowed_origin_may_and_its_host_is_a_host():
-    admission = Admission(LOCAL, frozenset({parse_origin('https://Viewer.Example.org/')}))
-    assert admission.refusal('viewer.example.org', 'https://viewer.example.org', LOCAL) is None
-    assert admission.refusal('localhost', 'https://viewer.example.org', LOCAL) is None
-    assert admission.refusal('localhost', 'https://viewer.example.org:81', LOCAL) is not None
-    assert admission.refusal('localhost', 'http://viewer.example.org', LOCAL) is not None
+    check = OriginCheck(LOCAL, frozenset({parse_origin('https://Viewer.Example.org/')}))
+    assert check.refusal('viewer.example.org', 'https://viewer.example.org', LOCAL) is None
+    assert check.refusal('localhost', 'https://viewer.example.org', LOCAL) is None
+    assert check.refusal('localhost', 'https://viewer.example.org:81', LOCAL) is not None
+    assert check.refusal('localhost', 'http://viewer.example.org', LOCAL) is not None
 
 
 def test_text_of_a_page_is_one_short_printable_line():
