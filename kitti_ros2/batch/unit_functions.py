@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from functools import partial
+from functools import partial, wraps
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,13 +28,13 @@ from ..model.errors import KittiRos2Error, UsageError, describe_error, interrupt
 from .pool import UnitResult
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from ..model.errors import Loss
     from ..options.read import ReadOptions
     from ..own_bags.to_bag import ExportReport
     from ..validation.rule import ValidationReport
-    from .pool import Advance, UnitJob
+    from .pool import Advance, RunUnit, UnitJob
     from .units import WorkUnit
 
 
@@ -44,27 +44,30 @@ if TYPE_CHECKING:
 _KEPT_LINES = 20
 
 
-def run_guarded(
-    work: Callable[[UnitJob, Advance], UnitResult], job: UnitJob, advance: Advance
-) -> UnitResult:
-    """Run a unit and measure the time; errors of its data become the reason of a failed result.
+def guarded(work: RunUnit) -> RunUnit:
+    """Let a function of a unit measure its time, and return errors of its data as the reason.
 
-    Raises:
-        KeyboardInterrupt, SystemExit: A signal ended it, also where that broke a lock.
+    A signal that ends it passes, also where that broke a lock.
     """
-    started = time.monotonic()
-    try:
-        result = work(job, advance)
-    except (KittiRos2Error, OSError) as error:
-        result = UnitResult(reason=describe_error(error))
-    except MemoryError:
-        result = UnitResult(reason='not enough memory; lower --jobs, and run it again with --retry')
-    except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
-        if interruption := interruption_of(error):
-            raise interruption from None
-        reason = f'internal error, {type(error).__name__}: {error}; please report it'
-        result = UnitResult(reason=reason)
-    return replace(result, seconds=time.monotonic() - started)
+
+    @wraps(work)
+    def run(job: UnitJob, advance: Advance) -> UnitResult:
+        started = time.monotonic()
+        try:
+            result = work(job, advance)
+        except (KittiRos2Error, OSError) as error:
+            result = UnitResult(reason=describe_error(error))
+        except MemoryError:
+            reason = 'not enough memory; lower --jobs, and run it again with --retry'
+            result = UnitResult(reason=reason)
+        except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
+            if interruption := interruption_of(error):
+                raise interruption from None
+            reason = f'internal error, {type(error).__name__}: {error}; please report it'
+            result = UnitResult(reason=reason)
+        return replace(result, seconds=time.monotonic() - started)
+
+    return run
 
 
 def first_lines(lines: Iterable[str]) -> tuple[str, ...]:
@@ -113,12 +116,9 @@ def bag_suffix(options: Mapping[str, object]) -> str:
     return container.suffix if container.in_file and not bag.split else ''
 
 
+@guarded
 def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Convert a unit; errors of its data become the reason of a failed result."""
-    return run_guarded(_convert_recording, job, advance)
-
-
-def _convert_recording(job: UnitJob, advance: Advance) -> UnitResult:
     report = _exported(job, advance)
     return UnitResult(
         counts={
@@ -166,12 +166,9 @@ PLAN_FILE = 'plan_file'
 """Name of the plan among the options of a unit."""
 
 
+@guarded
 def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Convert a bag; errors of its data become the reason of a failed result."""
-    return run_guarded(_convert_bag, job, advance)
-
-
-def _convert_bag(job: UnitJob, advance: Advance) -> UnitResult:
     from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
     from ..options.table import make_import_options  # noqa: PLC0415 - as above
     from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
@@ -206,12 +203,9 @@ def _convert_bag(job: UnitJob, advance: Advance) -> UnitResult:
 # The unit of report: one recording or bag, to its HTML page.
 
 
+@guarded
 def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Write the report of a recording or bag; errors of its data become the reason of failure."""
-    return run_guarded(_write_report, job, advance)
-
-
-def _write_report(job: UnitJob, advance: Advance) -> UnitResult:
     from ..options.table import make_settings  # noqa: PLC0415 - as above
     from ..report.gather import gather  # noqa: PLC0415 - as above
     from ..report.page import make_page  # noqa: PLC0415 - as above
@@ -235,12 +229,9 @@ def _write_report(job: UnitJob, advance: Advance) -> UnitResult:
 # The unit of stats: one recording or bag, to its statistics as JSON.
 
 
+@guarded
 def run_statistics_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Count what is in a recording or bag; errors of its data become the reason of failure."""
-    return run_guarded(_count, job, advance)
-
-
-def _count(job: UnitJob, advance: Advance) -> UnitResult:
     from ..datasets.set_statistics import count_set, find_sources, plain_values  # noqa: PLC0415 - as above
     from ..options.datasets import make_statistics_options  # noqa: PLC0415 - as above
 
@@ -260,15 +251,12 @@ def _count(job: UnitJob, advance: Advance) -> UnitResult:
 # The unit of validate: one recording or bag, to its findings as JSON.
 
 
+@guarded
 def run_validation_unit(job: UnitJob, advance: Advance) -> UnitResult:
     """Check a recording or bag; its errors are findings, not failures.
 
     A unit that cannot be checked at all has failed.
     """
-    return run_guarded(_check, job, advance)
-
-
-def _check(job: UnitJob, advance: Advance) -> UnitResult:
     from ..validation.validate import validate  # noqa: PLC0415 - as above
 
     unit = job.unit
@@ -298,22 +286,9 @@ def _error_lines(report: ValidationReport) -> Iterator[str]:
 # The units of evaluations: a result with its ground truth, to its scores as JSON.
 
 
-def run_detection_unit(job: UnitJob, advance: Advance) -> UnitResult:
+@guarded
+def run_detection_unit(job: UnitJob, _: Advance) -> UnitResult:
     """Score detections; errors of the data become the reason of a failed result."""
-    return run_guarded(_score_detections, job, advance)
-
-
-def run_tracking_unit(job: UnitJob, advance: Advance) -> UnitResult:
-    """Score tracks; errors of the data become the reason of a failed result."""
-    return run_guarded(_score_tracks, job, advance)
-
-
-def run_odometry_unit(job: UnitJob, advance: Advance) -> UnitResult:
-    """Score a trajectory; errors of the data become the reason of a failed result."""
-    return run_guarded(_score_trajectory, job, advance)
-
-
-def _score_detections(job: UnitJob, _: Advance) -> UnitResult:
     from ..evaluation.detection import score_paths  # noqa: PLC0415 - as above
     from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_detection_options  # noqa: PLC0415 - as above
@@ -326,7 +301,9 @@ def _score_detections(job: UnitJob, _: Advance) -> UnitResult:
     return _finish(job, detection_values(scores), scores.frames, scores.losses)
 
 
-def _score_tracks(job: UnitJob, advance: Advance) -> UnitResult:
+@guarded
+def run_tracking_unit(job: UnitJob, advance: Advance) -> UnitResult:
+    """Score tracks; errors of the data become the reason of a failed result."""
     from ..evaluation.score_values import tracking_values  # noqa: PLC0415 - as above
     from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - as above
     from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - as above
@@ -339,7 +316,9 @@ def _score_tracks(job: UnitJob, advance: Advance) -> UnitResult:
     return _finish(job, values, scores.frames, scores.losses)
 
 
-def _score_trajectory(job: UnitJob, _: Advance) -> UnitResult:
+@guarded
+def run_odometry_unit(job: UnitJob, _: Advance) -> UnitResult:
+    """Score a trajectory; errors of the data become the reason of a failed result."""
     from ..evaluation.odometry import score_trajectory  # noqa: PLC0415 - as above
     from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_odometry_options  # noqa: PLC0415 - as above

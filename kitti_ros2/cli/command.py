@@ -458,11 +458,7 @@ def out_option(help_text: str, **rest: Any) -> Any:  # noqa: ANN401 - an option 
 def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an option of typer
     """Return an option that takes one of a few words."""
     complete = complete_option('', [*words])
-    return typer.Option(metavar=_one_of(words), help=help_text, autocompletion=complete)
-
-
-def _one_of(words: Iterable[str]) -> str:
-    return f'[{"|".join(words)}]'
+    return typer.Option(metavar=f'[{"|".join(words)}]', help=help_text, autocompletion=complete)
 
 
 Marked = TypeVar('Marked', bound='Callable[..., object]')
@@ -528,57 +524,19 @@ def _parameter(option: Option) -> Parameter:
     described = typer.Option(
         *_spellings(option),
         help=_help(option),
-        metavar=_metavar(option),
+        metavar=option.placeholder or None,
         rich_help_panel=option.group or None,
         autocompletion=complete_option(option.name, option.choices),
     )
-    kind: Any = Annotated[_kind(option), described]
+    kind: Any = Annotated[Optional[option.kind], described]
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
 
 
-def _kind(option: Option) -> Any:  # noqa: ANN401 - a type that typer knows
-    from ..options import declare
-
-    kinds: dict[Any, Any] = {
-        declare.parse_flag: Optional[bool],
-        declare.parse_integer: Optional[int],
-        declare.parse_number: Optional[float],
-        declare.parse_path: Optional[Path],
-        declare.parse_texts: Optional[list[str]],
-        declare.parse_boxes: Optional[list[str]],
-        declare.parse_class_map: Optional[list[str]],
-        declare.parse_labels: Optional[list[str]],
-        declare.parse_class_overlaps: Optional[list[str]],
-        declare.parse_paths: Optional[list[str]],
-        declare.parse_shares: Optional[list[str]],
-        declare.parse_least_overlaps: Optional[list[str]],
-    }
-    return kinds.get(option.parse, Optional[str])
-
-
-def _metavar(option: Option) -> str | None:
-    """Return the placeholder of a value in help texts; None for a flag."""
-    from ..options import declare
-
-    general: dict[Any, str] = {
-        declare.parse_integer: 'N',
-        declare.parse_number: 'X',
-        declare.parse_path: 'PATH',
-        declare.parse_seconds_ns: 'SECONDS',
-        declare.parse_texts: 'NAME...',
-    }
-    if option.choices and not option.metavar:
-        return _one_of(option.choices)
-    return option.metavar or general.get(option.parse)
-
-
 def _spellings(option: Option) -> tuple[str, ...]:
-    from ..options.declare import parse_flag
-
     if any(flag.startswith('--') for flag in option.flags):
         return option.flags
     dashed = option.name.replace('_', '-')
-    no = f'/--no-{dashed}' if option.parse is parse_flag else ''
+    no = f'/--no-{dashed}' if option.kind is bool else ''
     return (f'--{dashed}{no}', *option.flags)
 
 

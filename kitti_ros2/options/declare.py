@@ -29,10 +29,30 @@ if TYPE_CHECKING:
 # Each function takes the option's name and the value, and raises UsageError if it is invalid.
 
 
+Parser: TypeAlias = Callable[[str, object], Any]
 E = TypeVar('E', bound=Enum)
+P = TypeVar('P', bound=Parser)
 
 _WHOLE = re.compile(r'-?\d{1,100}', re.ASCII)
 _BEYOND = 10**100
+
+
+_WORDS: dict[Parser, tuple[Any, str]] = {}
+
+
+def given_as(kind: Any, placeholder: str = '') -> Callable[[P], P]:  # noqa: ANN401 - a type
+    """Declare what a parser takes on the command line, where it is not one word.
+
+    Args:
+        kind: bool for a flag, list[str] for several words, or the type of the word.
+        placeholder: Stands for the value in help texts.
+    """
+
+    def keep(parse: P) -> P:
+        _WORDS[parse] = kind, placeholder
+        return parse
+
+    return keep
 
 
 def parse_text(name: str, value: object) -> str:
@@ -42,6 +62,7 @@ def parse_text(name: str, value: object) -> str:
     raise UsageError(f'{name} takes a word, not {shown(value)}')
 
 
+@given_as(list[str], 'NAME...')
 def parse_texts(name: str, value: object) -> tuple[str, ...]:
     """Parse a list of words, or words separated by commas or spaces."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -50,6 +71,7 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
     )
 
 
+@given_as(bool)
 def parse_flag(name: str, value: object) -> bool:
     """Parse true or false."""
     if isinstance(value, bool):
@@ -57,6 +79,7 @@ def parse_flag(name: str, value: object) -> bool:
     raise UsageError(f'{name} takes true or false, not {shown(value)}')
 
 
+@given_as(int, 'N')
 def parse_integer(name: str, value: object) -> int:
     """Parse a whole number."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < _BEYOND:
@@ -66,6 +89,7 @@ def parse_integer(name: str, value: object) -> int:
     raise UsageError(f'{name} takes a whole number, not {shown(value)}')
 
 
+@given_as(float, 'X')
 def parse_number(name: str, value: object) -> float:
     """Parse a number."""
     if isinstance(value, float):
@@ -84,6 +108,7 @@ def parse_rounds(name: str, value: object) -> int:
     return parse_integer(name, value)
 
 
+@given_as(Path, 'PATH')
 def parse_path(name: str, value: object) -> Path:
     """Parse a path or a URL."""
     return value if isinstance(value, Path) else as_path(parse_text(name, value))
@@ -94,6 +119,7 @@ def parse_columns(name: str, value: object) -> ScanColumns:
     return ScanColumns.parse(' '.join(parse_texts(name, value)))
 
 
+@given_as(list[str])
 def parse_paths(name: str, value: object) -> tuple[Path, ...]:
     """Parse a path or a list of paths, which may contain blanks and commas."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -153,6 +179,7 @@ def parse_split_size(name: str, value: object) -> int:
     return size
 
 
+@given_as(str, 'SECONDS')
 def parse_seconds_ns(name: str, value: object) -> int:
     """Parse seconds such as 60s to nanoseconds."""
     try:
@@ -195,6 +222,7 @@ def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     return back, front, right, left
 
 
+@given_as(list[str])
 def parse_boxes(name: str, value: object) -> tuple[tuple[float, ...], ...]:
     """Parse boxes, six numbers in metres each: xmin ymin zmin xmax ymax zmax, and the next box."""
     try:
@@ -244,6 +272,7 @@ def parse_image_size(name: str, value: object) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+@given_as(list[str])
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
     from fractions import Fraction  # noqa: PLC0415 - for one command
@@ -265,6 +294,7 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
 # Parsers of lists of classes, each with a class, a label or an overlap; see parsers.py.
 
 
+@given_as(list[str])
 def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
     """Parse classes of results with KITTI's, such as car=Car 3=Pedestrian, or a mapping.
 
@@ -273,6 +303,7 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
     return _parse_pairs(name, value, 'NAME=CLASS, such as car=Car 3=Pedestrian')
 
 
+@given_as(list[str])
 def parse_labels(name: str, value: object) -> tuple[tuple[str, str], ...]:
     """Parse KITTI's classes with labels of Autoware, such as Van=TRUCK Tram=BUS, or a mapping."""
     return _parse_pairs(name, value, 'CLASS=LABEL, such as Van=TRUCK Tram=BUS')
@@ -296,6 +327,7 @@ def _parse_pairs(name: str, value: object, form: str) -> tuple[tuple[str, str], 
     return tuple(pairs)
 
 
+@given_as(list[str])
 def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | None], ...]:
     """Parse class names, each alone or with an overlap, such as car truck=0.5, or a mapping."""
     if isinstance(value, dict):
@@ -314,6 +346,7 @@ def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | N
         ) from None
 
 
+@given_as(list[str])
 def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     """Parse an IoU of all classes, such as 0.5, and those of some, such as Car=0.7."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -340,7 +373,6 @@ def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
 # The command line, YAML files, ROS parameters and the reference's tables take it from there.
 
 
-Parser: TypeAlias = Callable[[str, object], Any]
 T = TypeVar('T')
 
 _METADATA = 'option'
@@ -385,6 +417,18 @@ class Option:
         if self.parse is parse_seconds_ns and value is not None:
             return value / NS_PER_S
         return value.value if isinstance(value, Enum) else value
+
+    @property
+    def kind(self) -> Any:  # noqa: ANN401 - a type
+        """Type of the value on the command line."""
+        return _WORDS.get(self.parse, (str, ''))[0]
+
+    @property
+    def placeholder(self) -> str:
+        """What stands for the value in help texts; empty for a flag, and for a word as such."""
+        if self.choices and not self.metavar:
+            return f'[{"|".join(self.choices)}]'
+        return self.metavar or _WORDS.get(self.parse, (str, ''))[1]
 
     @property
     def default_text(self) -> str:

@@ -9,7 +9,7 @@ import pytest
 from broken_lock import break_a_lock
 
 from kitti_ros2.batch.pool import UnitJob
-from kitti_ros2.batch.unit_functions import run_guarded
+from kitti_ros2.batch.unit_functions import guarded
 from kitti_ros2.batch.units import WorkUnit
 
 JOB = UnitJob(WorkUnit('a', Path('a')), Path('out'), {})
@@ -19,11 +19,11 @@ JOB = UnitJob(WorkUnit('a', Path('a')), Path('out'), {})
 @pytest.mark.parametrize('error', [SystemExit(143), KeyboardInterrupt()], ids=['TERM', 'INT'])
 def test_a_signal_that_breaks_a_lock_ends_the_unit(lock, error):
     with pytest.raises(type(error)) as raised:
-        run_guarded(lambda *_: break_a_lock(lock, error), JOB, lambda *_: None)
+        guarded(lambda *_: break_a_lock(lock, error))(JOB, lambda *_: None)
     assert raised.value is error
 
 
 def test_another_error_of_a_lock_is_a_reason():
     error = ValueError()
-    result = run_guarded(lambda *_: break_a_lock(threading.Lock, error), JOB, lambda *_: None)
+    result = guarded(lambda *_: break_a_lock(threading.Lock, error))(JOB, lambda *_: None)
     assert 'internal error, RuntimeError' in result.reason
