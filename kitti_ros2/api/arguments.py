@@ -15,9 +15,10 @@ from ..options.read import ReadOptions
 from ..pictures.bag_frames import open_frames
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from ..model.errors import Loss
     from ..options.declare import Option
     from ..pictures.recording_frames import FrameSource
 
@@ -315,3 +316,9 @@ def require(path: Path) -> Path:
 def warn(text: str) -> None:
     """Warn of skipped data, at the line that called the caller."""
     warnings.warn(text, KittiRos2Warning, stacklevel=3)
+
+
+def warn_of(losses: Iterable[Loss]) -> None:
+    """Warn of each loss, at the line that called the caller."""
+    for loss in losses:
+        warnings.warn(loss.text(), KittiRos2Warning, stacklevel=3)

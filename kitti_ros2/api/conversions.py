@@ -25,7 +25,7 @@ from ..own_bags.schedule import make_schedule
 from ..own_bags.to_bag import ExportOptions, convert
 from ..own_bags.to_kitti import Conversion
 from ..pictures.recording_frames import RecordingFrames
-from .arguments import by_name, require, warn
+from .arguments import by_name, require, warn_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..importer.kitti_frames import ImportReport
-    from ..model.errors import Loss
     from ..own_bags.to_bag import ExportReport
     from .arguments import ToBagKeywords, ToKittiKeywords
     from .open_recording import Frame
@@ -92,7 +91,7 @@ def to_bag(
         progress=_shown(progress),
         jobs=BatchOptions(jobs=jobs).jobs or 1,
     )
-    _warn_of(report.losses)
+    warn_of(report.losses)
     return report
 
 
@@ -141,7 +140,7 @@ def to_kitti(
             opened, target, chosen, plan_file, lambda _: None, _shown(progress)
         ).run()
     for report in reports:
-        _warn_of(report.losses)
+        warn_of(report.losses)
     return reports
 
 
@@ -158,11 +157,6 @@ def _shown(
         return nullcontext(show)
 
     return begin
-
-
-def _warn_of(losses: Iterable[Loss]) -> None:
-    for loss in losses:
-        warn(loss.text())
 
 
 # The messages of a frame, as to-bag writes and the player publishes them.

@@ -289,7 +289,7 @@ def _error_lines(report: ValidationReport) -> Iterator[str]:
 @guarded
 def run_detection_unit(job: UnitJob, _: Advance) -> UnitResult:
     """Score detections; errors of the data become the reason of a failed result."""
-    from ..evaluation.detection import score_paths  # noqa: PLC0415 - as above
+    from ..evaluation.detection import score_detection  # noqa: PLC0415 - as above
     from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_detection_options  # noqa: PLC0415 - as above
 
@@ -297,7 +297,7 @@ def run_detection_unit(job: UnitJob, _: Advance) -> UnitResult:
     layout = job.unit.layout
     if layout is None or not layout.traits.frame_set:  # whose labels are read as label_2
         read = _read(job.unit, read)
-    scores = score_paths(job.unit.source, _result(job.unit), read, options, recorded)
+    scores = score_detection(job.unit.source, _result(job.unit), read, options, recorded)
     return _finish(job, detection_values(scores), scores.frames, scores.losses)
 
 
@@ -319,13 +319,13 @@ def run_tracking_unit(job: UnitJob, advance: Advance) -> UnitResult:
 @guarded
 def run_odometry_unit(job: UnitJob, _: Advance) -> UnitResult:
     """Score a trajectory; errors of the data become the reason of a failed result."""
-    from ..evaluation.odometry import score_trajectory  # noqa: PLC0415 - as above
+    from ..evaluation.odometry import score_odometry  # noqa: PLC0415 - as above
     from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_odometry_options  # noqa: PLC0415 - as above
 
     read, options = make_odometry_options(_chosen(job))
     read = _read(job.unit, read)
-    scores = score_trajectory(job.unit.source, _result(job.unit), read, options)
+    scores = score_odometry(job.unit.source, _result(job.unit), read, options)
     poses = int(scores.known.sum())
     counted = {'ape_poses': len(scores.errors.ape_m), 'rpe_pairs': len(scores.errors.rpe_m)}
     return _finish(job, {**odometry_values(scores), **counted}, poses, scores.losses)

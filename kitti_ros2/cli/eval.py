@@ -459,7 +459,7 @@ def eval_odometry(
       kitti-ros2 eval odometry poses/09.txt results/09.txt -o 09.png
       kitti-ros2 eval odometry odometry run.mcap --sequence 09 --topic /odom
     """
-    from ..evaluation.odometry import score_trajectory
+    from ..evaluation.odometry import score_odometry
     from ..evaluation.score_values import odometry_values as scores_json
     from ..files.staging import staged_file
 
@@ -472,7 +472,7 @@ def eval_odometry(
         output = ResultOutput(out, overwrite, json, quiet)
         return run_eval_collection(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
     refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
-    scores = score_trajectory(ground_truth, result, read, options)
+    scores = score_odometry(ground_truth, result, read, options)
     if out is not None:
         from ..evaluation.odometry import draw_odometry
 

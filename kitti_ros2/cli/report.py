@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
-    from ..evaluation.detection import score_paths
+    from ..evaluation.detection import score_detection
     from ..options.evaluation import BagResultsOptions
 
-    return score_paths(src, results, options, DetectionOptions(), BagResultsOptions())
+    return score_detection(src, results, options, DetectionOptions(), BagResultsOptions())
 
 
 @takes('REPORT_ALL')

@@ -243,13 +243,12 @@ def crop(
         >>> crop('2011_09_26/2011_09_26_drive_0005_sync', 'in_view', view='reduced')
         CropReport(...)
     """
-    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
+    from ..api.arguments import by_name, warn_of  # noqa: PLC0415 - for the library only
     from ..options.datasets import CROP, make_crop_options  # noqa: PLC0415 - as above
 
     settings = make_crop_options(by_name(options, CROP))
     report = crop_sets(as_path(src), as_path(out), settings, progress)
-    for loss in report.losses:
-        warn(loss.text())
+    warn_of(report.losses)
     return report
 
 

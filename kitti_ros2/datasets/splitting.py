@@ -567,12 +567,11 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
         >>> [len(each.entries) for each in report.lists]
         [..., ...]
     """
-    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
+    from ..api.arguments import by_name, warn_of  # noqa: PLC0415 - for the library only
     from ..options.datasets import SPLIT, make_split_options  # noqa: PLC0415 - as above
 
     report = split_set(as_path(src), *make_split_options(by_name(options, SPLIT)))
-    for loss in report.losses:
-        warn(loss.text())
+    warn_of(report.losses)
     return report
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..api.arguments import by_name, warn
+from ..api.arguments import by_name, warn_of
 from ..drawing.drawn_objects import compared, objects_of_boxes, plot_file
 from ..files.remote import as_path
 from ..kitti.names import parse_image_set
@@ -382,13 +382,12 @@ def evaluate_detection(
     """
     read, chosen, recorded = make_detection_options(by_name(options, DETECTION))
     show = progress or no_progress
-    found = score_paths(as_path(ground_truth), as_path(results), read, chosen, recorded, show)
-    for loss in found.losses:
-        warn(loss.text())
+    found = score_detection(as_path(ground_truth), as_path(results), read, chosen, recorded, show)
+    warn_of(found.losses)
     return found
 
 
-def score_paths(
+def score_detection(
     ground_truth: Path,
     results: Path,
     read: ReadOptions,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..api.arguments import by_name, warn
+from ..api.arguments import by_name, warn_of
 from ..bags.locate import looks_like_bag
 from ..bags.writer import guess_storage, open_bag
 from ..files.remote import as_path
@@ -48,9 +48,9 @@ from ..options.evaluation import (
 from ..options.outputs import BagOptions
 from ..player.playback import Answers
 from ..player.ros_installed import check_installed
-from .detection import score_paths
+from .detection import score_detection
 from .ground_truth import read_ground_truth
-from .odometry import open_truth, score_trajectory
+from .odometry import open_truth, score_odometry
 from .track_metrics import check_trackeval
 from .tracking import find_sequences, score_tracking
 from .trajectories import check_evo
@@ -123,7 +123,7 @@ def _check_detection(source: Path, given: Given) -> None:
 
 
 def _score_detection(source: Path, bag: Path, given: Given, _: LiveRun) -> Any:  # noqa: ANN401
-    return score_paths(source, bag, *make_detection_options(given))
+    return score_detection(source, bag, *make_detection_options(given))
 
 
 def _check_tracking(source: Path, given: Given) -> None:
@@ -152,7 +152,7 @@ def _check_odometry(source: Path, given: Given) -> None:
 
 
 def _score_odometry(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
-    return score_trajectory(source, bag, *make_odometry_options(given), {*run.answers.frames()})
+    return score_odometry(source, bag, *make_odometry_options(given), {*run.answers.frames()})
 
 
 class _Task(NamedTuple):
@@ -630,8 +630,7 @@ def evaluate_live(source: str | os.PathLike[str], **options: Unpack[LiveKeywords
             or its results cannot be scored.
     """
     found = run_live(as_path(source), *make_live_options(by_name(options, LIVE)))
-    for loss in found.losses:
-        warn(loss.text())
+    warn_of(found.losses)
     return found
 
 

@@ -426,16 +426,15 @@ def evaluate_odometry(
         >>> evaluate_odometry('odometry/poses/00.txt', 'my_00.txt').ape_m  # doctest: +SKIP
         1.273
     """
-    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
+    from ..api.arguments import by_name, warn_of  # noqa: PLC0415 - for the library only
 
     read, chosen = make_odometry_options(by_name(options, ODOMETRY))
-    scores = score_trajectory(as_path(ground_truth), as_path(result), read, chosen, frames)
-    for loss in scores.losses:
-        warn(loss.text())
+    scores = score_odometry(as_path(ground_truth), as_path(result), read, chosen, frames)
+    warn_of(scores.losses)
     return scores
 
 
-def score_trajectory(
+def score_odometry(
     ground_truth: Path,
     result: Path,
     read: ReadOptions,

@@ -306,13 +306,12 @@ def evaluate_tracking(
         >>> scores = evaluate_tracking('tracking', 'tracks')  # doctest: +SKIP
         >>> scores.classes['car']['HOTA'], scores.classes['car']['IDSW']  # doctest: +SKIP
     """
-    from ..api.arguments import by_name, warn  # noqa: PLC0415 - for the library only
+    from ..api.arguments import by_name, warn_of  # noqa: PLC0415 - for the library only
 
     given = make_tracking_options(by_name(options, TRACKING))
     show = progress or (lambda _done, _total: None)
     found = score_tracking(as_path(ground_truth), as_path(results), *given, show)
-    for loss in found.losses:
-        warn(loss.text())
+    warn_of(found.losses)
     return found
 
 

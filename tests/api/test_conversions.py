@@ -111,6 +111,7 @@ def test_losses_are_warnings(drive, tmp_path):
     with pytest.warns(kitti_ros2.KittiRos2Warning, match=r'0000000001\.bin') as found:
         report = kitti_ros2.to_bag(drive, tmp_path / 'a.mcap')
     assert len(found) == len(report.losses)
+    assert {each.filename for each in found} == {__file__}
 
 
 def test_encode_is_what_to_bag_writes(holed, tmp_path):

@@ -190,7 +190,7 @@ def test_poses_are_aligned_as_the_options_say(monkeypatch):
         aligned.append(chosen.align)
         raise UsageError('scored')
 
-    monkeypatch.setattr(live, 'score_trajectory', score)
+    monkeypatch.setattr(live, 'score_odometry', score)
     for align in (None, options.align.value):
         run = run_of([], played=set(), answered=set())
         with pytest.raises(UsageError, match='scored'):

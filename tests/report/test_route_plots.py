@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.datasets import statistics
-from kitti_ros2.evaluation.odometry import score_trajectory
+from kitti_ros2.evaluation.odometry import score_odometry
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.recording import route_of
@@ -152,5 +152,5 @@ def test_the_length_is_that_of_stats(recordings, tmp_path, layout):
         assert gather(path, ANY).route.length_m == pytest.approx(counted, abs=1e-9)
     if layout is Layout.ODOMETRY:  # camera 0 is not where the unit is: their ways differ in turns
         (poses,) = source.glob('poses/*.txt')
-        scores = score_trajectory(tmp_path / 'bag.mcap', poses, ANY, OdometryOptions())
+        scores = score_odometry(tmp_path / 'bag.mcap', poses, ANY, OdometryOptions())
         assert counted == pytest.approx(scores.distances_m[-1], abs=1e-6)

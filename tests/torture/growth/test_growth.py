@@ -18,7 +18,7 @@ from peaks import PeakCase
 import kitti_ros2
 from kitti_ros2 import datasets
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.evaluation.odometry import score_trajectory
+from kitti_ros2.evaluation.odometry import score_odometry
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.evaluation import OdometryOptions
 from kitti_ros2.options.read import ReadOptions, SelectionOptions
@@ -109,7 +109,7 @@ ODOMETRY = '/kitti/ground_truth/odometry'
 
 def score(path, folder):
     truth = ODOMETRY if folder.name.startswith('foreign') else None
-    score_trajectory(path, path, ReadOptions(), OdometryOptions(topic=ODOMETRY, gt_topic=truth))
+    score_odometry(path, path, ReadOptions(), OdometryOptions(topic=ODOMETRY, gt_topic=truth))
 
 
 def look(path, _):
