@@ -25,17 +25,15 @@ from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError
 from ..model.streams import NS_PER_S, Layout, Stream
-from .bag_calibration import camera_models
-from .bag_cameras import other_cameras
+from .bag_calibration import CAMERA, LEVEL, PlannedRig, optical_axis
 from .bag_poses import PlannedMotion, read_motion
 from .box_labels import is_own
 from .clocks import clock_notes, clocked
 from .guess import Guess, guess_plan, passed_over
 from .kitti_frames import choose_frames, pick_frames, select_frames
-from .plan import NONE, SOURCE, TF, made_optical_frames, topic_uses
+from .plan import NONE, SOURCE, TF, topic_uses
 from .rigging import Rigging
 from .set_builder import Target, build
-from .tf_frames import CAMERA, LEVEL, made_frame, optical_axis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -294,14 +292,11 @@ def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
 def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
     """Return (3,) the direction of camera 2 in the scans as written, None if it is not known."""
     try:
-        models = camera_models(plan, survey)
-        if not models:
+        rig = PlannedRig(plan, survey)
+        scan = rig.plan.scan
+        if scan is None or not rig.models:
             return None
-        others, links = other_cameras(plan, survey)
-        optical = [*links, *made_optical_frames(plan, survey)]
-        plan, made = made_frame(plan, survey.tree_with(optical), models, others)
-        tree = survey.tree_with([*optical, *made])
-        return None if plan.scan is None else optical_axis(tree, plan.scan.frame, models, others)
+        return optical_axis(rig.tree, scan.frame, rig.models, rig.others)
     except KittiRos2Error:  # it stops the conversion, which reports it
         return None
 

@@ -19,20 +19,33 @@ from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
 from ..messages.naming import CALIBRATION
 from ..messages.rectified_cameras import angle_of, viewpoints
+from ..messages.tf_tree import AXES, find_body, known_heading
+from ..model.bag_formats import TF_TYPES
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import Calibration, CameraCalibration
-from .plan import NONE, SOURCE, TF, camera_of, of_images, optical_name, topic_of
+from .bag_cameras import other_cameras
+from .plan import (
+    NONE,
+    SOURCE,
+    TF,
+    camera_of,
+    made_optical_frames,
+    of_images,
+    optical_name,
+    topic_of,
+)
+from .tf_frames import is_up
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from ..messages.camera_info import CameraModel
     from ..messages.rectified_cameras import Viewpoint
-    from ..messages.tf_tree import FrameTree
+    from ..messages.tf_tree import FrameTree, Link
     from ..model.geometry import Float64Array
     from ..model.samples import TextFile
-    from .plan import CameraPlan, Plan
+    from .plan import CameraPlan, Plan, ScanPlan
     from .survey import Survey
 
 
@@ -209,6 +222,132 @@ def _distorted(
     )
 
 
+# KITTI's velodyne frame: the scanner's origin, x forward, y left, z up.
+#
+# A plan names a frame of the tree, or has one made: `scan.forward` is a frame whose orientation the
+# scans get, the axis of `scan.frame` that looks forward, or camera: the direction of camera 2 on
+# the ground. A made frame is one more static link, so that points, calibration, labels and poses
+# agree.
+
+
+CAMERA = 'camera'
+"""The value of scan.forward that turns the scans to camera 2."""
+
+LEVEL = np.sin(np.radians(15))
+"""Cameras that look up or down more steeply than its complement have no direction on the ground."""
+
+
+def made_frame(
+    plan: Plan,
+    tree: FrameTree,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> tuple[Plan, Sequence[Link]]:
+    """Return the plan with the made frame as scan.frame, and the link to it; neither if none is.
+
+    Args:
+        plan: The plan.
+        tree: The static transforms.
+        models: Of the cameras with a CameraInfo, by KITTI index.
+        others: Of the other cameras of the bag, as viewpoints.
+
+    Raises:
+        UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
+            scan.frame; or it is camera, and the camera has no direction on the ground.
+        MissingDataError: It is camera, and no static transform joins the camera to scan.frame.
+    """
+    scan = plan.scan
+    if scan is None or not scan.forward:
+        return plan, ()
+    rotation = AXES.get(scan.forward)
+    if scan.forward == CAMERA:
+        if plan.calibration != TF or not models:
+            raise UsageError(
+                f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a'
+                f' CameraInfo'
+            )
+        rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
+    if rotation is None:
+        place = tree.find(scan.frame, scan.forward)
+        if place is None:
+            raise UsageError(
+                f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, {CAMERA}, or a frame'
+                f' that static transforms join to {scan.frame}; the bag has {tree}'
+            )
+        rotation = place.rotation
+    name = f'{scan.frame} with {scan.forward} forward'
+    link = (scan.frame, name, Transform(rotation.copy(), np.zeros(3)))
+    return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
+
+
+def optical_axis(
+    tree: FrameTree,
+    frame: str,
+    models: Mapping[int, CameraModel],
+    others: Sequence[CameraModel],
+) -> Float64Array:
+    """Return (3,) the optical axis of KITTI's rectified camera 0 in a frame.
+
+    Camera 2 has the same: both are rectified to one plane.
+
+    Raises:
+        MissingDataError: No static transform joins the two.
+    """
+    own, frame_t_rect = rect_in_frame(tree, models, others)
+    axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
+    return np.asarray(axis, np.float64)
+
+
+def _turned_to(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
+    """Return (3, 3) forward, left, up in the frame of the scans, forward along an optical axis."""
+    up = _vertical(tree, scan.frame)
+    ahead = axis - up * (up @ axis)
+    if np.linalg.norm(ahead) < LEVEL:
+        side = 'up' if up @ axis > 0 else 'down'
+        raise UsageError(
+            f'scan: forward: {CAMERA}; the camera looks {side} in {scan.frame}: expected one that'
+            f' looks to a side, or another forward'
+        )
+    ahead /= np.linalg.norm(ahead)
+    return np.column_stack([ahead, np.cross(up, ahead), up])
+
+
+def _vertical(tree: FrameTree, frame: str) -> Float64Array:
+    """Return (3,) up in a frame: its z, or the robot's where z is not up."""
+    heading = find_body(tree, [frame]) or known_heading(tree, frame)
+    axes = None if heading is None else heading.axes_of(tree, frame)
+    return np.array([0.0, 0, 1]) if axes is None or is_up(axes) else axes[2]
+
+
+class PlannedRig:
+    """The cameras and the static transforms of a plan.
+
+    Attributes:
+        plan: With the made frame as scan.frame: see made_frame.
+        survey: Of its bags.
+        models: Of the cameras with a CameraInfo, by KITTI index.
+        others: Of the other cameras of the bag, as viewpoints.
+        tree: The static transforms, also to the frames that are made.
+    """
+
+    def __init__(self, plan: Plan, survey: Survey) -> None:
+        """Take the cameras and the frames of a plan.
+
+        Raises:
+            UsageError: The plan names a missing topic, or needs a CameraInfo that is invalid.
+            MissingDataError: As made_frame.
+        """
+        lost = next((each.undecoded().text() for each in survey.unreadable(*TF_TYPES)), '')
+        self.survey = survey
+        self.models = camera_models(plan, survey)
+        self.others, links = other_cameras(plan, survey)
+        optical = [*links, *made_optical_frames(plan, survey)]
+        self.tree = survey.tree_with(optical, lost)
+        self.plan, made = made_frame(plan, self.tree, self.models, self.others)
+        if made:
+            self.tree = survey.tree_with([*optical, *made], lost)
+
+
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
 
 
@@ -242,57 +381,40 @@ class Calibrations:
         return self.values[0] if self.values else None
 
 
-def is_extract(plan: Plan) -> bool:
-    """Whether the plan's images stay unrectified."""
-    return plan.layout.traits.is_extract(plan.name)
-
-
-def make_calibrations(
-    plan: Plan,
-    survey: Survey,
-    tree: FrameTree,
-    cameras: Mapping[int, CameraModel],
-    others: Sequence[CameraModel],
-) -> Calibrations:
+def make_calibrations(rig: PlannedRig) -> Calibrations:
     """Make the calibrations of a plan.
-
-    Args:
-        plan: The plan.
-        survey: Of its bags.
-        tree: The static transforms.
-        cameras: The plan's, by KITTI index.
-        others: As viewpoints.
 
     Raises:
         UsageError: The calibration that the plan names does not exist.
         MissingDataError: Static transforms or entries of the bag's files are missing.
         BadFileError: A calibration file cannot be read, or required entries are missing.
     """
+    plan = rig.plan
     if plan.calibration == NONE:
         return Calibrations((), ())
     straightened = [index for index, camera in plan.cameras.items() if camera.rectify]
-    if is_extract(plan) and straightened and plan.calibration != TF:
+    if plan.is_extract and straightened and plan.calibration != TF:
         raise UsageError(
             f'camera {straightened[0]} has rectify: true, and {plan.name} is of unrectified images:'
             f' a calibration other than tf does not have the lens of its rectified ones; set'
             f' rectify: false, or name a drive that ends in _sync'
         )
     if plan.calibration == SOURCE:
-        return _from_source(plan, survey, tree)
+        return _from_source(rig)
     if plan.calibration != TF:
         given = _from_path(plan.calibration, plan)
         return Calibrations((0,), (given,), given.notes)
-    if not cameras:
+    if not rig.models:
         raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
     scan_frame = plan.scan.frame if plan.scan is not None else None
     calibration, notes = make_calibration(
-        tree,
+        rig.tree,
         scan_frame,
-        cameras,
-        plan.imu_frame or _unit_frame(tree, scan_frame),
-        rectified=not is_extract(plan),
-        straightened=straightened if is_extract(plan) else (),
-        others=others,
+        rig.models,
+        plan.imu_frame or _unit_frame(rig.tree, scan_frame),
+        rectified=not plan.is_extract,
+        straightened=straightened if plan.is_extract else (),
+        others=rig.others,
     )
     return Calibrations((0,), (calibration,), notes)
 
@@ -320,15 +442,16 @@ def _with_unit(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibra
     return replace(calibration, velo_T_imu=tree.transform(frame, unit), nominal=nominal)
 
 
-def _from_source(plan: Plan, survey: Survey, tree: FrameTree) -> Calibrations:
+def _from_source(rig: PlannedRig) -> Calibrations:
     """Read the files in a bag written by to-bag: one a frame, one a sequence, or the raw three."""
+    plan, survey = rig.plan, rig.survey
     if not survey.calibrations:
         raise UsageError(f'calibration: source, but the bag has no {CALIBRATION}')
     by_name = {PurePosixPath(file.name).name: file.text for _, file in survey.calibrations}
     texts = {name: text for name, text in by_name.items() if name in names.RAW_CALIB}
     folder = Path(CALIBRATION)
     if texts:
-        found = parse_raw_calibration(texts, folder, rectified=not is_extract(plan))
+        found = parse_raw_calibration(texts, folder, rectified=not plan.is_extract)
         stamps, values = [0], [found]
     else:
         changes = _changes(survey.calibrations)
@@ -336,7 +459,7 @@ def _from_source(plan: Plan, survey: Survey, tree: FrameTree) -> Calibrations:
         values = [
             parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
         ]
-    values = [_with_unit(each, plan, tree) for each in values]
+    values = [_with_unit(each, plan, rig.tree) for each in values]
     for value in values:
         lacking = _lacking(value, plan)
         if lacking:
@@ -370,7 +493,7 @@ def _from_path(text: str, plan: Plan) -> Calibration:
             if (path / name).is_file()
         }
         day = day_of_drive(plan.name)
-        found = parse_raw_calibration(texts, path, rectified=not is_extract(plan), day=day)
+        found = parse_raw_calibration(texts, path, rectified=not plan.is_extract, day=day)
     else:
         found = parse_calibration(STORE.read_text(path), path, path.name)
     lacking = _lacking(found, plan)
@@ -404,12 +527,13 @@ def camera_models(plan: Plan, survey: Survey) -> dict[int, CameraModel]:
     return models
 
 
-def swapped_sizes(plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> list[str]:
+def swapped_sizes(rig: PlannedRig) -> list[str]:
     """Return a note on the cameras whose CameraInfo has width and height swapped."""
+    infos = {index: rig.plan.cameras[index].info for index in sorted(rig.models)}
     names = [
-        plan.cameras[index].info
-        for index, model in sorted(models.items())
-        if camera_of(survey, plan.cameras[index].info).size != model.size
+        info
+        for index, info in infos.items()
+        if camera_of(rig.survey, info).size != rig.models[index].size
     ]
     if not names:
         return []

@@ -50,8 +50,8 @@ from .box_labels import (
     own_number,
     rectified_boxes,
 )
-from .kitti_frames import pass_over
 from .plan import LabelPlan, topic_of
+from .survey import pass_over
 from .tf_frames import BoxTimes, FramesAt, MovingBase, StaticFrames, is_truth, stamp_of_boxes
 
 if TYPE_CHECKING:
@@ -60,10 +60,10 @@ if TYPE_CHECKING:
     from ..messages.tf_tree import FrameTree
     from ..model.boxes import Box, Cuboid
     from ..model.streams import Layout
-    from .bag_calibration import Calibrations
+    from .bag_calibration import Calibrations, PlannedRig
     from .bag_cameras import ImageConversion
     from .kitti_frames import Frames
-    from .plan import CameraPlan, Plan
+    from .plan import CameraPlan
     from .survey import Survey, TopicSurvey
 
 
@@ -346,9 +346,7 @@ class BoxConversion:
 
     def __init__(
         self,
-        plan: Plan,
-        survey: Survey,
-        tree: FrameTree,
+        rig: PlannedRig,
         calibrations: Calibrations,
         images: ImageConversion,
         base: MovingBase | None,
@@ -356,9 +354,7 @@ class BoxConversion:
         """Check the options of labels.
 
         Args:
-            plan: Names the topic.
-            survey: Of its bag.
-            tree: The static transforms.
+            rig: Of the plan.
             calibrations: Of all frames.
             images: Knows the sizes of images.
             base: The frame that boxes are brought to; None without scans and cameras.
@@ -366,8 +362,9 @@ class BoxConversion:
         Raises:
             UsageError: The plan names a missing topic, or its labels cannot be made.
         """
+        plan, survey = rig.plan, rig.survey
         self._plan = plan
-        self._tree = tree
+        self._tree = rig.tree
         self._calibrations = calibrations
         self._images = images
         self._base = base or MovingBase('', Transform.identity())
@@ -383,7 +380,7 @@ class BoxConversion:
         self._scores = self._check(survey, placed=base is not None)
         self._pixel_frames: Container[str] = ()
         if labels is not None and labels.camera in plan.cameras:
-            self._pixel_frames = PixelFrames(survey, tree, plan.cameras[labels.camera])
+            self._pixel_frames = PixelFrames(survey, rig.tree, plan.cameras[labels.camera])
         own = labels is not None and is_own(survey, labels.topic)
         self._classes = None if labels is None else LabelClasses(labels, own=own)
         self._tracklets = survey.tracklets if own else {}

@@ -23,9 +23,9 @@ from ..model.errors import UsageError, did_you_mean
 from ..model.geometry import Transform
 from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
-from .kitti_frames import pass_over
 from .plan import Incomplete, PosePlan, topic_of
 from .roles import POSES
+from .survey import pass_over
 from .tf_frames import NamedFrames, child_of, is_renamed, is_truth, moving_pairs
 
 if TYPE_CHECKING:

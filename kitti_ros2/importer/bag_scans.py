@@ -40,8 +40,8 @@ from ..model.errors import KittiRos2Error, Loss, UsageError, some_of
 from ..model.samples import Scan
 from .bag_cameras import choose_cameras, find_heading, main_camera, with_frames
 from .bag_poses import guess_pose, vehicle_frame
-from .kitti_frames import pass_over
 from .plan import ScanPlan, camera_of, optical_link, topic_of
+from .survey import pass_over
 from .tf_frames import BoxTimes, FramesAt, NamedFrames, is_fixed
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
 
     from ..messages.camera_info import CameraModel
     from ..messages.scan_sources import Lasers, ScanSource, VelodyneModel
-    from ..messages.tf_tree import FrameTree
     from ..model.geometry import Transform
     from ..model.samples import Int64Array
+    from .bag_calibration import PlannedRig
     from .bag_cameras import RigCamera
     from .plan import Plan
     from .survey import Survey, TopicSurvey
@@ -443,36 +443,25 @@ _SHOWN = 8
 class ScanConversion:
     """Converts the messages of a plan's scans; thread-safe."""
 
-    def __init__(
-        self,
-        plan: ScanPlan | None,
-        survey: Survey,
-        tree: FrameTree,
-        base: MovingBase | None = None,
-        *,
-        point_labels: bool = False,
-    ) -> None:
+    def __init__(self, rig: PlannedRig, base: MovingBase | None = None) -> None:
         """Find the frame of the messages in that of the plan, and what their decoder needs.
 
         Args:
-            plan: Names the topic and KITTI's frame; None without scans.
-            survey: Of the bag.
-            tree: The static transforms.
+            rig: Of the plan, which may be one without scans.
             base: The links over time, where clouds may be in frames that the vehicle moves in.
-            point_labels: Whether the layout has files for labels of points.
 
         Raises:
             UsageError: The plan names a missing topic, or not what its messages need.
             BadFileError: The calibration file of a unit cannot be read.
             MissingDataError: The static transforms do not connect the two frames.
         """
-        self._plan = plan
+        self._plan = plan = rig.plan.scan
         self._minimum_m = 0.0 if plan is None else plan.minimum_range_m
         self._too_near = f'nearer than {self._minimum_m:g} m'
         self._velo_t_cloud: Transform | None = None  # the messages are in KITTI's frame already
         self._lost: Counter[str] = Counter()
         self._lock = Lock()
-        self._point_labels = point_labels
+        self._point_labels = rig.plan.layout.traits.point_labels
         self._unplaced = 0  # scans whose labels have no file
         self._unlabelled = 0  # scans without labels
         self._classes = np.zeros(1 << 16, np.bool_)  # of points, those seen
@@ -480,10 +469,10 @@ class ScanConversion:
         self._turns: Int64Array | None = None  # (N, 2) of each message, from its stamp
         self._base: MovingBase | None = None  # of messages in a frame that the scanner moves in
         if plan is not None:
-            self._source = source_of_plan(plan, survey)
-            self._needs = needs_of_plan(plan, self._source, survey)
-            topic = topic_of(survey, plan.topic)
-            self._notes = cloud_notes(plan, topic, point_labels=point_labels)
+            self._source = source_of_plan(plan, rig.survey)
+            self._needs = needs_of_plan(plan, self._source, rig.survey)
+            topic = topic_of(rig.survey, plan.topic)
+            self._notes = cloud_notes(plan, topic, point_labels=self._point_labels)
             turns = topic.turns_ns()
             self._turns = None if turns is None else turns - topic.moved_ns()[:, None]
             own = topic.frame
@@ -491,12 +480,12 @@ class ScanConversion:
                 base is not None
                 and base.tree is not None
                 and own != plan.frame
-                and not tree.joins(plan.frame, own)
+                and not rig.tree.joins(plan.frame, own)
             ):
                 base.tree.moving_between(base.frame, own)
                 self._base = base
             elif own != plan.frame:
-                self._velo_t_cloud = tree.transform(plan.frame, own)
+                self._velo_t_cloud = rig.tree.transform(plan.frame, own)
 
     @property
     def move(self) -> bool:

@@ -35,9 +35,9 @@ from .bag_labels import PixelFrames, guess_labels, has_cubes
 from .bag_poses import guess_pose, link_topics
 from .bag_scans import cloud_notes, guess_scan
 from .clocks import clocked, estimate_offsets
-from .kitti_frames import pass_over, undecoded
 from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link, topic_uses
 from .roles import FIX, IMU, LABELS, ROLES, SCAN, VELOCITY
+from .survey import pass_over
 from .tf_frames import (
     NamedFrames,
     child_of,
@@ -494,7 +494,7 @@ def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, .
         loss for channel, loss in survey.left_out if channel.msgtype in wanted and loss.count
     )
     return (
-        *(undecoded(topic) for topic in survey.unreadable(*wanted)),
+        *(topic.undecoded() for topic in survey.unreadable(*wanted)),
         *left_out,
     )
 

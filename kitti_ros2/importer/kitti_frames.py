@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..model.streams import Layout
     from ..options.read import SelectionOptions
     from .plan import Plan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
 
 
 # The frames that a selection takes: by their numbers, seconds from the first, or stamps.
@@ -517,23 +517,9 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
     """
     wanted = {use.topic for use in topic_uses(plan)}
     return tuple(
-        undecoded(topic)
+        topic.undecoded()
         for topic in survey.topics.values()
         if (topic.failures or topic.headless)
         and topic.name not in named
         and (topic.name in wanted or topic.msgtype in TF_TYPES)
     )
-
-
-def undecoded(topic: TopicSurvey) -> Loss:
-    """Return the messages of a topic that failed to decode as a loss, with the first reason."""
-    every = '' if topic.is_readable else 'not one of its messages can be read; the first '
-    count = max(topic.failures, len(topic.headless))
-    reason = topic.failure or 'a header cannot be decoded'
-    return Loss(topic.name, count, f'{topic.name}: {every}{reason}')
-
-
-def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
-    """Return a note of the topics that were not chosen for a stream; empty without any."""
-    others = ', '.join(f'{each.name} ({each.count})' for each in topics if each is not best)
-    return [f'passed over for {what}: {others}'] if others else []

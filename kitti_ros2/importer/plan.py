@@ -242,6 +242,11 @@ class Plan:
     camera_sets: Mapping[str, CameraPlan] = field(default_factory=dict, metadata={QUIET: True})
     origin: str = ''
 
+    @property
+    def is_extract(self) -> bool:
+        """Whether the images stay unrectified."""
+        return self.layout.traits.is_extract(self.name)
+
 
 # The topics that a plan names, each with its role.
 

@@ -20,13 +20,12 @@ from ..model.errors import KittiRos2Error, Loss, format_numbers
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import NONE, rect_from_velo
 from ..model.streams import Stream, format_stamp
-from .bag_calibration import camera_models, make_calibrations, rect_in_frame, swapped_sizes
-from .bag_cameras import ImageConversion, other_cameras
+from .bag_calibration import PlannedRig, make_calibrations, rect_in_frame, swapped_sizes
+from .bag_cameras import ImageConversion
 from .bag_labels import BoxConversion
 from .bag_scans import ScanConversion
-from .kitti_frames import undecoded
-from .plan import LINK_T_OPTICAL, TF, VelocityAxes, frame_of, made_optical_frames, topic_of
-from .tf_frames import MovingBase, child_of, made_frame
+from .plan import LINK_T_OPTICAL, TF, VelocityAxes, frame_of, topic_of
+from .tf_frames import MovingBase, child_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,33 +68,20 @@ class Rigging:
             MissingDataError: Required frames are not connected by static transforms.
             BadFileError: A calibration file cannot be read.
         """
-        lost = next((undecoded(each).text() for each in survey.unreadable(*types.TF_TYPES)), '')
+        rig = PlannedRig(plan, survey)
         scan_frame = '' if plan.scan is None else plan.scan.frame
-        self._models = camera_models(plan, survey)
-        self._others, links = other_cameras(plan, survey)
-        optical = [*links, *made_optical_frames(plan, survey)]
-        tree = survey.tree_with(optical, lost)
-        plan, made = made_frame(plan, tree, self._models, self._others)
-        if made:
-            tree = survey.tree_with([*optical, *made], lost)
-        self._tree = tree
-        self._plan = plan
-        self.calibrations = make_calibrations(plan, survey, self._tree, self._models, self._others)
+        self._plan = plan = rig.plan
+        self._rig = rig
+        self._tree = rig.tree
+        self.calibrations = make_calibrations(rig)
         base = self._moving_base(survey, scan_frame, moving)
-        point_labels = plan.layout.traits.point_labels
-        self.scans = ScanConversion(plan.scan, survey, self._tree, base, point_labels=point_labels)
-        self.images = ImageConversion(plan, survey, self._models)
-        self._swapped = swapped_sizes(plan, survey, self._models)
+        self.scans = ScanConversion(rig, base)
+        self.images = ImageConversion(plan, survey, rig.models)
+        self._swapped = swapped_sizes(rig)
         self.imu_t_topic = self._unit_transforms(survey)
         self._lever_arm = list(self._lever_arm_notes(survey))
-        self.labels = BoxConversion(
-            plan,
-            survey,
-            self._tree,
-            self.calibrations,
-            self.images,
-            None if base is None else _of_boxes(base, plan, survey, self.scans),
-        )
+        of_boxes = None if base is None else _of_boxes(base, plan, survey, self.scans)
+        self.labels = BoxConversion(rig, self.calibrations, self.images, of_boxes)
 
     def _moving_base(
         self, survey: Survey, scan_frame: str, moving: MovingTree | None
@@ -104,9 +90,9 @@ class Rigging:
         if self._plan.scan is not None:
             velo_t_frame = self._tree.transform(self._plan.scan.frame, scan_frame)
             return MovingBase(scan_frame, velo_t_frame, moving)
-        if not self._models:
+        if not self._rig.models:
             return None
-        camera = self._plan.cameras[min(self._models)]
+        camera = self._plan.cameras[min(self._rig.models)]
         frame = frame_of(camera, survey)
         velo_t_frame = NOMINAL_CAM0_T_VELO.inverse()
         if camera.forward:
@@ -147,8 +133,8 @@ class Rigging:
             MissingDataError: The static transforms do not connect the frames.
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
-        if self._models and self._plan.calibration == TF:
-            frame, frame_t_rect = rect_in_frame(self._tree, self._models, self._others)
+        if self._rig.models and self._plan.calibration == TF:
+            frame, frame_t_rect = rect_in_frame(self._tree, self._rig.models, self._rig.others)
             return self._tree.transform(body, frame) @ frame_t_rect
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()

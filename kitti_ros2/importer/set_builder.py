@@ -25,7 +25,6 @@ from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damag
 from ..model.geometry import Transform
 from ..model.samples import NONE, rect_from_velo
 from ..model.streams import Stream
-from .bag_calibration import is_extract
 from .bag_labels import LabelMessages, joined
 from .bag_poses import read_motion
 from .bag_scans import dropped_notes
@@ -198,7 +197,7 @@ class SampleWriter:
         labels_t_velo = rigging.labels.standing.frame_T_velo
         if labels_t_velo is not None:
             writer.place_labels(labels_t_velo)
-        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=is_extract(plan))
+        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=plan.is_extract)
         self._lock = Lock()  # for the counts of scans
         self._points_dropped: Counter[str] = Counter()
 

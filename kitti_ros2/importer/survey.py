@@ -38,6 +38,7 @@ from ..model.bag_formats import (
     STRING,
     TF_TYPES,
 )
+from ..model.errors import Loss
 from ..model.streams import NS_PER_S
 from .roles import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID, VELOCITY
 
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from ..bags.reader import BagMessage, BagMessages
     from ..messages.tf_tree import Link
     from ..model.boxes import Cuboid
-    from ..model.errors import Loss
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Int64Array, TextFile
 
@@ -232,6 +232,13 @@ class TopicSurvey:
         """Whether a message can be decoded, or was not tried."""
         return self.count > self.failures
 
+    def undecoded(self) -> Loss:
+        """Return the messages that failed to decode as a loss, with the first reason."""
+        every = '' if self.is_readable else 'not one of its messages can be read; the first '
+        count = max(self.failures, len(self.headless))
+        reason = self.failure or 'a header cannot be decoded'
+        return Loss(self.name, count, f'{self.name}: {every}{reason}')
+
     @property
     def frame(self) -> str:
         """The frame of most messages, without a leading slash."""
@@ -350,6 +357,12 @@ class TopicSurvey:
         if reason is None and self.forward_ns:
             used = np.array([self.forward_ns.get(stamp, stamp) for stamp in used.tolist()])
         return used, reason
+
+
+def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
+    """Return a note of the topics that were not chosen for a stream; empty without any."""
+    others = ', '.join(f'{each.name} ({each.count})' for each in topics if each is not best)
+    return [f'passed over for {what}: {others}'] if others else []
 
 
 _LOOKS = 8

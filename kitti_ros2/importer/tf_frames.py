@@ -15,31 +15,24 @@ from ..messages.cdr import stamp_ns_of
 from ..messages.detections import frames_in
 from ..messages.naming import LABEL_LINES
 from ..messages.tf_tree import (
-    AXES,
     FIXED_FRAMES,
     FrameTree,
     Heading,
     describe_direction,
-    find_body,
     is_optical,
-    known_heading,
     nearest_axis,
 )
 from ..model import bag_formats as types
-from ..model.errors import MissingDataError, UsageError
-from ..model.geometry import Transform
-from .bag_calibration import rect_in_frame
-from .plan import TF, frame_of, topic_of
+from ..model.errors import MissingDataError
+from .plan import frame_of, topic_of
 from .roles import SOLID
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from collections.abc import Set as AbstractSet
 
-    from ..messages.camera_info import CameraModel
     from ..messages.moving_tree import MovingTree
-    from ..messages.tf_tree import Link
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Float64Array, Transform
     from .plan import Plan, PosePlan, ScanPlan
     from .survey import Survey, TopicSurvey
 
@@ -195,104 +188,12 @@ def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     return frames
 
 
-# KITTI's velodyne frame: the scanner's origin, x forward, y left, z up.
-#
-# A plan names a frame of the tree, or has one made: `scan.forward` is a frame whose orientation the
-# scans get, the axis of `scan.frame` that looks forward, or camera: the direction of camera 2 on
-# the ground. A made frame is one more static link, so that points, calibration, labels and poses
-# agree.
+# Frames with x forward, y left, z up, as KITTI's velodyne and imu frames are.
 
-
-CAMERA = 'camera'
-"""The value of scan.forward that turns the scans to camera 2."""
 
 _FORWARD = np.cos(np.radians(30))
 _LEVEL = np.cos(np.radians(3))
 _SAME_ORIGIN_M = 0.1
-LEVEL = np.sin(np.radians(15))
-"""Cameras that look up or down more steeply than its complement have no direction on the ground."""
-
-
-def made_frame(
-    plan: Plan,
-    tree: FrameTree,
-    models: Mapping[int, CameraModel],
-    others: Sequence[CameraModel],
-) -> tuple[Plan, Sequence[Link]]:
-    """Return the plan with the made frame as scan.frame, and the link to it; neither if none is.
-
-    Args:
-        plan: The plan.
-        tree: The static transforms.
-        models: Of the cameras with a CameraInfo, by KITTI index.
-        others: Of the other cameras of the bag, as viewpoints.
-
-    Raises:
-        UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
-            scan.frame; or it is camera, and the camera has no direction on the ground.
-        MissingDataError: It is camera, and no static transform joins the camera to scan.frame.
-    """
-    scan = plan.scan
-    if scan is None or not scan.forward:
-        return plan, ()
-    rotation = AXES.get(scan.forward)
-    if scan.forward == CAMERA:
-        if plan.calibration != TF or not models:
-            raise UsageError(
-                f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a'
-                f' CameraInfo'
-            )
-        rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
-    if rotation is None:
-        place = tree.find(scan.frame, scan.forward)
-        if place is None:
-            raise UsageError(
-                f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, {CAMERA}, or a frame'
-                f' that static transforms join to {scan.frame}; the bag has {tree}'
-            )
-        rotation = place.rotation
-    name = f'{scan.frame} with {scan.forward} forward'
-    link = (scan.frame, name, Transform(rotation.copy(), np.zeros(3)))
-    return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
-
-
-def optical_axis(
-    tree: FrameTree,
-    frame: str,
-    models: Mapping[int, CameraModel],
-    others: Sequence[CameraModel],
-) -> Float64Array:
-    """Return (3,) the optical axis of KITTI's rectified camera 0 in a frame.
-
-    Camera 2 has the same: both are rectified to one plane.
-
-    Raises:
-        MissingDataError: No static transform joins the two.
-    """
-    own, frame_t_rect = rect_in_frame(tree, models, others)
-    axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
-    return np.asarray(axis, np.float64)
-
-
-def _turned_to(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
-    """Return (3, 3) forward, left, up in the frame of the scans, forward along an optical axis."""
-    up = _vertical(tree, scan.frame)
-    ahead = axis - up * (up @ axis)
-    if np.linalg.norm(ahead) < LEVEL:
-        side = 'up' if up @ axis > 0 else 'down'
-        raise UsageError(
-            f'scan: forward: {CAMERA}; the camera looks {side} in {scan.frame}: expected one that'
-            f' looks to a side, or another forward'
-        )
-    ahead /= np.linalg.norm(ahead)
-    return np.column_stack([ahead, np.cross(up, ahead), up])
-
-
-def _vertical(tree: FrameTree, frame: str) -> Float64Array:
-    """Return (3,) up in a frame: its z, or the robot's where z is not up."""
-    heading = find_body(tree, [frame]) or known_heading(tree, frame)
-    axes = None if heading is None else heading.axes_of(tree, frame)
-    return np.array([0.0, 0, 1]) if axes is None or _is_up(axes) else axes[2]
 
 
 def face_forward(
@@ -338,13 +239,13 @@ def face_forward(
 
 def describe_axes(axes: Float64Array, heading: Heading) -> str:
     """Describe the axes of a frame, as columns in forward, left, up, that is not forward."""
-    up = '' if _is_up(axes) else ' and z not up'
+    up = '' if is_up(axes) else ' and z not up'
     return f'whose x looks {describe_direction(axes[:, 0])}{up} (forward is {heading.source})'
 
 
 def is_forward(axes: Float64Array) -> bool:
     """Whether the axes of a frame, as columns in forward, left, up, are about these."""
-    return bool(axes[0, 0] >= _FORWARD and _is_up(axes))
+    return bool(axes[0, 0] >= _FORWARD and is_up(axes))
 
 
 def _leans(axes: Float64Array, heading: Heading) -> bool:
@@ -352,7 +253,8 @@ def _leans(axes: Float64Array, heading: Heading) -> bool:
     return heading.body and bool(axes[2, 2] < _LEVEL)
 
 
-def _is_up(axes: Float64Array) -> bool:
+def is_up(axes: Float64Array) -> bool:
+    """Whether z of a frame, whose axes are columns in forward, left, up, is about up."""
     return bool(axes[2, 2] >= _FORWARD)
 
 
