@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..importer.kitti_frames import ImportReport
+    from ..options.keywords import ToBagKeywords, ToKittiKeywords
     from ..own_bags.to_bag import ExportReport
-    from .arguments import ToBagKeywords, ToKittiKeywords
     from .open_recording import Frame
     from .single_files import AnyPath
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from .arguments import DrawKeywords
+    from ..options.keywords import DrawKeywords
     from .open_recording import Frame
 
 DRAW = (*options_of(PictureOptions), *options_of(BirdOptions))

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.recording import FrameOrigin
     from ..model.samples import Float32Array, Int64Array, Sample
-    from .arguments import ReadKeywords
+    from ..options.keywords import ReadKeywords
 
 
 # A labelled object of a frame, in any coordinate frame.

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..api.arguments import CropKeywords
     from ..kitti.kitti_recording import KittiRecording
     from ..options.datasets import CropOptions
+    from ..options.keywords import CropKeywords
     from .scan_crop import CutScan
 
 

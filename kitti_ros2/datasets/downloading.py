@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
     from ..files.threads import ThreadTask
     from ..options.datasets import DownloadOptions, ExtractOptions
+    from ..options.keywords import DownloadKeywords
     from .catalogue import CatalogueEntry
     from .download_sources import ArchiveSource
-    from .extracting import DownloadKeywords
 
 
 # The terms of KITTI's data: shown until they are accepted, which is remembered.

@@ -13,7 +13,7 @@ from enum import Enum
 from os import PathLike
 from pathlib import Path
 from stat import S_ISDIR, S_ISLNK, S_ISREG
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 from ..files.local_files import crc32, start_writing_out, sync_files, sync_folders
 from ..files.local_staging import lock_exclusively, make_folder, output_error
@@ -38,42 +38,8 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..options.datasets import ExtractOptions
+    from ..options.keywords import ExtractKeywords
     from .archive_formats import Member
-
-
-# Types of the keyword options: those of the command line, with underscores.
-
-
-class ExtractKeywords(TypedDict, total=False):
-    """Options of extract."""
-
-    overwrite: bool
-    remove_archives: bool
-    max_ratio: float
-    max_size: int | str
-    fsync: bool
-
-
-class DownloadKeywords(TypedDict, total=False):
-    """Options of download."""
-
-    category: str | Sequence[str]
-    sync: bool
-    extract: bool
-    tracklets: bool
-    accept_license: bool
-    base_url: str | None
-    checksums: str | os.PathLike[str] | None
-    verify: bool
-    keep_archives: bool
-    archives_only: bool
-    jobs: int
-    retries: int
-    timeout: float | str
-    overwrite: bool
-    max_ratio: float
-    max_size: int | str
-    fsync: bool
 
 
 # A folder that one run at a time writes to, and that does not stay if nothing was written.

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..api.arguments import StatisticsKeywords
     from ..kitti.find import Candidate
     from ..kitti.opening import DataSet
     from ..options.datasets import StatisticsOptions
+    from ..options.keywords import StatisticsKeywords
     from ..options.read import ReadOptions
     from ..pictures.recording_frames import FrameSource
 

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..api.arguments import SplitKeywords
     from ..kitti.find import Candidate
     from ..kitti.kitti_recording import KittiRecording
     from ..kitti.object_set import ObjectMapping
     from ..model.samples import Int64Array
     from ..model.streams import Layout
     from ..options.datasets import SplitOptions
+    from ..options.keywords import SplitKeywords
 
 
 # Comparison of lists: entries in both, and entries of the same raw drive on both sides.

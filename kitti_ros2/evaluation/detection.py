@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..api.arguments import DetectionKeywords
     from ..drawing.drawn_objects import LabelledObject
     from ..kitti.kitti_recording import KittiRecording
     from ..model.boxes import Box
     from ..options.evaluation import DetectionOptions
+    from ..options.keywords import DetectionKeywords
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
     from .ground_truth import Progress

@@ -60,9 +60,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self, Unpack
 
-    from ..api.arguments import LiveKeywords
     from ..bags.writer import BagWriter
     from ..options.evaluation import LiveOptions
+    from ..options.keywords import LiveKeywords
     from ..player.run import LivePlayer
 
 

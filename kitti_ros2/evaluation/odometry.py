@@ -51,11 +51,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from typing_extensions import Unpack
 
-    from ..api.arguments import OdometryKeywords
     from ..messages.tf_tree import Link
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array, Int64Array
     from ..options.evaluation import Alignment, OdometryOptions
+    from ..options.keywords import OdometryKeywords
     from ..options.read import ReadOptions
     from .ground_truth import GroundTruth, StampMatch
     from .trajectories import CameraTrajectory, PoseErrors, SegmentErrors

@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..api.arguments import TrackingKeywords
     from ..kitti.kitti_recording import KittiRecording
     from ..model.boxes import Box
     from ..options.evaluation import BagResultsOptions
+    from ..options.keywords import TrackingKeywords
     from ..options.read import ReadOptions
     from .track_metrics import Figures, TrackBoxes, TrackParts
 

@@ -16,6 +16,7 @@ from .declare import (
     check_bounds,
     choice,
     fsync_option,
+    given_as,
     make_options,
     option,
     options_of,
@@ -371,6 +372,7 @@ class ExtractOptions:
         check_bounds(self, 'max_ratio')
 
 
+@given_as(keyword='OneOrMore')
 def parse_categories(name: str, value: object) -> tuple[str, ...]:
     """Parse categories of raw drives, separated by commas."""
     return parse_texts(name, value)

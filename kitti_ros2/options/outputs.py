@@ -16,6 +16,7 @@ from .declare import (
     check_bounds,
     choice,
     fsync_option,
+    given_as,
     option,
     parse_flag,
     parse_four_numbers,
@@ -125,6 +126,7 @@ class BagOptions:
 # Options of the conversion from bags to a KITTI data set.
 
 
+@given_as(keyword='str | Sequence[float]')
 def parse_origin(name: str, value: object) -> str:
     """Parse LAT,LON,ALT, degrees and metres."""
     text = ','.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

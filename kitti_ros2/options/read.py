@@ -14,6 +14,7 @@ from ..model.streams import NS_PER_S, Layout, format_stamp, parse_seconds, parse
 from .declare import (
     check_bounds,
     choice,
+    given_as,
     make_options,
     option,
     parse_columns,
@@ -256,6 +257,7 @@ class Bound:
         return any(ours is not None and other is not None and ours < other for ours, other in pairs)
 
 
+@given_as(keyword='int | str')
 def parse_bound(name: str, value: object) -> Bound:
     """Parse the start or end of a selection."""
     return Bound.parse(parse_text(name, value))

@@ -48,13 +48,13 @@ from .rule import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
-    from typing import TypedDict
 
     from typing_extensions import Unpack
 
     from ..kitti.names import FileNames
     from ..kitti.opening import DataSet
     from ..model.errors import KittiRos2Error
+    from ..options.keywords import ValidateKeywords
     from ..options.read import ReadOptions, ValidateOptions
     from .rule import CheckedSource, ValidationReport
 
@@ -321,15 +321,6 @@ def rules_by_id(*, bags: bool) -> dict[str, Rule[Any]]:
 if TYPE_CHECKING:
     AnyPath = str | os.PathLike[str]
     Progress = Callable[[int, int], None]
-
-    class ValidateKeywords(TypedDict, total=False):
-        """Options of validate."""
-
-        layout: str | None
-        sequence: str | None
-        columns: str | Sequence[str] | None
-        quick: bool
-        decode: bool
 
 
 def validate(

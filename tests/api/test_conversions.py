@@ -13,27 +13,10 @@ import pytest
 from folder_and_bag import make_holes
 
 import kitti_ros2
-from kitti_ros2.api.arguments import (
-    CropKeywords,
-    DrawKeywords,
-    LiveKeywords,
-    OdometryKeywords,
-    ReadKeywords,
-    SplitKeywords,
-    ToBagKeywords,
-    ToKittiKeywords,
-    keyword_of,
-)
-from kitti_ros2.api.draw import DRAW
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.options.datasets import CROP, SPLIT
-from kitti_ros2.options.declare import options_of
-from kitti_ros2.options.evaluation import LIVE, ODOMETRY
-from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.options.table import TO_BAG, TO_KITTI
 
 
 def files(root):
@@ -177,23 +160,6 @@ def test_mistakes_of_draw_are_named(options, message, recordings):
     frame = kitti_ros2.open(recordings[Layout.OBJECT])[0]
     with pytest.raises(kitti_ros2.KittiRos2Error, match=message):
         kitti_ros2.draw(frame, **options)
-
-
-@pytest.mark.parametrize(
-    ('keywords', 'options'),
-    [
-        (ReadKeywords, options_of(ReadOptions)),
-        (ToBagKeywords, TO_BAG),
-        (ToKittiKeywords, TO_KITTI),
-        (CropKeywords, CROP),
-        (SplitKeywords, SPLIT),
-        (DrawKeywords, DRAW),
-        (LiveKeywords, LIVE),
-        (OdometryKeywords, ODOMETRY),
-    ],
-)
-def test_keywords_are_the_flags_of_the_command_line(keywords, options):
-    assert set(keywords.__annotations__) == set(map(keyword_of, options))
 
 
 def test_split_is_the_keyword_of_its_flag(recordings, tmp_path):

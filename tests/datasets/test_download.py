@@ -29,12 +29,11 @@ from kitti_ros2.datasets.catalogue import (
     select,
 )
 from kitti_ros2.datasets.download_sources import make_source
-from kitti_ros2.datasets.extracting import DownloadKeywords, ExtractKeywords, locked_folder
+from kitti_ros2.datasets.extracting import locked_folder
 from kitti_ros2.files import local_files
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.options.datasets import DOWNLOAD, EXTRACT
 
 DRIVE = '2011_09_26_drive_0048'
 SYNC = f'/raw_data/{DRIVE}/{DRIVE}_sync.zip'
@@ -446,8 +445,3 @@ def test_the_list(capsys):
     found = json.loads(capsys.readouterr().out)
     assert len(found['drives']) == 12
     assert [each['part'] for each in found['archives']] == ['devkit']
-
-
-def test_keywords_are_the_options():
-    for keywords, table in ((DownloadKeywords, DOWNLOAD), (ExtractKeywords, EXTRACT)):
-        assert list(keywords.__annotations__) == [each.name for each in table]

@@ -12,11 +12,10 @@ import pytest
 from result_folders import line, write_frames
 
 from kitti_ros2 import evaluation
-from kitti_ros2.api.arguments import DetectionKeywords, KittiRos2Warning, keyword_of
+from kitti_ros2.api.arguments import KittiRos2Warning
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.options.evaluation import DETECTION
 
 CAR = line()
 FOUND = line(score=0.9)
@@ -215,10 +214,6 @@ def test_losses_are_warnings_in_python(folders):
 def test_classes_in_python(classes, folders):
     found = evaluation.evaluate_detection(*folders, classes=classes)
     assert found.limits == {'car': 0.7, 'truck': 0.5}
-
-
-def test_keywords_are_the_options_of_the_command():
-    assert {*DetectionKeywords.__annotations__} == {keyword_of(each) for each in DETECTION}
 
 
 def test_a_tracking_sequence_against_its_own_file(recordings, capsys):

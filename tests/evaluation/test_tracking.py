@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from kitti_ros2.api.arguments import TrackingKeywords, keyword_of
 from kitti_ros2.cli import main
 from kitti_ros2.evaluation import evaluate_tracking
 from kitti_ros2.evaluation.track_metrics import load_trackeval
@@ -24,7 +23,6 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.boxes import Box
 from kitti_ros2.model.errors import BadFileError, KittiRos2Error, UsageError
 from kitti_ros2.model.streams import Layout
-from kitti_ros2.options.evaluation import TRACKING
 
 from result_bag import answers, answers_2d, stamps_of, write_bag  # isort: skip
 
@@ -518,7 +516,3 @@ def test_json_has_the_figures_by_class(truth, tracks, capsys):
         None,
         0,
     )
-
-
-def test_keywords_are_the_options():
-    assert {*TrackingKeywords.__annotations__} == {keyword_of(each) for each in TRACKING}
