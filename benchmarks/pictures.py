@@ -22,13 +22,13 @@ import cv2
 from kitti_ros2.files.processes import keep_freed_memory
 from kitti_ros2.options.outputs import PictureOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.pictures.panel import MODES
+from kitti_ros2.pictures.recording_frames import open_frames
 
 from yardsticks import make_parser, report, seconds  # isort: skip
 
 if TYPE_CHECKING:
-    from kitti_ros2.pictures.recording_frames import FrameSource
+    from kitti_ros2.pictures.recording_frames import RecordingFrames
 
 OPTIONS = PictureOptions()
 BOUNDS = {'panel': '<= 4', 'perspective': '<= 2'}
@@ -36,7 +36,7 @@ PANELS = 24
 """Panels of one timed run with threads."""
 
 
-def measure_modes(source: FrameSource, repeat: int) -> None:
+def measure_modes(source: RecordingFrames, repeat: int) -> None:
     """Drawing alone, on one core, against decoding the frame's image on one core."""
     cv2.setNumThreads(1)
     number = int(source.numbers[len(source.numbers) // 2])
@@ -55,7 +55,7 @@ def measure_modes(source: FrameSource, repeat: int) -> None:
         report(f'{name} / decoding one image', spent / decode, bound, f'{1e3 * spent:.1f} ms')
 
 
-def measure_panels(source: FrameSource, repeat: int, threads: int) -> None:
+def measure_panels(source: RecordingFrames, repeat: int, threads: int) -> None:
     """Panels from files, reading included, with one thread and with several.
 
     Bare decoding, which leaves the interpreter's lock alone, shows what several threads can give on

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.naming import map_from_world
@@ -22,7 +23,6 @@ from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import MapFrame, MarkerOptions, MessageOptions, Preset
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
-from kitti_ros2.pictures.bag_frames import BagFrames
 from kitti_ros2.pictures.recording_frames import RecordingFrames
 
 from builders import convert_recording  # isort: skip
@@ -285,7 +285,7 @@ def test_odometry_made_of_either_map_is_the_same(recordings, tmp_path, layout):
 def test_pictures_of_a_folder_and_of_its_bag_have_one_map(recordings, tmp_path, layout):
     write(recordings[layout], tmp_path / 'o.mcap')
     folder = RecordingFrames(open_recording(recordings[layout]))
-    bag = BagFrames(tmp_path / 'o.mcap', look([tmp_path / 'o.mcap']))
+    bag = RecordingFrames(PlannedRecording(tmp_path / 'o.mcap', look([tmp_path / 'o.mcap'])))
     found = 0
     for number in (1, 3):
         # A raw drive's packets have stamps of their own, between which the bag's are interpolated.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..model.errors import MissingPathError
 from ..options.declare import make_options, options_of, parse_values
 from ..options.read import ReadOptions
-from ..pictures.bag_frames import open_frames
+from ..pictures.recording_frames import open_frames
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..model.errors import Loss
     from ..options.declare import Option
-    from ..pictures.recording_frames import FrameSource
+    from ..pictures.recording_frames import RecordingFrames
 
 
 # Options as keywords; keywords.py in options/ has their types.
@@ -52,10 +52,10 @@ class OpenSource:
         self.path = path
         self.options = dict(options)
         self._process = 0
-        self._frames: FrameSource | None = None
+        self._frames: RecordingFrames | None = None
 
     @property
-    def frames(self) -> FrameSource:
+    def frames(self) -> RecordingFrames:
         """The frames; file positions of a bag are not shared between processes."""
         if self._frames is None or self._process != os.getpid():
             read = make_options(ReadOptions, parse_values(self.options, _OPTIONS))

@@ -24,7 +24,6 @@ from ..own_bags.encode import Encoder
 from ..own_bags.schedule import make_schedule
 from ..own_bags.to_bag import ExportOptions, convert
 from ..own_bags.to_kitti import Conversion
-from ..pictures.recording_frames import RecordingFrames
 from .arguments import by_name, require, warn_of
 
 if TYPE_CHECKING:
@@ -189,8 +188,7 @@ def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[st
         >>> msgtype
         'sensor_msgs/msg/PointCloud2'
     """
-    frames = frame.source.frames
-    recording = frames.recording if isinstance(frames, RecordingFrames) else None
+    recording = frame.source.frames.recording
     if not isinstance(recording, KittiRecording):
         raise UsageError(f'{frame.source.path}: encode needs a KITTI folder; a bag has messages')
     settings = make_settings(by_name(options, TO_BAG))

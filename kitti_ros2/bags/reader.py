@@ -469,40 +469,6 @@ class BagMessages:
         return found
 
 
-class MessagesByIndex:
-    """Reads messages by their index in time order; seeks where it is not that of the next one.
-
-    Args:
-        messages: Of a bag; closed by the caller.
-        log_ns: (N,) log times of all of them, nanoseconds, ascending.
-    """
-
-    def __init__(self, messages: BagMessages, log_ns: Int64Array) -> None:
-        self._messages = messages
-        self._log_ns = log_ns
-        self._iterator: Iterator[BagMessage] | None = None
-        self._next = 0
-
-    def read(self, index: int) -> BagMessage | None:
-        """Read a message; None if it is missing.
-
-        Raises:
-            BadBagError: The bag cannot be read.
-            OSError: A file cannot be read.
-        """
-        log_ns = int(self._log_ns[index])
-        iterator, self._iterator = self._iterator, None  # an iterator that fails is not used again
-        if iterator is None or index != self._next:
-            iterator = self._messages.since(log_ns)
-            for _ in range(index - int(self._log_ns.searchsorted(log_ns))):
-                next(iterator, None)
-        message = next(iterator, None)
-        if message is None or message.stamp_ns != log_ns:
-            return None
-        self._iterator, self._next = iterator, index + 1
-        return message
-
-
 def _is_enough(
     topics: Mapping[int, str], is_enough: Callable[[str], bool], channel_id: int
 ) -> bool:
@@ -515,7 +481,6 @@ __all__ = [
     'BagMessages',
     'BagSource',
     'BagSummary',
-    'MessagesByIndex',
     'OpenBag',
     'TopicSummary',
     'bag_stamps',

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..options.evaluation import DetectionOptions
     from ..options.read import ReadOptions
-    from ..pictures.recording_frames import FrameSource
+    from ..pictures.recording_frames import RecordingFrames
 
 
 # The frames with the most errors: their table, their JSON, the folder with their pictures.
@@ -92,7 +92,7 @@ def _keep_others(path: Path) -> str | None:
 
 
 def draw_worst(
-    source: FrameSource,
+    source: RecordingFrames,
     worst: Sequence[WorstFrame],
     found: FrameBoxes,
     options: DetectionOptions,
@@ -134,7 +134,7 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
 # kitti-ros2 eval detection.
 
 
-def _open_pictures(ground_truth: Path, read: ReadOptions) -> closing[FrameSource]:
+def _open_pictures(ground_truth: Path, read: ReadOptions) -> closing[RecordingFrames]:
     from ..evaluation.worst_pictures import open_pictures
 
     return closing(open_pictures(ground_truth, read))

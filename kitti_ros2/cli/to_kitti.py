@@ -254,9 +254,8 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
 
 def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
     """Draw what a conversion would write: by the plan, or the original files."""
-    from ..bags.bag_files import path_of
     from ..importer.survey import look
-    from ..pictures.bag_frames import open_own_recording
+    from ..own_bags.recording import open_own_recording
     from ..pictures.preview import draw_preview, draw_recorded
     from ..pictures.recording_frames import RecordingFrames
 
@@ -264,7 +263,7 @@ def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Pr
         survey = outlook.survey if len(bags) == 1 else look(bags[:1])
         recording = open_own_recording(bags[0], survey)
         if recording is not None:
-            with closing(RecordingFrames(recording, path_of(bags[0]).name)) as source:
+            with closing(RecordingFrames(recording)) as source:
                 return draw_recorded(source, request.options.selection)
     return draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
 

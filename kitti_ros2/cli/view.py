@@ -28,10 +28,9 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from ..drawing.drawn_objects import Pixels
-    from ..kitti.names import FileNames
     from ..model.errors import Loss
     from ..options.table import ViewSettings
-    from ..pictures.recording_frames import FrameData, FrameSource
+    from ..pictures.recording_frames import FrameData, RecordingFrames
     from ..pictures.series import PictureTally
     from ..player.program import Program
     from ..viewers.rerun_show import ShowReport
@@ -62,8 +61,8 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
     from ..kitti.label_file import ResultFiles
-    from ..pictures.bag_frames import open_frames
     from ..pictures.painters import Predictions
+    from ..pictures.recording_frames import open_frames
     from ..pictures.series import PICTURES
 
     settings = make_view_settings(given)
@@ -74,7 +73,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     keep_freed_memory()
     path, overlaps = settings.predictions.path, settings.predictions.overlaps
     with closing(open_frames(src, settings.read)) as source:
-        results = None if path is None else ResultFiles(path, frames=_names_of(source))
+        results = None if path is None else ResultFiles(path, frames=source.recording.file_names)
         refine = _keep if results is None else Predictions(results.read, overlaps).add_to
         losses = _draw(source, settings, out, refine, quiet=quiet)
     losses += () if results is None else results.losses
@@ -82,18 +81,8 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-def _names_of(source: FrameSource) -> FileNames | None:
-    """Return how the frames are named, if KITTI's numbers of them are known."""
-    from ..kitti.kitti_recording import KittiRecording
-    from ..own_bags.recording import BagRecording
-    from ..pictures.recording_frames import RecordingFrames
-
-    recording = source.recording if isinstance(source, RecordingFrames) else None
-    return recording.file_names if isinstance(recording, (KittiRecording, BagRecording)) else None
-
-
 def _draw(
-    source: FrameSource,
+    source: RecordingFrames,
     settings: ViewSettings,
     out: Path,
     refine: Callable[[FrameData], FrameData],
@@ -136,7 +125,7 @@ def _draw(
     return (*concerned_losses(source, numbers, mode, settings.pictures), *tally.losses())
 
 
-def _absent(settings: ViewSettings, source: FrameSource, found: Collection[str]) -> list[str]:
+def _absent(settings: ViewSettings, source: RecordingFrames, found: Collection[str]) -> list[str]:
     """Return a note on each requested class that is missing, such as a misspelt one."""
     from ..pictures.panel import MODES
 
@@ -157,7 +146,7 @@ def _keep(frame: FrameData) -> FrameData:
     return frame
 
 
-def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
+def _check_camera(settings: ViewSettings, source: RecordingFrames) -> None:
     """Raise for a camera without any images; a few missing ones are reported per frame."""
     from ..pictures.panel import MODES
 
@@ -168,7 +157,7 @@ def _check_camera(settings: ViewSettings, source: FrameSource) -> None:
     raise UsageError(f'{source.name} has no camera {camera}; it has {known}')
 
 
-def _numbers(settings: ViewSettings, source: FrameSource, *, single: bool) -> list[int]:
+def _numbers(settings: ViewSettings, source: RecordingFrames, *, single: bool) -> list[int]:
     """Return the numbers of the frames to draw."""
     from ..pictures.series import parse_frames, select_frames
 

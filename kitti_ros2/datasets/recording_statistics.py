@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from ..model.boxes import Cuboid
     from ..model.samples import Sample
-    from ..pictures.recording_frames import FrameSource
+    from ..pictures.recording_frames import RecordingFrames
 
 
 # A histogram with mean, standard deviation and extremes, computed without keeping the values.
@@ -300,15 +300,14 @@ class RouteStatistics:
 class RouteTrace:
     """The poses of a recording, collected frame by frame."""
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: RecordingFrames) -> None:
         self._stamp_of = dict(zip(source.numbers.tolist(), source.stamps_ns.tolist(), strict=True))
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
-        self._clock, self._on_ground = Clock.UTC, False
+        recording = source.recording
+        self._clock, self._on_ground = recording.clock, False
         self._imu_t_sensor = Transform.identity()
-        if isinstance(source, RecordingFrames):
-            recording = source.recording
-            self._clock = recording.clock
+        if recording.layout is not None:
             self._on_ground = Stream.POSE not in recording.layout.traits.streams  # by oxts
             if not self._on_ground:
                 self._imu_t_sensor = rect_from_imu(recording.calibration(0)).inverse()
@@ -364,7 +363,7 @@ class FrameFacts:
     missing: list[tuple[str, str]] = field(default_factory=list)
 
 
-def read_facts(source: FrameSource, number: int, streams: Collection[Stream]) -> FrameFacts:
+def read_facts(source: RecordingFrames, number: int, streams: Collection[Stream]) -> FrameFacts:
     """Read some streams of a frame: labels, poses, scans."""
     facts = FrameFacts(number)
     samples: dict[Stream, Sample | None] = {}
@@ -396,7 +395,7 @@ def _count_classes(labels: npt.NDArray[np.uint32]) -> Counter[str]:
 
 
 def _count_in_boxes(
-    source: FrameSource, labels: FrameLabels, scan: Scan, facts: FrameFacts
+    source: RecordingFrames, labels: FrameLabels, scan: Scan, facts: FrameFacts
 ) -> None:
     """Count the points inside the 3D boxes of a frame."""
     calibration = source.calibration(facts.number) or no_calibration('')
@@ -481,7 +480,7 @@ def _finish(statistics: RecordingStatistics) -> None:
 
 
 def count_recording(
-    source: FrameSource,
+    source: RecordingFrames,
     name: str,
     kind: str,
     *,
@@ -503,10 +502,9 @@ def count_recording(
     )
     tally, losses = ObjectTally(), _Losses()
     route = RouteTrace(source)
-    empty = source.without_objects if isinstance(source, RecordingFrames) else frozenset()
     for facts in _facts(source, wanted):
         losses.add(facts)
-        if facts.labels is not None or facts.number in empty:
+        if facts.labels is not None or facts.number in source.without_objects:
             found.labelled += 1
             tally.add(facts.labels or (), facts.box_points)
         if facts.scan_points is not None:
@@ -523,7 +521,7 @@ def count_recording(
     return found
 
 
-def _facts(source: FrameSource, wanted: Collection[Stream]) -> Iterator[FrameFacts]:
+def _facts(source: RecordingFrames, wanted: Collection[Stream]) -> Iterator[FrameFacts]:
     """Yield the facts of all frames; scans are read in parallel."""
     numbers = source.numbers.tolist()
     if Stream.SCAN in wanted:
@@ -533,12 +531,9 @@ def _facts(source: FrameSource, wanted: Collection[Stream]) -> Iterator[FrameFac
     return (read_facts(source, number, wanted) for number in numbers)
 
 
-def _samples(source: FrameSource) -> Counter[str]:
+def _samples(source: RecordingFrames) -> Counter[str]:
     """Return the number of samples of the sensors; poses count if they are not made from oxts."""
-    if isinstance(source, RecordingFrames):
-        known = {stream.value: len(index) for stream, index in source.recording.streams.items()}
-    else:
-        known = {stream: len(numbers) for stream, numbers in source.streams.items()}
+    known = {stream.value: len(index) for stream, index in source.recording.streams.items()}
     absent = {Stream.LABELS} | ({Stream.POSE} if Stream.OXTS.value in known else set())
     sensors = [each.value for each in FRAME_STREAMS if each not in absent]
     return Counter({stream: known[stream] for stream in sensors if stream in known})

@@ -21,8 +21,7 @@ from ..kitti.opening import find_data_sets, open_candidate
 from ..model.errors import KittiRos2Error, Loss, NotKittiError, describe_error
 from ..model.streams import Stream
 from ..options.datasets import STATS, make_statistics_options
-from ..pictures.bag_frames import open_frames
-from ..pictures.recording_frames import RecordingFrames
+from ..pictures.recording_frames import RecordingFrames, open_frames
 from .recording_statistics import (
     Distribution,
     ObjectStatistics,
@@ -43,7 +42,6 @@ if TYPE_CHECKING:
     from ..options.datasets import StatisticsOptions
     from ..options.keywords import StatisticsKeywords
     from ..options.read import ReadOptions
-    from ..pictures.recording_frames import FrameSource
 
 
 if TYPE_CHECKING:
@@ -161,7 +159,7 @@ class SetSource(NamedTuple):
     name: str
     kind: str
     semantic: bool
-    open: Callable[[], FrameSource]
+    open: Callable[[], RecordingFrames]
 
 
 def find_sources(path: Path, read: ReadOptions) -> list[SetSource]:
@@ -198,7 +196,7 @@ def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptio
     semantic = folder is not None and (folder / names.POINT_LABELS).is_dir()
     options = replace(read, semantic=semantic)
 
-    def open_folder() -> FrameSource:
+    def open_folder() -> RecordingFrames:
         return RecordingFrames(open_candidate(data_set.folder, layout, candidate, options))
 
     parts = data_set.folder.relative_to(path).parts

@@ -549,7 +549,7 @@ def open_truth_bag(path: Path) -> Iterator[BagRecording]:
     """
     from ..bags.open_source import open_bag_source  # noqa: PLC0415 - readers of bags take 0.2 s
     from ..importer.survey import look  # noqa: PLC0415 - as above
-    from ..pictures.bag_frames import open_own_recording  # noqa: PLC0415 - as above
+    from ..own_bags.recording import open_own_recording  # noqa: PLC0415 - as above
 
     with open_bag_source(path) as bag:
         recording = open_own_recording(bag, look([bag]))

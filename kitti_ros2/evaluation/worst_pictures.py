@@ -13,9 +13,9 @@ from ..model.errors import NotKittiError, UsageError
 from ..model.samples import FrameLabels
 from ..model.streams import Stream
 from ..options.outputs import PictureOptions
-from ..pictures.bag_frames import open_frames
 from ..pictures.painters import Predictions
 from ..pictures.panel import MODES
+from ..pictures.recording_frames import open_frames
 from ..pictures.series import PictureTally, concerned_losses, draw_frames, write_picture
 from .ground_truth import recording_of
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from ..model.boxes import Box
     from ..model.errors import Loss
     from ..options.read import ReadOptions
-    from ..pictures.recording_frames import FrameSource
+    from ..pictures.recording_frames import RecordingFrames
     from .detection import WorstFrame
 
 _MODE = 'panel'
 _LEAST_DIGITS = 2
 
 
-def open_pictures(ground_truth: Path, options: ReadOptions) -> FrameSource:
+def open_pictures(ground_truth: Path, options: ReadOptions) -> RecordingFrames:
     """Open the images and scans of the recording to which labels belong.
 
     Args:
@@ -57,7 +57,7 @@ def open_pictures(ground_truth: Path, options: ReadOptions) -> FrameSource:
 
 
 def draw_worst_frames(
-    source: FrameSource,
+    source: RecordingFrames,
     worst: Sequence[WorstFrame],
     results: Mapping[int, Sequence[Box]],
     folder: Path,

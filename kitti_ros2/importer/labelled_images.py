@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bags.reader import Decoder, MessagesByIndex, open_messages
+from ..bags.reader import Decoder, open_messages
+from ..bags.single_messages import MessagesByIndex
 from ..drawing.annotate import annotate
 from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
@@ -147,8 +148,7 @@ class _Labels:
 
     def close(self) -> None:
         """Close the files."""
-        if self._messages is not None:
-            self._messages.close()
+        self._messages.close()
 
     def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Return the index of the message of an image, None where none is near."""

@@ -12,112 +12,44 @@ from collections import Counter
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from threading import Lock
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
+from ..bags.single_messages import Place, PlacedMessages, places_of
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.naming import Origin, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
-from ..model.errors import BadFileError, KittiRos2Error, MissingDataError, damage, describe_error
+from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
 from ..model.samples import Calibration, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
-from .numbering import absent_frames, tracklets_of
+from .numbering import absent_frames, number_bag, tracklets_of
 from .schedule import UNKNOWN
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import PurePosixPath
 
-    from ..bags.bag_files import BagSource
+    from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage
     from ..importer.survey import Survey
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Transform
     from ..model.recording import FrameOrigin, Start
-    from ..model.samples import Int64Array, Pose, Sample, Turn
+    from ..model.samples import Pose, Sample, Turn
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
-
-
-# Random access to single messages of a bag, by their log times.
-
-
-class Place(NamedTuple):
-    """The place of a message: topic, log time, and number of earlier ones of both.
-
-    A bag is searched by time, and several messages of a topic may have the same.
-    """
-
-    topic: str
-    log_ns: int
-    before: int
-
-
-def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Place]:
-    """Return the places of some messages of a topic.
-
-    Args:
-        topic: Its name.
-        log_ns: (N,) log times of all its messages, nanoseconds, ascending.
-        indices: Those to locate.
-    """
-    stamps = [(index, int(log_ns[index])) for index in indices]
-    return [
-        Place(topic, stamp_ns, index - int(np.searchsorted(log_ns, stamp_ns)))
-        for index, stamp_ns in stamps
-    ]
-
-
-class PlacedMessages:
-    """Reads messages by their places; thread-safe.
-
-    Raises:
-        BadBagError: The bag cannot be read.
-    """
-
-    def __init__(self, bag: BagSource, topics: Collection[str]) -> None:
-        self._messages = open_messages(bag, topics, must_read=False)
-        self._types = dict(self._messages.channels)
-        self._lock = Lock()
-
-    def close(self) -> None:
-        """Close the files."""
-        self._messages.close()
-
-    def read(self, place: Place) -> Any:  # noqa: ANN401 - of the bag's types
-        """Read and decode the message at a place.
-
-        Raises:
-            MissingDataError: It is missing, or its topic cannot be read.
-            Exception: It cannot be decoded; generated code lets anything out.
-        """
-        if place.topic not in self._types:
-            raise MissingDataError('its type is not defined')
-        before = place.before
-        with self._lock:
-            for message in self._messages.since(place.log_ns):
-                if message.topic != place.topic:
-                    continue
-                if not before:
-                    kind = message.msgtype
-                    return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)
-                before -= 1
-        raise MissingDataError('it is not there any more')
-
-
-_EXPECTED = 'the data of the frame'
+    from .recorded_layout import Blueprint
 
 
 class BagRecording:
@@ -357,3 +289,29 @@ def _camera_name(topic: str, index: int) -> str:
     """KITTI's name of a camera, or its number on a rig of independent ones."""
     name = CAMERA_NAMES.get(index, str(index))
     return name if f'camera_{name}/' in topic else str(index)
+
+
+def open_own_recording(
+    bag: OpenBag, survey: Survey, blueprint: Blueprint | None = None
+) -> BagRecording | None:
+    """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
+
+    Args:
+        bag: The bag.
+        survey: The survey of the bag.
+        blueprint: The layout of the recording, if already read.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+    log_ns = {
+        name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
+    }
+    numbered = number_bag(bag, log_ns, blueprint=blueprint)
+    if numbered is None:
+        return None
+    recording = BagRecording(bag, numbered, survey)
+    if recording.streams:
+        return recording
+    recording.close()
+    return None

@@ -399,7 +399,7 @@ class Mode:
     instead: frozenset[str] = frozenset()
 
     def streams(self, cameras: Collection[int], options: PictureOptions) -> frozenset[str]:
-        """Return the streams that FrameSource.frame has to read.
+        """Return the streams that RecordingFrames.frame has to read.
 
         Args:
             cameras: Cameras whose images the source has.

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..model.errors import Loss
     from ..options.outputs import ImportOptions
     from ..options.read import SelectionOptions
-    from .recording_frames import FrameData, FrameSource
+    from .recording_frames import FrameData
 
 
 # The page of a preview: a row for each frame, with the points and boxes on the images of cameras.
@@ -248,7 +248,7 @@ def draw_preview(
             return replace(found, missing=(f'no points and boxes on images: {error}', *others))
 
 
-def draw_recorded(source: FrameSource, selection: SelectionOptions) -> Preview:
+def draw_recorded(source: RecordingFrames, selection: SelectionOptions) -> Preview:
     """Draw the first, the middle and the last complete frame of a recording that comes back.
 
     Args:

@@ -1,18 +1,21 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The frames of a KITTI folder, or of a bag written by to-bag."""
+"""The frames of a recording: of a KITTI folder, or of a bag."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
-from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
+from ..bags.bag_files import OpenBag
+from ..bags.open_source import open_source
 from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..files.image_files import decode_image
+from ..kitti.kitti_recording import KittiRecording
 from ..kitti.prepare import scan_at
 from ..messages.naming import base_t_imu, map_from_world, place_pose
 from ..model.errors import (
@@ -37,18 +40,22 @@ from ..model.samples import (
 )
 from ..model.streams import CAMERA_COUNT, FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
-from ..own_bags.recording import BagRecording
+from ..own_bags.numbering import BY_POSITION
+from ..own_bags.recording import BagRecording, open_own_recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     import numpy.typing as npt
 
     from ..drawing.drawn_objects import LabelledObject, Pixels
+    from ..importer.planned_recording import PlannedRecording
     from ..model.errors import Loss
     from ..model.geometry import Float64Array, Transform
-    from ..model.recording import FrameOrigin, ReadableRecording
+    from ..model.recording import FrameOrigin
     from ..model.samples import Float32Array, Int64Array, Sample
+    from ..options.read import ReadOptions
 
 
 # One decoded frame of a recording or a bag, the input of all pictures.
@@ -102,8 +109,20 @@ class FrameData:
     missing: Mapping[str, str] = field(default_factory=dict)
 
 
-class FrameSource(Protocol):
-    """Frames by number; frame may be called from several threads at once.
+if TYPE_CHECKING:
+    Readable: TypeAlias = KittiRecording | BagRecording | PlannedRecording
+
+S = TypeVar('S')
+
+_NUMBERED = KittiRecording, BagRecording
+"""Recordings with KITTI's numbers; the frames of others are numbered by position."""
+
+
+class RecordingFrames:
+    """The frames of a recording by number; frame may be called from several threads at once.
+
+    If the same number is the same time in all streams, every number is a frame. In a raw extract
+    the scans are the frames, with the nearest sample of each other stream within half their period.
 
     Attributes:
         name: Display name, such as ``raw 2011_09_26_drive_0005_sync`` or a bag's file name.
@@ -115,93 +134,25 @@ class FrameSource(Protocol):
         losses: Data missing or damaged from the start, by stream or topic.
         assumptions: Assumptions that may make pictures wrong, such as guessed axes; one line each.
         notes: Other non-fatal remarks; one line each.
-    """
-
-    name: str
-    numbers: Int64Array
-    stamps_ns: Int64Array
-    streams: Mapping[str, Int64Array]
-    base_t_imu: Transform
-    origins: Mapping[int, FrameOrigin]
-    losses: Sequence[Loss]
-    assumptions: Sequence[str]
-    notes: Sequence[str]
-
-    @property
-    def cameras(self) -> Mapping[int, str]:
-        """KITTI camera index to name, of cameras with images."""
-
-    def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
-        """Return the frame with a number.
-
-        Args:
-            number: One of numbers.
-            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); by
-                default all but path, which takes the poses of all frames.
-
-        Raises:
-            UsageError: The frame does not exist.
-        """
-
-    def read(self, stream: Stream, number: int) -> Sample | None:
-        """Read one sample of a frame, a pose in map; None if the frame has none.
-
-        Raises:
-            KittiRos2Error: It cannot be read.
-            OSError: The same.
-        """
-
-    def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
-        """Read the scan of a frame as at one moment; None if the frame has none.
-
-        Raises:
-            MissingDataError: The motion, or the time of the points, is not known.
-            KittiRos2Error: It cannot be read.
-            OSError: The same.
-        """
-
-    def pixels(self, camera: int, number: int) -> Pixels | None:
-        """Decode the image of a camera, (H, W, 3) uint8 BGR; None if the frame has none.
-
-        Raises:
-            KittiRos2Error: It cannot be decoded.
-            OSError: It cannot be read.
-        """
-
-    def calibration(self, number: int) -> Calibration | None:
-        """Return the calibration of a frame, None without any."""
-
-    def close(self) -> None:
-        """Release files."""
-
-
-if TYPE_CHECKING:
-    Readable: TypeAlias = ReadableRecording | BagRecording
-
-S = TypeVar('S')
-
-
-class RecordingFrames:
-    """The FrameSource of a recording; a bag written by to-bag is named like its file.
-
-    If the same number is the same time in all streams, every number is a frame. In a raw extract
-    the scans are the frames, with the nearest sample of each other stream within half their period.
 
     Raises:
         MissingDataError: The recording has neither images nor scans nor labels.
     """
 
-    def __init__(self, recording: Readable, name: str | None = None) -> None:
-        self.name = name or f'{recording.layout.value} {recording.name}'
-        self.origins = recording.origins
+    def __init__(self, recording: Readable) -> None:
+        if isinstance(recording, KittiRecording):
+            self.name = f'{recording.layout.value} {recording.name}'
+            self.base_t_imu = base_t_imu(MessageOptions())
+        else:
+            self.name, self.base_t_imu = recording.root.name, recording.base_t_imu
+        self.origins: Mapping[int, FrameOrigin] = recording.origins
         self.losses: Sequence[Loss] = recording.losses
         self.assumptions: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self.recording = recording
         self._reading_poses = Lock()
-        own = recording.base_t_imu if isinstance(recording, BagRecording) else None
-        self.base_t_imu = own or base_t_imu(MessageOptions())
-        streams = [each for each in FRAME_STREAMS if each in recording.streams]
+        order = FRAME_STREAMS if isinstance(recording, _NUMBERED) else recording.streams
+        streams = [each for each in order if each in recording.streams]
         if not streams:
             raise MissingDataError(
                 f'{recording.root}: has no stream that pictures could be made of'
@@ -217,10 +168,13 @@ class RecordingFrames:
             stream.value: np.array([*files], dtype=np.int64)
             for stream, files in self._samples.items()
         }
+        if not isinstance(recording, _NUMBERED):
+            self.assumptions = [*recording.assumptions, BY_POSITION]
+            self._samples[Stream.POSE] = _same(self.numbers)
 
     @cached_property
     def cameras(self) -> Mapping[int, str]:
-        """See FrameSource."""
+        """KITTI camera index to name, of cameras with images."""
         return self.recording.cameras
 
     @cached_property
@@ -228,31 +182,37 @@ class RecordingFrames:
         return map_from_world(self.recording.start, self.base_t_imu, MapFrame.ENU)
 
     def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
-        """See FrameSource."""
+        """Return the frame with a number.
+
+        Args:
+            number: One of numbers.
+            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); by
+                default all but path, which takes the poses of all frames.
+
+        Raises:
+            UsageError: The frame does not exist.
+        """
         place = int(np.searchsorted(self.numbers, number))
         if place == len(self.numbers) or self.numbers[place] != number:
             raise UsageError(
                 f'{self.name} has no frame {number}; it has {describe_frames(self.numbers)}'
             )
-        missing: dict[str, str] = {}
         calibration = self.recording.calibration(number)
-        absent = {f'P{index}' for index in range(CAMERA_COUNT) if index not in self.cameras}
-        missing |= {
-            f'calibration {part}': reason
-            for part, reason in calibration.missing.items()
-            if part not in absent
-        }
+        missing = self._missing_calibration(calibration)
         samples: dict[Stream, Sample] = {}
+        images: dict[int, Pixels] = {}
         for stream in self._samples:
             if not _wants(stream, wanted):
                 continue
             try:
-                sample = self.read(stream, number)
+                if stream.camera is None:
+                    sample = self.read(stream, number)
+                    samples |= {} if sample is None else {stream: sample}
+                else:
+                    pixels = self.pixels(stream.camera, number)
+                    images |= {} if pixels is None else {stream.camera: pixels}
             except (KittiRos2Error, OSError) as error:
                 missing[stream.value] = describe_error(error)
-                continue
-            if sample is not None:
-                samples[stream] = sample
         scan = _of(samples, Stream.SCAN, Scan)
         for reason in scan.missing.values() if scan else ():
             missing[POINT_LABELS] = reason
@@ -262,7 +222,7 @@ class RecordingFrames:
             source=self.name,
             number=number,
             stamp_ns=int(self.stamps_ns[place]),
-            images=self._decoded(samples, number, missing),
+            images=images,
             points=None if scan is None else scan.points,
             point_labels=None if scan is None or scan.missing else scan.labels,
             calibration=None if _is_empty(calibration) else calibration,
@@ -270,7 +230,7 @@ class RecordingFrames:
             labelled=Stream.LABELS in samples
             or (_wants(Stream.LABELS, wanted) and number in self.without_objects),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
-            path=self._path(number, missing) if _wants_path(wanted) else None,
+            path=self._path(place, missing) if _wants_path(wanted) else None,
             imaged=bool(self.cameras),
             scanned=Stream.SCAN in self.recording.streams,
             pose=_of(samples, Stream.POSE, Pose),
@@ -278,8 +238,24 @@ class RecordingFrames:
             missing=missing,
         )
 
+    def _missing_calibration(self, calibration: Calibration) -> dict[str, str]:
+        """Return the missing parts of a frame's calibration, but for those of absent cameras."""
+        if not isinstance(self.recording, _NUMBERED):
+            return dict(self.recording.no_calibration)
+        absent = {f'P{index}' for index in range(CAMERA_COUNT) if index not in self.cameras}
+        return {
+            f'calibration {part}': reason
+            for part, reason in calibration.missing.items()
+            if part not in absent
+        }
+
     def read(self, stream: Stream, number: int) -> Sample | None:
-        """See FrameSource."""
+        """Read one sample of a frame, a pose in map; None if the frame has none.
+
+        Raises:
+            KittiRos2Error: It cannot be read.
+            OSError: The same.
+        """
         files = self._samples.get(stream, {})
         if number not in files:
             return None
@@ -287,43 +263,78 @@ class RecordingFrames:
         return place_pose(sample, self._map_t_world) if isinstance(sample, Pose) else sample
 
     def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
-        """See FrameSource."""
+        """Read the scan of a frame as at one moment; None if the frame has none.
+
+        Raises:
+            MissingDataError: The motion, or the time of the points, is not known.
+            KittiRos2Error: It cannot be read.
+            OSError: The same.
+        """
+        if not isinstance(self.recording, _NUMBERED):
+            raise MissingDataError(
+                f'{self.name}: to-bag did not write it, so the time of the points is not known'
+            )
         scans = self._samples.get(Stream.SCAN, {})
         return scan_at(self.recording, scans[number], stamp_ns) if number in scans else None
 
     def pixels(self, camera: int, number: int) -> Pixels | None:
-        """See FrameSource."""
-        sample = self.read(IMAGE_STREAMS[camera], number)
-        return self._pixels(sample, number, camera) if isinstance(sample, Image) else None
+        """Decode the image of a camera, (H, W, 3) uint8 BGR; None if the frame has none.
+
+        Raises:
+            KittiRos2Error: It cannot be decoded.
+            OSError: It cannot be read.
+        """
+        if not isinstance(self.recording, _NUMBERED):
+            return self.recording.pixels(camera, number)
+        stream = IMAGE_STREAMS[camera]
+        image = self.read(stream, number)
+        if not isinstance(image, Image):
+            return None
+        try:
+            return colour_pixels(decode_image(image))
+        except ValueError as error:
+            path = self.recording.path(stream, self._samples[stream][number])
+            raise BadFileError(path, str(error), 'a whole PNG') from None
 
     def calibration(self, number: int) -> Calibration | None:
-        """See FrameSource."""
+        """Return the calibration of a frame, None without any."""
         found = self.recording.calibration(number)
         return None if _is_empty(found) else found
 
     def close(self) -> None:
-        """See FrameSource; a folder's files are open only while they are read."""
-        if isinstance(self.recording, BagRecording):
+        """Release files; those of a folder are open only while they are read."""
+        if not isinstance(self.recording, KittiRecording):
             self.recording.close()
 
-    def _path(self, number: int, missing: dict[str, str]) -> Float64Array | None:
-        """Return (N, 3) positions up to a frame, None without any."""
-        poses = self._samples.get(Stream.POSE, {})
-        last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
+    def _path(self, place: int, missing: dict[str, str]) -> Float64Array | None:
+        """Return (N, 3) positions up to a frame, by its place; None without any."""
         with self._reading_poses:
-            numbers, positions, failures = self._all_positions
+            known, positions, failures = self._all_positions
+        if isinstance(self.recording, _NUMBERED):
+            poses = self._samples.get(Stream.POSE, {})
+            number = int(self.numbers[place])
+            last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
+        else:
+            last = int(self.stamps_ns[place])
         reason = next((why for failed, why in failures.items() if failed <= last), None)
         if reason is not None:
             missing[Stream.PATH.value] = f'poses are left out of the path; the first: {reason}'
-        found = positions[numbers <= last]
+        found = positions[known <= last]
         return found if len(found) else None
 
     @cached_property
     def _all_positions(self) -> tuple[Int64Array, Float64Array, dict[int, str]]:
-        """Numbers and (N, 3) positions of all poses; the reason by number of unreadable ones."""
-        index = self.recording.streams.get(Stream.POSE)
+        """Numbers and (N, 3) positions of all poses; the reason by number of unreadable ones.
+
+        In a bag not written by to-bag poses have no numbers, but stamps.
+        """
         found: dict[int, Float64Array] = {}
         failures: dict[int, str] = {}
+        if not isinstance(self.recording, _NUMBERED):
+            track = self.recording.trajectory()
+            positions = [pose.translation for pose in track.world_T_imu]
+            found = dict(zip(track.stamps_ns.tolist(), positions, strict=True))
+        index = self.recording.streams.get(Stream.POSE)
         for number in () if index is None else index.numbers.tolist():
             try:
                 pose = self.recording.read(Stream.POSE, number)
@@ -332,43 +343,16 @@ class RecordingFrames:
                 continue
             if isinstance(pose, Pose):
                 found[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
-        positions = np.array([*found.values()], np.float64).reshape(-1, 3)
-        return np.array([*found], np.int64), positions, failures
+        every = np.array([*found.values()], np.float64).reshape(-1, 3)
+        return np.array([*found], np.int64), every, failures
 
     @cached_property
     def without_objects(self) -> frozenset[int]:
         """The frames of a labelled recording that have no label because they have no object."""
-        labelled = self._samples.get(Stream.LABELS)
-        if labelled is None or not has_complete_labels(self.recording.layout, self.losses):
+        labelled, layout = self._samples.get(Stream.LABELS), self.recording.layout
+        if labelled is None or layout is None or not has_complete_labels(layout, self.losses):
             return frozenset()
         return frozenset(self.numbers.tolist()) - labelled.keys()
-
-    def _decoded(
-        self, samples: Mapping[Stream, Sample], number: int, missing: dict[str, str]
-    ) -> dict[int, Pixels]:
-        """Decode the images, by camera."""
-        images: dict[int, Pixels] = {}
-        for stream, sample in samples.items():
-            if stream.camera is None or not isinstance(sample, Image):
-                continue
-            try:
-                images[stream.camera] = self._pixels(sample, number, stream.camera)
-            except BadFileError as error:
-                missing[stream.value] = describe_error(error)
-        return images
-
-    def _pixels(self, image: Image, number: int, camera: int) -> Pixels:
-        """Decode an image.
-
-        Raises:
-            BadFileError: It cannot be decoded.
-        """
-        try:
-            return colour_pixels(decode_image(image))
-        except ValueError as error:
-            stream = IMAGE_STREAMS[camera]
-            path = self.recording.path(stream, self._samples[stream][number])
-            raise BadFileError(path, str(error), 'a whole PNG') from None
 
 
 def _wants_path(wanted: frozenset[str] | None) -> bool:
@@ -415,3 +399,25 @@ def _is_empty(calibration: Calibration) -> bool:
 def _of(samples: Mapping[Stream, Sample], stream: Stream, kind: type[S]) -> S | None:
     sample = samples.get(stream)
     return sample if isinstance(sample, kind) else None
+
+
+# Opens the source of pictures: a KITTI folder or a bag.
+
+
+def open_frames(path: Path, options: ReadOptions) -> RecordingFrames:
+    """Open the frames of a KITTI folder or a bag.
+
+    Raises:
+        UsageError: The path does not exist.
+        KittiRos2Error: The source cannot be read, or contains nothing to draw.
+    """
+    source = open_source(path, options)
+    if not isinstance(source, OpenBag):
+        return RecordingFrames(source)
+    # The importer takes 20 ms to import, and a folder needs none of it.
+    from ..importer.planned_recording import PlannedRecording  # noqa: PLC0415
+    from ..importer.survey import look  # noqa: PLC0415
+
+    with source as bag:  # the frames keep its files open until they are closed
+        survey = look([bag])
+        return RecordingFrames(open_own_recording(bag, survey) or PlannedRecording(bag, survey))

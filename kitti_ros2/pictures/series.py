@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..options.outputs import PictureOptions
     from ..options.read import SelectionOptions
     from .panel import Mode
-    from .recording_frames import FrameData, FrameSource
+    from .recording_frames import FrameData, RecordingFrames
 
 
 _NOMINAL_HZ = NS_PER_S / NOMINAL_PERIOD_NS
@@ -51,7 +51,7 @@ class Drawn(NamedTuple):
 
 
 def draw_frames(
-    source: FrameSource,
+    source: RecordingFrames,
     numbers: Sequence[int],
     mode: Mode,
     options: PictureOptions,
@@ -85,7 +85,7 @@ def draw_frames(
 
 
 def concerned_losses(
-    source: FrameSource, numbers: Sequence[int], mode: Mode, options: PictureOptions
+    source: RecordingFrames, numbers: Sequence[int], mode: Mode, options: PictureOptions
 ) -> tuple[Loss, ...]:
     """Return the losses of the source itself that concern pictures of some frames."""
     wanted = mode.streams(source.cameras, options) | {Stream.CALIBRATION.value}
@@ -142,7 +142,7 @@ class PictureTally:
         )
 
 
-def parse_frames(text: str, source: FrameSource) -> list[int]:
+def parse_frames(text: str, source: RecordingFrames) -> list[int]:
     """Parse FIRST:LAST or FIRST:LAST:STEP, both ends included; each part may be omitted.
 
     Raises:
@@ -166,7 +166,7 @@ def parse_frames(text: str, source: FrameSource) -> list[int]:
     return found
 
 
-def select_frames(source: FrameSource, selection: SelectionOptions) -> list[int]:
+def select_frames(source: RecordingFrames, selection: SelectionOptions) -> list[int]:
     """Return the frames from the start to the end of a selection, both included.
 
     Raises:
@@ -180,7 +180,7 @@ def select_frames(source: FrameSource, selection: SelectionOptions) -> list[int]
     return found
 
 
-def rate_of(source: FrameSource, numbers: Sequence[int]) -> float:
+def rate_of(source: RecordingFrames, numbers: Sequence[int]) -> float:
     """Return the rate of some frames, from the median interval, in Hz."""
     periods = np.diff(np.sort(source.stamps_ns[np.isin(source.numbers, numbers)]))
     period = float(np.median(periods)) if len(periods) else 0.0

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..bags.bag_files import OpenBag, opened
 from ..bags.open_source import open_source
-from ..bags.reader import Decoder, MessagesByIndex, open_messages, read_lead_ns
+from ..bags.reader import Decoder, open_messages, read_lead_ns
+from ..bags.single_messages import MessagesByIndex
 from ..files.remote import as_path
 from ..files.threads import worker_count
 from ..kitti.extract_oxts import add_extract

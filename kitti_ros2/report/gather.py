@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array, Trajectory
     from ..options.read import ReadOptions
     from ..own_bags.recording import BagRecording
-    from ..pictures.recording_frames import FrameData, FrameSource
+    from ..pictures.recording_frames import FrameData
     from .contents import Timing
     from .overview import Overview
 
@@ -75,7 +75,7 @@ _MOST_CAMERAS = 4
 
 
 def draw_scenes(
-    source: FrameSource,
+    source: RecordingFrames,
     pictured: Sequence[int],
     most: int,
     seen: Callable[[FrameData], None],
@@ -107,7 +107,7 @@ def draw_scenes(
 
 
 def draw_projections(
-    source: FrameSource,
+    source: RecordingFrames,
     pictured: Sequence[int],
     scenes: Sequence[Scene],
     seen: Callable[[FrameData], None],
@@ -137,7 +137,7 @@ def draw_projections(
     return tuple(picture for picture in found if picture is not None)
 
 
-def _scene(frame: FrameData, source: FrameSource, camera: int | None) -> Scene:
+def _scene(frame: FrameData, source: RecordingFrames, camera: int | None) -> Scene:
     """Draw the possible pictures of a frame."""
     image = points = None
     if camera is not None:
@@ -470,8 +470,9 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     # The importer takes 20 ms to import, and a folder needs none of it.
+    from ..importer.planned_recording import PlannedRecording, ego_track  # noqa: PLC0415
     from ..importer.survey import look  # noqa: PLC0415
-    from ..pictures.bag_frames import BagFrames, ego_track, open_bag_frames, open_own_recording  # noqa: PLC0415
+    from ..own_bags.recording import open_own_recording  # noqa: PLC0415
 
     overview, blueprint = inspect_bag(bag)
     findings: list[Finding] = []
@@ -498,7 +499,8 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
     findings += _of_transforms(overview, survey, own)
     try:
-        source = open_bag_frames(bag, survey, own)
+        recording = own or PlannedRecording(bag, survey)
+        source = RecordingFrames(recording)
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
         track = ego_track(bag, survey, [])
@@ -508,8 +510,8 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     with closing(source):
         pictured = source.numbers.tolist() if own is None else _pictured(own, source)
         report = _look_through(report, source, pictured, findings, steps)
-    if isinstance(source, BagFrames):
-        report = replace(report, route=_route(source.trajectory()))
+    if isinstance(recording, PlannedRecording):
+        report = replace(report, route=_route(recording.trajectory()))
     return _finished(report, findings)
 
 
@@ -533,13 +535,13 @@ def _route(trajectory: Trajectory) -> Route | None:
     return route_of(trajectory.stamps_ns.tolist(), poses)
 
 
-def _altitude(source: FrameSource, pose: Pose, number: int) -> float | None:
+def _altitude(source: RecordingFrames, pose: Pose, number: int) -> float | None:
     """Return the altitude of z = 0 of map, by the packet of the frame with a pose."""
     packet = source.frame(number, frozenset({Stream.OXTS.value})).packet
     return None if packet is None else packet.alt - float(pose.world_T_imu.translation[2])
 
 
-def _pictured(recording: KittiRecording | BagRecording, source: FrameSource) -> list[int]:
+def _pictured(recording: KittiRecording | BagRecording, source: RecordingFrames) -> list[int]:
     """Return the numbers of the frames with images or scans."""
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
@@ -552,7 +554,7 @@ def _pictured(recording: KittiRecording | BagRecording, source: FrameSource) -> 
 
 def _look_through(
     report: Report,
-    source: FrameSource,
+    source: RecordingFrames,
     pictured: Sequence[int],
     findings: list[Finding],
     steps: _Steps,

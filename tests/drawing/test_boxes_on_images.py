@@ -23,7 +23,7 @@ from kitti_ros2.drawing.drawn_objects import CLASS_COLORS, NEUTRAL_COLOR, VERDIC
 from kitti_ros2.drawing.strokes import box_color, caption_2d, caption_3d, class_color
 from kitti_ros2.model.boxes import DONT_CARE, Match, Verdict, clip_bounds, cuboid_corners
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.recording_frames import open_frames
 
 EXPECTED_IOU = {
     0: {'Pedestrian': 0.889},

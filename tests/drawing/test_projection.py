@@ -18,7 +18,7 @@ from kitti_ros2.messages.camera_info import encode_camera_info
 from kitti_ros2.model.boxes import NEAR_M, cuboid_corners, project_corners
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.recording_frames import open_frames
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
 from scenes import solid  # isort: skip

@@ -17,7 +17,7 @@ from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.model.classes import LeastOverlaps
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.recording_frames import open_frames
 
 
 def boxes(frames):

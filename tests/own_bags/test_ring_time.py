@@ -13,12 +13,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.cli import main
+from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.streams import NS_PER_S, Layout, Stream, parse_stamp
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import ReadOptions, ScanStamp, SelectionOptions
-from kitti_ros2.pictures.bag_frames import BagFrames
+from kitti_ros2.pictures.recording_frames import RecordingFrames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 
@@ -193,7 +194,7 @@ def test_a_plan_and_pictures_pair_each_scan_with_its_own_image(recordings, tmp_p
     plain = open_recording(source)
     scans = plain.streams[Stream.SCAN]
     assert np.array_equal(look([bag]).topics[POINTS].stamps()[0], scans.stamps_ns)
-    frames = BagFrames(bag, look([bag]))
+    frames = RecordingFrames(PlannedRecording(bag, look([bag])))
     assert len(frames.numbers) == len(scans)
     assert not any('dropped' in note for note in frames.notes)
     for number in frames.numbers.tolist():

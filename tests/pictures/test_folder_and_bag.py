@@ -19,8 +19,8 @@ from kitti_ros2.options.messages import Images
 from kitti_ros2.options.outputs import PictureOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
-from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.pictures.panel import MODES, draw_panel, facts_of
+from kitti_ros2.pictures.recording_frames import open_frames
 from kitti_ros2.report.contents import Severity
 from kitti_ros2.report.gather import gather
 

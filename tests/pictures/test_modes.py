@@ -19,7 +19,6 @@ from kitti_ros2.model.samples import FrameLabels
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BirdOptions, ColorBy, PictureOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.pictures.painters import Predictions
 from kitti_ros2.pictures.panel import (
     BIRD,
@@ -33,7 +32,7 @@ from kitti_ros2.pictures.panel import (
     facts_of,
     parts_of,
 )
-from kitti_ros2.pictures.recording_frames import FrameData
+from kitti_ros2.pictures.recording_frames import FrameData, open_frames
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions
 
 ANY = PictureOptions()

@@ -20,8 +20,8 @@ from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION
-from kitti_ros2.pictures.bag_frames import open_frames
 from kitti_ros2.pictures.painters import Predictions
+from kitti_ros2.pictures.recording_frames import open_frames
 
 from builders import convert_recording  # isort: skip
 

@@ -16,6 +16,7 @@ from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.box_labels import rectified_boxes
 from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.survey import group_messages, look
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.opening import open_recording
@@ -25,7 +26,7 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import BagFrames
+from kitti_ros2.pictures.recording_frames import RecordingFrames
 
 
 def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
@@ -287,7 +288,7 @@ class TestArraysOfOneStamp:
     def test_are_one_frame_of_the_viewer(self, tmp_path, kinds, topic):
         said = divided(robot.said(kinds), topic, again=True)
         bag = open_bag_source(bags.write(tmp_path / 'bag', said))
-        frames = BagFrames(bag, look([bag]))
+        frames = RecordingFrames(PlannedRecording(bag, look([bag])))
         for number in range(robot.FRAMES):
             found = frames.read(Stream.LABELS, number).cuboids
             assert sorted(each.size_lwh[2] for each in found) == [1.4, 1.5, 1.8]

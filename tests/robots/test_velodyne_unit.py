@@ -15,13 +15,14 @@ import yaml
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import format_plan, parse_plan
+from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.pictures.bag_frames import BagFrames
+from kitti_ros2.pictures.recording_frames import RecordingFrames
 
 RESOLUTION_M = 0.002
 
@@ -237,7 +238,7 @@ def test_pictures_of_a_bag_without_the_calibration_show_its_images(tmp_path):
         message = robot.scan_message(packets, stamp)
         said.append(bags.Said('/packets', stamp, 'velodyne_msgs/msg/VelodyneScan', message))
     bag = bags.write(tmp_path / 'bag', said)
-    frames = BagFrames(bag, look([bag]))
+    frames = RecordingFrames(PlannedRecording(bag, look([bag])))
     assert len(frames.numbers) == turtlebot.FRAMES
     assert list(frames.cameras) == [2]
     frames.close()

@@ -15,6 +15,7 @@ from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.importer.plan import PosePlan, format_plan, parse_plan
+from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.survey import look
 from kitti_ros2.kitti.kitti_recording import MercatorWorld
 from kitti_ros2.kitti.opening import open_recording
@@ -24,7 +25,7 @@ from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.options.table import make_import_options
-from kitti_ros2.pictures.bag_frames import BagFrames
+from kitti_ros2.pictures.recording_frames import RecordingFrames
 
 ODOMETRY = ('odom', 'base_link')
 
@@ -800,7 +801,7 @@ def test_an_odometry_of_zeros_costs_the_oxts_alone(tmp_path):
 def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
     frames = wanderer.write(tmp_path / 'bag', Robot(cloud='map'))
     with open_bag_source(tmp_path / 'bag') as bag:
-        shown = BagFrames(bag, look([bag])).frame(4)
+        shown = RecordingFrames(PlannedRecording(bag, look([bag]))).frame(4)
     assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
     assert len(shown.objects) == 2
 
@@ -811,7 +812,7 @@ def test_pictures_have_standing_boxes_on_their_points_whatever_their_stamp(tmp_p
         path = tmp_path / f'{after_ns}'
         wanderer.write(path, Robot(boxes_after_ns=after_ns))
         with open_bag_source(path) as bag:
-            boxes.append(BagFrames(bag, look([bag])).frame(4).objects)
+            boxes.append(RecordingFrames(PlannedRecording(bag, look([bag]))).frame(4).objects)
     places = [[each.cuboid.velo_T_box.translation for each in found] for found in boxes]
     np.testing.assert_allclose(*places, atol=1e-9)
 

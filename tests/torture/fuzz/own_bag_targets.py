@@ -18,7 +18,7 @@ from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ValidateOptions
 from kitti_ros2.own_bags.numbering import number_bag
 from kitti_ros2.own_bags.recorded_layout import read_blueprint
-from kitti_ros2.pictures.bag_frames import open_own_recording
+from kitti_ros2.own_bags.recording import open_own_recording
 from kitti_ros2.validation.bag_checks import check_bag
 from kitti_ros2.validation.rule import FindingTally
 from kitti_ros2.validation.validate import rules_by_id

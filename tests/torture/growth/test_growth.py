@@ -22,7 +22,7 @@ from kitti_ros2.evaluation.odometry import score_odometry
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.evaluation import OdometryOptions
 from kitti_ros2.options.read import ReadOptions, SelectionOptions
-from kitti_ros2.pictures.bag_frames import open_frames
+from kitti_ros2.pictures.recording_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.report.gather import gather
 
