@@ -150,7 +150,7 @@ def test_debug_shows_the_traceback(tmp_path):
 
 
 def test_an_unforeseen_error_is_one_line_too(recordings, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.to_bag.convert', lambda *_, **__: 1 / 0)
+    monkeypatch.setattr('kitti_ros2.own_bags.to_bag.convert', lambda *_, **__: 1 / 0)
     assert main(['to-bag', str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap'), '-q']) == 2
     assert 'internal error, ZeroDivisionError' in one_line(capsys.readouterr().err)
 
@@ -365,7 +365,7 @@ def test_a_demo_that_the_disk_refuses_is_named(tmp_path, capsys, monkeypatch):
     def full(*_args, **_options):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr('kitti_ros2.cli.demo.write_synthetic', full)
+    monkeypatch.setattr('kitti_ros2.synthetic.write_synthetic', full)
     assert main(['demo', str(tmp_path / 'd')]) == 2
     said = capsys.readouterr().err
     assert f'{tmp_path}/d/kitti: the disk is full (No space left on device)' in said

@@ -218,7 +218,7 @@ def test_a_full_disk_leaves_nothing(recordings, tmp_path, capsys, monkeypatch):
     def fail(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('kitti_ros2.cli.stats.write_csv', fail)
+    monkeypatch.setattr('kitti_ros2.datasets.set_statistics.write_csv', fail)
     assert main(['stats', str(recordings[Layout.RAW]), '--csv', str(tmp_path / 'o.csv')]) == 2
     assert 'the disk is full' in one_line(capsys.readouterr().err)
     assert [*tmp_path.iterdir()] == []
