@@ -133,6 +133,7 @@ setup(
     package_data={
         NAME: [
             'py.typed',
+            'datasets/*.txt',
             'messages/definitions/*',
             'options/stacks/*.yaml',
             'player/fastdds.xml',

@@ -212,6 +212,7 @@ def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
     assert setup_arguments['python_requires'] == '>=3.10'
     data = [
         'py.typed',
+        'datasets/*.txt',
         'messages/definitions/*',
         'options/stacks/*.yaml',
         'player/fastdds.xml',
