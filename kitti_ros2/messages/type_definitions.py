@@ -146,24 +146,20 @@ def nested_type(description: Any) -> str | None:  # noqa: ANN401 - as rosbags ha
     return content if kind == Nodetype.NAME else None
 
 
-def read_definitions() -> Typesdict:
-    """Read the types in definitions/."""
-    texts = {}
-    for path in sorted(_FOLDER.glob('*.txt')):
-        for block in path.read_text('utf-8').split(_TYPE)[1:]:
-            name, _, lines = block.strip().partition('\n')
-            texts[name] = lines
-    return parse_definitions(texts)
+OF_KITTI = 'kitti.msgs'
+"""The file with the types of KITTI's data."""
 
 
-def parse_definitions(texts: Mapping[str, str]) -> Typesdict:
-    """Parse plain definitions by name: the lines of a .msg file, also separated by |."""
+def read_definitions(files: str = '*.txt') -> Typesdict:
+    """Read the types in files of definitions/, those of others unless their name is given."""
     types: Typesdict = {}
-    for msgtype, text in texts.items():
-        found = parse_plain(msgtype, text.replace('|', '\n'))
-        if found is None:
-            raise ValueError(f'{msgtype} has a line that is not plain')
-        types.update(found)
+    for path in sorted(_FOLDER.glob(files)):
+        for block in path.read_text('utf-8').split(_TYPE)[1:]:
+            msgtype, _, lines = block.strip().partition('\n')
+            found = parse_plain(msgtype, lines)
+            if found is None:
+                raise ValueError(f'{msgtype} has a line that is not plain')
+            types.update(found)
     return types
 
 
