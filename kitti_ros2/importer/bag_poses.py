@@ -14,7 +14,9 @@ import numpy as np
 
 from ..bags.reader import Decoder, open_messages
 from ..messages.cdr import stamp_ns_of
+from ..messages.detections import frames_in
 from ..messages.moving_tree import MovingTree, PoseTrack, ProductTrack, TransformSeries
+from ..messages.naming import LABEL_LINES
 from ..messages.oxts import poses_of, poses_of_link, read_transforms
 from ..messages.tf_tree import FIXED_FRAMES, find_body, plain
 from ..messages.topics import own_topics
@@ -23,10 +25,10 @@ from ..model.errors import UsageError, did_you_mean
 from ..model.geometry import Transform
 from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
-from .plan import Incomplete, PosePlan, topic_of
-from .roles import POSES
+from .plan import Incomplete, PosePlan, frame_of, topic_of
+from .roles import POSES, SOLID
 from .survey import pass_over
-from .tf_frames import NamedFrames, child_of, is_renamed, is_truth, moving_pairs
+from .tf_frames import NamedFrames, child_of, is_renamed, is_truth
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -407,15 +409,53 @@ class PoseEnds(NamedTuple):
 _AS_THEY_ARE = PoseEnds('', '', '', '')
 
 
-def pose_pairs(plan: PosePlan | None, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
-    """Return the pairs of frames that transforms must join for the poses of a plan.
+def moving_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
+    """Return the pairs of frames that moving links join, and that scans and labels need.
 
     Raises:
-        UsageError: As find_ends.
+        UsageError: The plan names a missing topic.
     """
-    if plan is None:
-        return []
-    return find_ends(plan, topic_of(survey, plan.topic), survey, names).pairs()
+    pairs = []
+    base = _base_frame(plan, survey)
+    if plan.scan is not None:
+        clouds = topic_of(survey, plan.scan.topic)
+        pairs += [(plan.scan.frame, frame) for frame in clouds.frames]
+    if plan.labels is not None and plan.labels.topic != LABEL_LINES and base:
+        pairs += [(base, frame) for frame in sorted(_frames_of_boxes(plan.labels.topic, survey))]
+    return [pair for pair in pairs if names.moving_between(*pair)]
+
+
+def _base_frame(plan: Plan, survey: Survey) -> str:
+    """Return the frame that boxes are brought to: the scans', else that of the first camera."""
+    if plan.scan is not None:
+        return plan.scan.frame
+    with_info = sorted(index for index, camera in plan.cameras.items() if camera.info)
+    if not with_info:
+        return ''
+    first = plan.cameras[with_info[0]]
+    return frame_of(first, survey)
+
+
+def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
+    topic = topic_of(survey, name)
+    frames = set(topic.frames)
+    if topic.msgtype in SOLID:
+        for look in topic.looks:
+            frames |= frames_in(look)
+    return frames
+
+
+def needed_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
+    """Return the pairs of frames that links must join for scans, labels and poses of a plan.
+
+    Raises:
+        UsageError: The plan names a missing topic, or as find_ends.
+    """
+    pairs = moving_pairs(plan, survey, names)
+    if plan.pose is not None:
+        ends = find_ends(plan.pose, topic_of(survey, plan.pose.topic), survey, names)
+        pairs += ends.pairs()
+    return pairs
 
 
 def link_topics(plan: Plan, survey: Survey) -> set[str]:
@@ -425,8 +465,7 @@ def link_topics(plan: Plan, survey: Survey) -> set[str]:
         UsageError: The plan names a missing topic.
     """
     names = NamedFrames(survey, plan.pose)
-    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
-    return {each.topic for each in links_between(names, pairs)}
+    return {each.topic for each in links_between(names, needed_pairs(plan, survey, names))}
 
 
 def find_ends(plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFrames) -> PoseEnds:
@@ -659,7 +698,7 @@ def read_motion(
         UsageError: As read_track.
     """
     names = NamedFrames(survey, plan.pose)
-    pairs = [*moving_pairs(plan, survey, names), *pose_pairs(plan.pose, survey, names)]
+    pairs = needed_pairs(plan, survey, names)
     told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
     tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
     if plan.pose is None:

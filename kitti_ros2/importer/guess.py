@@ -32,7 +32,7 @@ from .bag_cameras import (
     with_frames,
 )
 from .bag_labels import PixelFrames, guess_labels, has_cubes
-from .bag_poses import guess_pose, link_topics
+from .bag_poses import guess_pose, link_topics, moving_pairs
 from .bag_scans import cloud_notes, guess_scan
 from .clocks import clocked, estimate_offsets
 from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link, topic_uses
@@ -46,7 +46,6 @@ from .tf_frames import (
     forward_frame,
     is_fixed,
     is_forward,
-    moving_pairs,
     near_frame,
 )
 

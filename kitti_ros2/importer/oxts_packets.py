@@ -407,6 +407,7 @@ class PacketMaker:
 
     Attributes:
         losses: Frames without a packet, where the layout has a line for each.
+        lost_ns: Stamps of the frames without a packet because of a gap in the poses.
     """
 
     def __init__(
@@ -414,8 +415,8 @@ class PacketMaker:
         plan: Plan,
         survey: Survey,
         frames: Frames,
-        turns: Mapping[str, Transform],
-        unit: UnitPoses,
+        rigging: Rigging,
+        motion: PlannedMotion,
     ) -> None:
         """Select the required messages.
 
@@ -423,23 +424,24 @@ class PacketMaker:
             plan: Names the topics.
             survey: Their stamps.
             frames: The frames.
-            turns: By topic its frame in KITTI's imu frame.
-            unit: Poses that take the place of the fix.
+            rigging: Where the sensors are on the vehicle.
+            motion: Poses that take the place of the fix.
 
         Raises:
             UsageError: A topic is missing.
         """
+        self._unit = unit = UnitPoses(plan, survey, frames, rigging, motion)
+        self.lost_ns = unit.lost_ns
         self._notes: list[str] = [*unit.notes]
         self._lacking = 0
         self.losses: tuple[Loss, ...] = ()
         self._frames_ns = frames.stamps_ns
-        self._unit = unit
         self._topics = {
             'imu': plan.imu,
             'fix': plan.fix,
             'velocity': plan.velocity or unit.velocity,
         }
-        self._mounting = self._mounted(plan, turns)
+        self._mounting = self._mounted(plan, rigging.imu_t_topic)
         named = {role: topic for role, topic in self._topics.items() if topic}
         self._imu_unit = self._acceleration_unit(plan.imu, survey)
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}

@@ -39,7 +39,7 @@ from .kitti_frames import (
     numbered,
     unread,
 )
-from .oxts_packets import PacketMaker, UnitPoses
+from .oxts_packets import PacketMaker
 from .rigging import Riggings
 from .tf_frames import BoxTimes, UnknownPlaceError
 
@@ -578,12 +578,10 @@ def build(
     if target.excerpt is not None:
         frames = target.excerpt.of(frames)
     riggings = Riggings(plan, survey, frames, motion.tree)
-    rigging = riggings.first
-    unit = UnitPoses(plan, survey, frames, rigging, motion)
-    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (unit.lost_ns, NO_PACKET)):
+    packets = PacketMaker(plan, survey, frames, riggings.first, motion)
+    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (packets.lost_ns, NO_PACKET)):
         for stamp_ns in stamps_ns.tolist():
             losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
-    packets = PacketMaker(plan, survey, frames, rigging.imu_t_topic, unit)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
         samples = SampleWriter(plan, frames, riggings, writer, target.first)

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..messages.cdr import stamp_ns_of
-from ..messages.detections import frames_in
-from ..messages.naming import LABEL_LINES
 from ..messages.tf_tree import (
     FIXED_FRAMES,
     FrameTree,
@@ -24,8 +22,6 @@ from ..messages.tf_tree import (
 )
 from ..model import bag_formats as types
 from ..model.errors import MissingDataError
-from .plan import frame_of, topic_of
-from .roles import SOLID
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +29,7 @@ if TYPE_CHECKING:
 
     from ..messages.moving_tree import MovingTree
     from ..model.geometry import Float64Array, Transform
-    from .plan import Plan, PosePlan, ScanPlan
+    from .plan import PosePlan, ScanPlan
     from .survey import Survey, TopicSurvey
 
 
@@ -150,42 +146,6 @@ def is_renamed(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> bool:
     child = child_of(topic)
     renamed = child != plan.body and child not in names.transformed
     return renamed and plan.body in names.transformed
-
-
-def moving_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
-    """Return the pairs of frames that moving links join, and that scans and labels need.
-
-    Raises:
-        UsageError: The plan names a missing topic.
-    """
-    pairs = []
-    base = base_frame(plan, survey)
-    if plan.scan is not None:
-        clouds = topic_of(survey, plan.scan.topic)
-        pairs += [(plan.scan.frame, frame) for frame in clouds.frames]
-    if plan.labels is not None and plan.labels.topic != LABEL_LINES and base:
-        pairs += [(base, frame) for frame in sorted(_frames_of_boxes(plan.labels.topic, survey))]
-    return [pair for pair in pairs if names.moving_between(*pair)]
-
-
-def base_frame(plan: Plan, survey: Survey) -> str:
-    """Return the frame that boxes are brought to: the scans', else that of the first camera."""
-    if plan.scan is not None:
-        return plan.scan.frame
-    with_info = sorted(index for index, camera in plan.cameras.items() if camera.info)
-    if not with_info:
-        return ''
-    first = plan.cameras[with_info[0]]
-    return frame_of(first, survey)
-
-
-def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
-    topic = topic_of(survey, name)
-    frames = set(topic.frames)
-    if topic.msgtype in SOLID:
-        for look in topic.looks:
-            frames |= frames_in(look)
-    return frames
 
 
 # Frames with x forward, y left, z up, as KITTI's velodyne and imu frames are.
