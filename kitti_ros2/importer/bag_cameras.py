@@ -260,11 +260,31 @@ class Choice:
     by_name: bool = False
 
 
-def with_frames(
-    rig: Sequence[RigCamera], tree: FrameTree, heading: Heading | None, notes: list[str]
-) -> list[RigCamera]:
-    """Return the cameras with frames of the tree that are optical ones, and note changes."""
-    return [_with_optical(_with_known(each, tree, notes), tree, heading, notes) for each in rig]
+@dataclass(frozen=True)
+class CameraRig:
+    """Cameras of a bag, and what tells where they look.
+
+    Attributes:
+        cameras: With frames of the tree that are optical ones.
+        tree: The static transforms, also to frames that are made.
+        heading: The robot's forward; None where it is unknown.
+    """
+
+    cameras: Sequence[RigCamera]
+    tree: FrameTree
+    heading: Heading | None
+
+
+def place_cameras(
+    survey: Survey, cameras: Sequence[RigCamera], heading: Heading | None, notes: list[str]
+) -> CameraRig:
+    """Return cameras with frames of the bag's tree that are optical ones, and note changes."""
+    tree = survey.tree
+    placed = [
+        _with_optical(_with_known(each, tree, notes), tree, heading, notes) for each in cameras
+    ]
+    links = [optical_link(each.bag_frame, each.forward) for each in placed if each.forward]
+    return CameraRig(placed, survey.tree_with(links), heading)
 
 
 def _with_known(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
@@ -315,25 +335,20 @@ def find_heading(
     )
 
 
-def direction_of(
-    tree: FrameTree, heading: Heading | None, camera: RigCamera
-) -> Float64Array | None:
+def direction_of(rig: CameraRig, camera: RigCamera) -> Float64Array | None:
     """Return (3,) the direction a camera looks in, in forward, left, up; None if not joined."""
-    axes = None if heading is None else heading.axes_of(tree, camera.frame)
+    axes = None if rig.heading is None else rig.heading.axes_of(rig.tree, camera.frame)
     return None if axes is None else (axes @ camera.r.T)[:, 2]
 
 
-def choose_cameras(
-    tree: FrameTree, heading: Heading | None, cameras: Sequence[RigCamera]
-) -> Choice:
+def choose_cameras(rig: CameraRig) -> Choice:
     """Choose camera 2, and the pairs beside it; of many, among those that look most ahead.
 
     Args:
-        tree: The static transforms.
-        heading: The robot's forward; None where it is unknown.
-        cameras: At least one, those with a CameraInfo.
+        rig: At least one camera, those with a CameraInfo.
     """
-    directions = {each.name: direction_of(tree, heading, each) for each in cameras}
+    tree, cameras = rig.tree, rig.cameras
+    directions = {each.name: direction_of(rig, each) for each in cameras}
     if len(cameras) > _MOST_COMPARED:
         cameras = sorted(cameras, key=lambda each: _angle(directions[each.name]))[:_MOST_COMPARED]
     rights = {
@@ -444,14 +459,12 @@ def _camera_heading(
 # Notes on the cameras of a bag: why each was passed over, and which look up or down.
 
 
-def joined_cameras(
-    tree: FrameTree, cameras: Sequence[RigCamera], scan_frame: str | None
-) -> list[RigCamera]:
+def joined_cameras(rig: CameraRig, scan_frame: str | None) -> list[RigCamera]:
     """Return the cameras that static transforms join to the scans; all if none is, or no scans."""
+    every = list(rig.cameras)
     if scan_frame is None:
-        return list(cameras)
-    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
-    return joined or list(cameras)
+        return every
+    return [each for each in every if rig.tree.joins(scan_frame, each.frame)] or every
 
 
 def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
@@ -467,48 +480,41 @@ def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
     return f'{camera.frame} moves against {scan_frame} ({links}), so it has no fixed calibration'
 
 
-def describe_others(
-    tree: FrameTree,
-    heading: Heading | None,
-    cameras: Sequence[RigCamera],
-    choice: Choice,
-    scan_frame: str | None,
-) -> list[str]:
+def describe_others(rig: CameraRig, choice: Choice, scan_frame: str | None) -> list[str]:
     """Return a note on each camera that was not taken, and on a choice by name.
 
     Args:
-        tree: The static transforms.
-        heading: The robot's forward; None where it is unknown.
-        cameras: All of them.
+        rig: All of them.
         choice: Those that were taken.
         scan_frame: That of the scans, None without scans.
     """
-    joined = joined_cameras(tree, cameras, scan_frame)
+    joined = joined_cameras(rig, scan_frame)
     taken = {each.name for each in choice.cameras.values()}
-    others = [each for each in cameras if each.name not in taken]
+    others = [each for each in rig.cameras if each.name not in taken]
     notes = []
     if choice.by_name:
         main = choice.cameras[2].topic.name
         notes.append(
             f'camera 2 is {main} by its name: no static transform tells where the cameras look'
         )
-    notes += describe_steep(tree, heading, choice.cameras[2])
+    notes += describe_steep(rig, choice.cameras[2])
     for each in others:
-        direction = direction_of(tree, heading, each)
+        direction = direction_of(rig, each)
         looks = 'no static transform tells where it looks'
         if scan_frame is not None and each not in joined:
-            looks = why_not_joined(tree, each, scan_frame)
-        elif direction is not None and heading is not None:
-            looks = f'it looks {describe_direction(direction)} (forward is {heading.source})'
+            looks = why_not_joined(rig.tree, each, scan_frame)
+        elif direction is not None and rig.heading is not None:
+            forward = rig.heading.source
+            looks = f'it looks {describe_direction(direction)} (forward is {forward})'
         notes.append(f'passed over: {each.topic.name}; {looks}')
     if any(each in joined for each in others):
         notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
     return notes
 
 
-def describe_steep(tree: FrameTree, heading: Heading | None, camera: RigCamera) -> list[str]:
+def describe_steep(rig: CameraRig, camera: RigCamera) -> list[str]:
     """Return a note on a camera that looks up or down: its frame may be no optical one."""
-    direction = direction_of(tree, heading, camera)
+    direction = direction_of(rig, camera)
     if direction is None or not is_steep(direction):
         return []
     note = (
@@ -531,27 +537,20 @@ def main_camera(cameras: Collection[int]) -> int:
 
 
 def guess_cameras(
-    layout: Layout,
-    rig: Sequence[RigCamera],
-    tree: FrameTree,
-    heading: Heading | None,
-    scan_frame: str | None,
-    notes: list[str],
+    layout: Layout, rig: CameraRig, scan_frame: str | None, notes: list[str]
 ) -> dict[int, CameraPlan]:
     """Choose up to four cameras by KITTI's numbers.
 
     Args:
         layout: Images of raw may stay distorted.
         rig: The cameras of the bag.
-        tree: The static transforms.
-        heading: The robot's forward; None where it is unknown.
         scan_frame: That of the scans, None without scans.
         notes: A note on each other camera is added.
     """
-    if not rig:
+    if not rig.cameras:
         notes.append('missing: images (no camera)')
         return {}
-    cameras = _with_info(rig, notes)
+    cameras = _with_info(rig.cameras, notes)
     found = _by_own_names(cameras)
     if not found and not any(each.info is not None and each.frame for each in cameras):
         # Images without frames: nothing tells directions, and nothing is projected wrongly.
@@ -559,33 +558,27 @@ def guess_cameras(
         found = dict(zip((2, 3, 0, 1), order, strict=False))
         notes += [f'passed over: {each.topic.name}; KITTI has four cameras' for each in order[4:]]
     elif not found:
-        choice = choose_cameras(tree, heading, cameras)
+        rig = replace(rig, cameras=cameras)
+        choice = choose_cameras(rig)
         found = choice.cameras
-        notes += describe_others(tree, heading, cameras, choice, scan_frame)
+        notes += describe_others(rig, choice, scan_frame)
     notes += _describe_rectified(found.values())
     return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
 
 
 def guess_camera_sets(
-    layout: Layout,
-    rig: Sequence[RigCamera],
-    tree: FrameTree,
-    heading: Heading | None,
-    scan_frame: str | None,
-    notes: list[str],
+    layout: Layout, rig: CameraRig, scan_frame: str | None, notes: list[str]
 ) -> dict[str, CameraPlan]:
     """Return the plans of all cameras, by the names of their sets.
 
     Args:
         layout: Images of raw may stay distorted.
         rig: The cameras of the bag.
-        tree: The static transforms.
-        heading: The robot's forward; None where it is unknown.
         scan_frame: That of the scans, None without scans. Cameras that are not joined to it, such
             as those behind a joint that moves, have no calibration; unless none is joined.
         notes: A note on each camera without a set is added.
     """
-    known = _with_info(rig, notes) if rig else []
+    known = _with_info(rig.cameras, notes)
     cameras = [each for each in known if each.focal] or known
     notes += [
         f'passed over: {each.topic.name}; its camera_info is not calibrated'
@@ -593,14 +586,14 @@ def guess_camera_sets(
         if each not in cameras
     ]
     if scan_frame is not None:
-        joined = joined_cameras(tree, cameras, scan_frame)
+        joined = joined_cameras(replace(rig, cameras=cameras), scan_frame)
         notes += [
-            f'passed over: {each.topic.name}; {why_not_joined(tree, each, scan_frame)}'
+            f'passed over: {each.topic.name}; {why_not_joined(rig.tree, each, scan_frame)}'
             for each in cameras
             if each not in joined
         ]
         cameras = joined
-    notes += [note for each in cameras for note in describe_steep(tree, heading, each)]
+    notes += [note for each in cameras for note in describe_steep(rig, each)]
     notes += _describe_rectified(cameras)
     names = _short_names([each.name for each in cameras])
     return {
@@ -723,13 +716,12 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
     They have the frames that a guessed plan gives them. Cameras that are not calibrated are left
     out.
     """
-    tree = survey.tree
-    rig = find_cameras(survey)
-    heading = find_heading(tree, None if plan.scan is None else plan.scan.frame, rig)
+    found = find_cameras(survey)
+    heading = find_heading(survey.tree, None if plan.scan is None else plan.scan.frame, found)
     taken = {camera.info for camera in plan.cameras.values()}
     models: list[CameraModel] = []
     links: dict[str, Link] = {}
-    for each in with_frames(rig, tree, heading, []):
+    for each in place_cameras(survey, found, heading, []).cameras:
         if each.info is None or each.info.name in taken or not each.info.looks:
             continue
         try:

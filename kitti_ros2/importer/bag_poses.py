@@ -76,13 +76,18 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
     if found is not None:
         notes += [
             f'passed over for poses: {each.name}, which joins {found.world} to {found.body}, too'
-            for each in survey.of_type(*types.TF_TYPES)
-            if (found.world, found.body) in survey.moving and 'static' not in each.name
+            for each in moving_transforms(survey)
+            if (found.world, found.body) in survey.moving
         ]
     found = found or _link(survey) or _link_to_world(survey)
     if found is None:
         notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
     return found
+
+
+def moving_transforms(survey: Survey) -> list[TopicSurvey]:
+    """Return the topics of transforms that may move."""
+    return [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
 
 
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
@@ -123,7 +128,7 @@ def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePl
 
     None where the topic's poses are as good.
     """
-    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    tf = moving_transforms(survey)
     body = _moving_body(survey, names, found)
     if not body or (found is None and not tf):
         return None
@@ -148,7 +153,7 @@ def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePl
 
 def _link(survey: Survey) -> PosePlan | None:
     """Return the poses of a single moving link, of a body that has several parents in the tree."""
-    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    tf = moving_transforms(survey)
     links = [link for link in survey.moving if link[1] in BODIES]
     if not tf or not links:
         return None
@@ -158,7 +163,7 @@ def _link(survey: Survey) -> PosePlan | None:
 
 def _link_to_world(survey: Survey) -> PosePlan | None:
     """Return the poses of a body that is the parent of its fixed frame, as Spot's driver has it."""
-    tf = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    tf = moving_transforms(survey)
     links = [link for link in survey.moving if link[1] in _FIXED]
     if not tf or not links:
         return None
@@ -336,7 +341,7 @@ def read_tree(
     used = links_between(names, pairs)
     # The way from an Odometry's child to the root of its tree may move, too.
     wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
-    tf_topics = {each.name for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name}
+    tf_topics = {each.name for each in moving_transforms(survey)}
     links = LinkTracks(wanted)
     poses = {each.topic: StampedSeries() for each in used}
     with open_messages(bags, tf_topics | set(poses)) as messages:

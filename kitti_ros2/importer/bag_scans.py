@@ -38,9 +38,9 @@ from ..model import bag_formats as types
 from ..model.bag_formats import CLOUD
 from ..model.errors import KittiRos2Error, Loss, UsageError, some_of
 from ..model.samples import Scan
-from .bag_cameras import choose_cameras, find_heading, main_camera, with_frames
+from .bag_cameras import choose_cameras, find_heading, main_camera, place_cameras
 from .bag_poses import guess_pose, vehicle_frame
-from .plan import ScanPlan, camera_of, optical_link, topic_of
+from .plan import ScanPlan, camera_of, topic_of
 from .survey import pass_over
 from .tf_frames import BoxTimes, FramesAt, NamedFrames, is_fixed
 
@@ -414,15 +414,14 @@ def _points_seen(
 ) -> dict[str, int]:
     """Return the points of each lidar in the image of camera 2, by topic; only of those joined."""
     heading = find_heading(survey.tree, None, rig)
-    cameras = with_frames(rig, survey.tree, heading, [])
-    tree = survey.tree_with([optical_link(c.bag_frame, c.forward) for c in cameras if c.forward])
-    cameras = [each for each in cameras if each.focal]
+    placed = place_cameras(survey, rig, heading, [])
+    cameras = [each for each in placed.cameras if each.focal]
     if not cameras:
         return {}
-    camera = choose_cameras(tree, heading, cameras).cameras[2]
+    camera = choose_cameras(replace(placed, cameras=cameras)).cameras[2]
     seen = {}
     for topic in lidars:
-        camera_t_lidar = tree.find(camera.frame, topic.frame)
+        camera_t_lidar = placed.tree.find(camera.frame, topic.frame)
         # What cannot be decoded is reported later; forks define fields without, or otherwise.
         with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
             if camera_t_lidar is not None and camera.info is not None:

@@ -29,13 +29,13 @@ from .bag_cameras import (
     guess_cameras,
     keeps_distortion,
     main_camera,
-    with_frames,
+    place_cameras,
 )
 from .bag_labels import PixelFrames, guess_labels, has_cubes
 from .bag_poses import guess_pose, link_topics, moving_pairs
 from .bag_scans import cloud_notes, guess_scan
 from .clocks import clocked, estimate_offsets
-from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, optical_link, topic_uses
+from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, topic_uses
 from .roles import FIX, IMU, LABELS, ROLES, SCAN, VELOCITY
 from .survey import pass_over
 from .tf_frames import (
@@ -417,20 +417,15 @@ def _find_sensors(
     survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
-    rig = find_cameras(survey)
-    scan = guess_scan(survey, rig, notes)
-    tree = survey.tree
-    heading = find_heading(tree, None if scan is None else scan.frame, rig)
+    found = find_cameras(survey)
+    scan = guess_scan(survey, found, notes)
+    heading = find_heading(survey.tree, None if scan is None else scan.frame, found)
     if scan is not None and not survey.calibrations and not with_calibration:
-        scan = face_forward(scan, tree, heading, notes)
-    rig = with_frames(rig, tree, heading, notes)
-    links = [optical_link(each.bag_frame, each.forward) for each in rig if each.forward]
-    tree = survey.tree_with(links)
-    sets: dict[str, CameraPlan] = {}
+        scan = face_forward(scan, survey.tree, heading, notes)
+    rig = place_cameras(survey, found, heading, notes)
     frame = None if scan is None else scan.frame
-    if all_cameras:
-        sets = guess_camera_sets(layout, rig, tree, heading, frame, notes)
-    cameras = guess_cameras(layout, rig, tree, heading, frame, notes) if not sets else {}
+    sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
+    cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.
     placed = Stream.OXTS in streams and not has_place(survey, scan)
