@@ -57,12 +57,12 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource
     from ..bags.reader import BagMessages
-    from ..kitti.kitti_recording import KittiRecording
     from ..messages.detections import ImageBox
     from ..messages.moving_tree import PoseTrack
     from ..messages.tf_tree import Link
     from ..model.boxes import Cuboid
     from ..model.samples import Calibration
+    from ..own_bags.recording import NumberedRecording
     from .ground_truth import StampedFrames
 
 
@@ -95,7 +95,7 @@ class ResultBoxes:
 
     def __init__(
         self,
-        recording: KittiRecording | BagRecording,
+        recording: NumberedRecording,
         msgtype: str,
         frames: ResultFrames,
         classes: ClassMap,
@@ -697,7 +697,7 @@ class BagResults:
 def read_bag_results(
     bag: BagSource,
     topic: str | None,
-    recording: KittiRecording | BagRecording,
+    recording: NumberedRecording,
     class_map: Mapping[str, str],
     *,
     classes: Iterable[str] = CLASSES,

@@ -49,12 +49,11 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from ..drawing.drawn_objects import LabelledObject
-    from ..kitti.kitti_recording import KittiRecording
     from ..model.boxes import Box
     from ..options.evaluation import DetectionOptions
     from ..options.keywords import DetectionKeywords
     from ..options.read import ReadOptions
-    from ..own_bags.recording import BagRecording
+    from ..own_bags.recording import NumberedRecording
     from .ground_truth import Progress
     from .object_benchmark import Curve, ObjectTable, Overlaps, Scores
 
@@ -121,7 +120,7 @@ def _read_bag(
     from .bag_results import read_bag_results  # noqa: PLC0415 - readers of bags take 0.2 s
 
     with ExitStack() as stack:
-        recording: KittiRecording | BagRecording
+        recording: NumberedRecording
         if holds_bag(ground_truth):
             recording = stack.enter_context(open_truth_bag(ground_truth))
         else:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from ..model.errors import (
     UsageError,
     describe_error,
 )
-from ..model.recording import MovingRecording
 from ..model.samples import NONE, Pose, default_tolerance_ns, nearest_stamps
 from ..model.streams import FRAME_STREAMS, LAST_NS, Clock, Layout, Stream
 from ..options.messages import MessageOptions
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Transform
     from ..model.recording import StreamIndex
     from ..model.samples import FrameLabels, Int64Array, Turn
-    from ..own_bags.recording import BagRecording
+    from ..own_bags.recording import BagRecording, NumberedRecording
 
 
 # The frames of a recording by stamp, and the time of a player by log time.
@@ -57,28 +56,6 @@ if TYPE_CHECKING:
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
 ROUNDED_NS = 1_000_000
 """Stamps pass through float64 seconds, or microseconds."""
-
-
-class FramedRecording(Protocol):
-    """The part of a recording that its frames have their stamps from."""
-
-    layout: Layout
-    common_numbers: bool
-
-    @property
-    def streams(self) -> Mapping[Stream, StreamIndex]:
-        """Index by stream."""
-        ...
-
-    @property
-    def period_ns(self) -> int:
-        """Time between frames without stamps."""
-        ...
-
-    @property
-    def turns(self) -> Mapping[int, Turn]:
-        """The turn of each scan; empty of scans that are compensated for motion."""
-        ...
 
 
 class StampMatch(NamedTuple):
@@ -212,7 +189,7 @@ class StampedFrames:
         return (int(self._numbers[place]), distance) if within else None
 
 
-def frames_of(recording: FramedRecording, tolerance_ns: int | None = None) -> StampedFrames:
+def frames_of(recording: NumberedRecording, tolerance_ns: int | None = None) -> StampedFrames:
     """Return the frames of a recording that results are expected of.
 
     These are the frames with labels where each frame has a file of labels, else all with a scan or
@@ -231,7 +208,7 @@ def frames_of(recording: FramedRecording, tolerance_ns: int | None = None) -> St
     return found
 
 
-def posed_frames_of(recording: FramedRecording) -> StampedFrames:
+def posed_frames_of(recording: NumberedRecording) -> StampedFrames:
     """Return the frames of a recording with poses; they also have the stamps of these."""
     known = [stream for stream in _STAMPED if stream in recording.streams]
     return _stamped_by(
@@ -240,7 +217,7 @@ def posed_frames_of(recording: FramedRecording) -> StampedFrames:
 
 
 def _stamped_by(
-    recording: FramedRecording, known: Sequence[Stream], tolerance_ns: int | None
+    recording: NumberedRecording, known: Sequence[Stream], tolerance_ns: int | None
 ) -> StampedFrames:
     """Return frames with the stamps of some streams.
 
@@ -279,7 +256,7 @@ def _in_order(
     return _Moments(name, numbers[order], stamps_ns[order], late[order])
 
 
-def _turns(recording: FramedRecording) -> Mapping[int, Turn]:
+def _turns(recording: NumberedRecording) -> Mapping[int, Turn]:
     """Return the turns of a recording, also of scans that it has not, or that are compensated.
 
     Its scans may have been played with --undo-deskew.
@@ -374,25 +351,8 @@ def truth_of_folder(recording: KittiRecording) -> GroundTruth:
     return truth_of_recording(recording, base_t_imu(MessageOptions()), epoch_ns)
 
 
-class PosedRecording(MovingRecording, Protocol):
-    """A recording with losses: of a folder, or of a bag."""
-
-    root: Path
-    common_numbers: bool
-
-    @property
-    def turns(self) -> Mapping[int, Turn]:
-        """The turn of each scan, by file number."""
-        ...
-
-    @property
-    def losses(self) -> Sequence[Loss]:
-        """Missing or damaged data."""
-        ...
-
-
 def truth_of_recording(
-    recording: PosedRecording, base_t_imu: Transform, epoch_ns: int | None
+    recording: NumberedRecording, base_t_imu: Transform, epoch_ns: int | None
 ) -> GroundTruth:
     """Read the poses of imu_link, and convert them to camera 0 in its first frame.
 
@@ -599,9 +559,7 @@ def _label_folder(path: Path, options: ReadOptions) -> Path | None:
     return next(filter(None, map(find_frame_files, folders)), None)
 
 
-def _read_recording(
-    path: Path, recording: KittiRecording | BagRecording, progress: Progress
-) -> FrameBoxes:
+def _read_recording(path: Path, recording: NumberedRecording, progress: Progress) -> FrameBoxes:
     """Read the labels of a recording; a frame of a drive or sequence may have none."""
     if Stream.LABELS not in recording.streams:
         raise UsageError(
@@ -639,7 +597,7 @@ def _read_recording(
 
 def _boxes_of(
     labels: FrameLabels,
-    recording: KittiRecording | BagRecording,
+    recording: NumberedRecording,
     number: int,
     tracks: TrackIds,
 ) -> list[Box]:

@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage
     from ..importer.survey import Survey
+    from ..kitti.kitti_recording import KittiRecording
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Transform
@@ -254,6 +255,11 @@ class BagRecording:
         folder = self._blueprint.folders.get(Stream.CALIBRATION)
         number = None if folder is None else folder.names.number(names.split_name(path.name)[0])
         return UNKNOWN if number is None else number
+
+
+if TYPE_CHECKING:
+    NumberedRecording: TypeAlias = KittiRecording | BagRecording
+    """Recordings whose frames have KITTI's numbers."""
 
 
 def _no_calibration(reason: str) -> Calibration:

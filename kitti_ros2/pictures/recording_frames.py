@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Float32Array, Int64Array, Sample
     from ..options.read import ReadOptions
+    from ..own_bags.recording import NumberedRecording
 
 
 # One decoded frame of a recording or a bag, the input of all pictures.
@@ -110,7 +111,7 @@ class FrameData:
 
 
 if TYPE_CHECKING:
-    Readable: TypeAlias = KittiRecording | BagRecording | PlannedRecording
+    Readable: TypeAlias = NumberedRecording | PlannedRecording
 
 S = TypeVar('S')
 

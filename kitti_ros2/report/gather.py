@@ -463,8 +463,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
     except KittiRos2Error as error:
         findings.append(Finding(Severity.NOTE, '', str(error)))
     else:
-        pictured = _pictured(recording, source)
-        report = _look_through(report, source, pictured, findings, steps)
+        report = _look_through(report, source, findings, steps)
     return _finished(report, findings)
 
 
@@ -508,8 +507,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         return _finished(replace(report, route=route), findings)
     findings += [Finding(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)]
     with closing(source):
-        pictured = source.numbers.tolist() if own is None else _pictured(own, source)
-        report = _look_through(report, source, pictured, findings, steps)
+        report = _look_through(report, source, findings, steps)
     if isinstance(recording, PlannedRecording):
         report = replace(report, route=_route(recording.trajectory()))
     return _finished(report, findings)
@@ -541,8 +539,9 @@ def _altitude(source: RecordingFrames, pose: Pose, number: int) -> float | None:
     return None if packet is None else packet.alt - float(pose.world_T_imu.translation[2])
 
 
-def _pictured(recording: KittiRecording | BagRecording, source: RecordingFrames) -> list[int]:
+def _pictured(source: RecordingFrames) -> list[int]:
     """Return the numbers of the frames with images or scans."""
+    recording = source.recording
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
     found = [
@@ -553,11 +552,7 @@ def _pictured(recording: KittiRecording | BagRecording, source: RecordingFrames)
 
 
 def _look_through(
-    report: Report,
-    source: RecordingFrames,
-    pictured: Sequence[int],
-    findings: list[Finding],
-    steps: _Steps,
+    report: Report, source: RecordingFrames, findings: list[Finding], steps: _Steps
 ) -> Report:
     """Return the report with labels and poses of every frame, and pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
@@ -578,6 +573,7 @@ def _look_through(
             if len(poses) == 1:
                 altitude_m = _altitude(source, frame.pose, number)
         steps.step()
+    pictured = _pictured(source)
     scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
     projections = draw_projections(source, pictured, scenes, missing.add)
     steps.step()
