@@ -11,10 +11,10 @@ import sys
 
 import cv2
 import pytest
-from dask_processes import Processes, end
+from dask_processes import Processes
 
 from kitti_ros2.batch.dask_cluster import DaskCluster, UnitTask, run_task
-from kitti_ros2.batch.manifest import MANIFEST, read_manifest
+from kitti_ros2.batch.manifest import MANIFEST
 from kitti_ros2.batch.pool import UnitJob, UnitResult
 from kitti_ros2.batch.units import WorkUnit
 from kitti_ros2.cli import main
@@ -27,13 +27,6 @@ distributed = pytest.importorskip('distributed', reason='clusters need the extra
 
 DRIVES = 3
 VERSION = __import__('kitti_ros2').__version__
-
-
-OTHER_VERSION = """
-import importlib.metadata as metadata
-own = metadata.version
-metadata.version = lambda name: '0.0.1' if name == 'kitti_ros2' else own(name)
-"""
 
 
 @pytest.fixture(scope='session')
@@ -196,14 +189,14 @@ class Jobs:
 
 def test_few_jobs_are_at_the_scheduler_at_a_time(tmp_path, cluster):
     (tmp_path / 'witness').touch()
-    jobs, ended, most = Jobs(40, tmp_path), 0, 0
+    jobs, ended, most = Jobs(12, tmp_path), 0, 0
     with distributed.Client(cluster, set_as_default=False) as client:
         found = DaskCluster(client, 'it', VERSION, pytest.fail)
         for job, result in found.run(jobs, _report, lambda *_: None, tmp_path / 'witness'):
             assert result.counts == {'name': int(job.unit.name)}
             most = max(most, jobs.taken - ended)
             ended += 1
-    assert ended == 40
+    assert ended == 12
     assert most <= 2 * 2
 
 
@@ -239,22 +232,6 @@ def test_workers_of_another_version_are_refused(
     assert complaint in line
     assert 'the worker tcp://' in line
     assert not out.exists()
-
-
-def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, processes):
-    (tmp_path / 'other').mkdir()
-    (tmp_path / 'other' / 'sitecustomize.py').write_text(OTHER_VERSION)
-    processes.scheduler()
-    worker = processes.worker()
-    processes.arm()
-    run = processes.run(root, out)
-    processes.blocked(run)
-    processes.worker(path=[tmp_path / 'other'])
-    worker.kill()
-    code, _, err = end(run)
-    assert code == 2
-    assert 'has kitti_ros2 0.0.1, expected' in err.splitlines()[-1]
-    assert {each.state for each in read_manifest(out)[0]} <= {'todo', 'done'}
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(root, out, capsys, monkeypatch):

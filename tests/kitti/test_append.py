@@ -12,7 +12,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from enum import Enum
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -220,35 +220,6 @@ def assert_readers_see(out: Path, numbers: tuple[int, ...]) -> None:
         assert set(texts) == {'ImageSets/train.txt', 'ImageSets/mini.txt'}
 
 
-def test_killed_at_any_call_the_set_is_as_before_or_as_after(made, tmp_path):
-    before, once, twice = made
-    done = set()
-    for at in count():
-        out = tmp_path / 'out'
-        shutil.copytree(before, out)
-        code = in_child(out, at, lambda out=out: append(out))
-        if code == COMPLETE:
-            break
-        assert code == KILLED
-        pending = find_journal(out) is not None
-        is_after = not pending and visible(out) == visible(once)
-        assert is_after or pending or visible(out) == visible(before), at
-        assert_lists_name_whole_frames(out)
-        assert_readers_see(out, OLD + NEW if is_after else OLD)
-        left = (out / FOLDER).exists()
-        said = [note for note in open_recording(out).notes if 'was interrupted' in note]
-        assert len(said) == left
-        notes = append(out)
-        assert tree(out) == tree(twice if is_after else once), at
-        assert len(notes) == left
-        done |= {
-            word for note in notes for word in ('undone', 'removed', 'complete') if word in note
-        }
-        shutil.rmtree(out)
-    assert at > 60
-    assert done == {'undone', 'removed', 'complete'}
-
-
 def interrupted(before: Path, out: Path, last_moved: str) -> None:
     """Kill an append at its first call after it has moved a file."""
     shutil.copytree(before, out)
@@ -262,47 +233,6 @@ def interrupted(before: Path, out: Path, last_moved: str) -> None:
     )
     assert code == KILLED
     assert tree(out).get(last_moved) != tree(before).get(last_moved)
-
-
-@pytest.mark.parametrize('last_moved', ['training/velodyne/000008.bin', 'ImageSets/train.txt'])
-def test_undoing_can_be_killed_at_any_call_too(made, tmp_path, last_moved):
-    before = made[0]
-    out = tmp_path / 'out'
-    interrupted(before, out, last_moved)
-    for at in count():
-        copy = tmp_path / 'copy'
-        shutil.copytree(out, copy)
-        code = in_child(copy, at, lambda copy=copy: mend(copy))
-        assert_lists_name_whole_frames(copy)
-        assert_readers_see(copy, OLD)
-        mend(copy)
-        assert tree(copy) == tree(before), at
-        shutil.rmtree(copy)
-        if code == COMPLETE:
-            break
-    assert at > 20
-
-
-@pytest.mark.parametrize('full', list(Full))
-def test_a_disk_that_is_full_at_any_call_leaves_the_set_as_before(made, tmp_path, full):
-    before, once, _ = made
-    codes = set()
-    for at in count():
-        out = tmp_path / 'out'
-        shutil.copytree(before, out)
-        code = in_child(out, at, lambda out=out: append(out), full)
-        if code == COMPLETE:
-            break
-        codes.add(code)
-        if code == REPORTED:
-            assert tree(out) == tree(before), at
-        assert_lists_name_whole_frames(out)
-        assert_readers_see(out, OLD)
-        append(out)
-        assert tree(out) == tree(once), at
-        shutil.rmtree(out)
-    assert at > 30
-    assert codes == {REPORTED} | ({NOT_UNDONE} if full is Full.NO_RENAME else set())
 
 
 def test_what_was_done_about_an_interrupted_append_is_said(made, tmp_path, capsys):

@@ -99,7 +99,8 @@ def test_append_to_a_url_is_refused_in_one_line(recordings, s3, tmp_path, capsys
 
 
 @pytest.mark.parametrize('name', ['out', 'out.mcap'])
-def test_a_store_that_fails_is_one_line(name, recordings, s3, capsys, monkeypatch):
+def test_a_store_that_fails_is_one_line(name, recordings, impatient, capsys, monkeypatch):
+    s3 = impatient
     monkeypatch.setattr('kitti_ros2.files.remote_requests.TRIES', 1)
     s3.put('bucket-is-known', b'')
     first = 2 if name == 'out' else 1
@@ -122,7 +123,8 @@ def test_a_store_that_fails_is_one_line(name, recordings, s3, capsys, monkeypatc
 
 
 @pytest.mark.parametrize('name', ['out', 'out.mcap'])
-def test_a_copy_that_stays_here_is_named_too(name, recordings, s3, capsys, monkeypatch):
+def test_a_copy_that_stays_here_is_named_too(name, recordings, impatient, capsys, monkeypatch):
+    s3 = impatient
     monkeypatch.setattr('kitti_ros2.files.remote_requests.TRIES', 1)
     monkeypatch.setattr('kitti_ros2.files.local_staging._remove', lambda _: None)
     s3.put('bucket-is-known', b'')

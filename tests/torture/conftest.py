@@ -12,11 +12,17 @@ import sys
 from pathlib import Path
 
 import pytest
+from s3_buckets import impatient, s3, s3_process
+
+__all__ = ['impatient', 's3', 's3_process']  # fixtures
 
 SAMPLED = 12
 _TESTS = Path(__file__).resolve().parents[1]
 # What the tests of these rooms share.
-sys.path += [str(_TESTS / room) for room in ('bags', 'batch', 'datasets', 'importer', 'robots')]
+sys.path += [
+    str(_TESTS / room)
+    for room in ('bags', 'batch', 'datasets', 'importer', 'kitti', 'remote', 'robots')
+]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

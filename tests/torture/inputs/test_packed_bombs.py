@@ -13,9 +13,9 @@ from contextlib import closing, contextmanager
 
 import pytest
 import zstandard
-from bags.test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from test_memory_of_topics import CDR, START_NS, WRITERS, create_tables, write_sqlite3
 
 from kitti_ros2.bags import sqlite_pages
 from kitti_ros2.bags.bag_files import OpenBag

@@ -20,6 +20,13 @@ from waiting import PATIENCE_S, wait_until  # isort: skip
 distributed = pytest.importorskip('distributed', reason='clusters need the extra cluster')
 
 
+OTHER_VERSION = """
+import importlib.metadata as metadata
+own = metadata.version
+metadata.version = lambda name: '0.0.1' if name == 'kitti_ros2' else own(name)
+"""
+
+
 @pytest.fixture
 def processes(tmp_path):
     with Processes(tmp_path / 'processes') as found:
@@ -155,3 +162,19 @@ def test_a_worker_thought_lost_that_still_writes_publishes_nothing(
     os.kill(first.pid, signal.SIGCONT)
     assert first.wait(PATIENCE_S) is not None
     assert bags(out) == undisturbed
+
+
+def test_a_late_worker_of_another_version_ends_the_run(root, out, tmp_path, processes):
+    (tmp_path / 'other').mkdir()
+    (tmp_path / 'other' / 'sitecustomize.py').write_text(OTHER_VERSION)
+    processes.scheduler()
+    worker = processes.worker()
+    processes.arm()
+    run = processes.run(root, out)
+    processes.blocked(run)
+    processes.worker(path=[tmp_path / 'other'])
+    worker.kill()
+    code, _, err = end(run)
+    assert code == 2
+    assert 'has kitti_ros2 0.0.1, expected' in err.splitlines()[-1]
+    assert {each.state for each in read_manifest(out)[0]} <= {'todo', 'done'}

@@ -8,15 +8,11 @@ import json
 import os
 import shutil
 import signal
-import sys
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip('distributed', reason='clusters need the extra cluster')
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
-
-sys.path.append(str(Path(__file__).parents[1] / 'batch'))
 
 from dask_processes import Processes, end
 

@@ -21,7 +21,7 @@ from kitti_ros2.model.streams import Layout
 from builders import copied_drives, files_of  # isort: skip
 from waiting import PATIENCE_S, is_running, wait_until  # isort: skip
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
@@ -42,7 +42,7 @@ class Running:
         if deaf:
             (self.block / 'deaf').touch()
         arm(self.block)
-        path = f'{ROOT}:{Path(__file__).parent}'
+        path = f'{ROOT}:{ROOT / "tests" / "batch"}'
         self.process = subprocess.Popen(
             [sys.executable, '-c', PROGRAM, 'to-bag', root, self.out, '--all', '--jobs', jobs],
             env={**os.environ, 'PYTHONPATH': path, FOLDER: str(self.block)},
