@@ -48,6 +48,8 @@ TYPED = [
     ('play broken.mcap --topics qq\t', 'play broken.mcap --topics qq'),
     ('play absent --topics qq\t', 'play absent --topics qq'),
 ]
+ONE_OF_EACH_KIND = [TYPED[at] for at in (0, 1, 2, 7, 10, 11, 12)]
+"""A command, an option, a choice, a topic, a topic of several, a file, and none."""
 
 
 @pytest.fixture(scope='module')
@@ -71,8 +73,12 @@ def environment(home):
     return {**kept, 'HOME': str(home), 'PATH': path, 'TERM': 'dumb', 'PS1': '$ '}
 
 
-@pytest.mark.parametrize('name', list(SHELLS))
-def test_a_shell_completes_what_is_typed(home, name):
+@pytest.mark.parametrize(
+    ('name', 'lines'),
+    [('bash', TYPED), ('zsh', ONE_OF_EACH_KIND), ('fish', ONE_OF_EACH_KIND)],
+    ids=list(SHELLS),
+)
+def test_a_shell_completes_what_is_typed(home, name, lines):
     pexpect = pytest.importorskip('pexpect')
     shell = shutil.which(name)
     if shell is None:
@@ -92,7 +98,7 @@ def test_a_shell_completes_what_is_typed(home, name):
     if name == 'bash':
         start[1:] = ['--rcfile', str(home / '.bashrc'), '-i']
     with pexpect.spawn(start[0], start[1:], dimensions=(50, 200), **settings) as session:
-        for typed, completed in TYPED:
+        for typed, completed in lines:
             session.send(f'kitti-ros2 {typed}\r')
             session.expect(r'RAN<(.*?)>')
             assert session.match[1].strip() == completed

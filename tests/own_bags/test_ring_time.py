@@ -24,7 +24,6 @@ from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 
 POINTS = '/kitti/velo/points'
-ENDINGS = ('.mcap', '', '.bag')
 
 
 def to_bag(source: Path, out: Path, *options: str, code: int = 0) -> Path:
@@ -67,11 +66,16 @@ def clouds_of(path: Path):
         yield log_ns, stamp.sec * NS_PER_S + stamp.nanosec, cloud
 
 
-@pytest.mark.parametrize('ending', ENDINGS)
 @pytest.mark.parametrize(
-    'options',
-    [(), ('--scan-stamp', 'forward'), ('--period', '0.25', '--epoch', '2020-02-02 00:00:00')],
-    ids=['start', 'forward', 'period'],
+    ('ending', 'options'),
+    [
+        ('.mcap', ()),
+        ('', ()),
+        ('.bag', ()),
+        ('.mcap', ('--scan-stamp', 'forward')),
+        ('', ('--period', '0.25', '--epoch', '2020-02-02 00:00:00')),
+    ],
+    ids=['mcap', 'folder', 'ros1', 'forward', 'period'],
 )
 def test_every_file_comes_back_to_the_byte(recording_path, tmp_path, ending, options):
     bag = to_bag(recording_path, tmp_path / f'bag{ending}', *options)

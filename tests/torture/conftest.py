@@ -16,7 +16,7 @@ from s3_buckets import impatient, s3, s3_process
 
 __all__ = ['impatient', 's3', 's3_process']  # fixtures
 
-SAMPLED = 12
+SAMPLED = 6
 _TESTS = Path(__file__).resolve().parents[1]
 # What the tests of these rooms share.
 sys.path += [
