@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import shutil
 from importlib.util import find_spec
@@ -16,7 +17,6 @@ from label_set import FRAMES, TRAINING, write_labels
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.stats_tables import titles_of
-from kitti_ros2.datasets import statistics_plot
 from kitti_ros2.drawing import drawn_objects
 from kitti_ros2.model.streams import Layout
 
@@ -233,14 +233,14 @@ def test_without_matplotlib_the_extra_is_named(recordings, tmp_path, capsys, mon
 @needs_matplotlib
 def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monkeypatch):
     titles = []
-    original = statistics_plot._draw_panels
+    figures = importlib.import_module('matplotlib.figure')
+    save = figures.Figure.savefig
 
-    def draw(places, *rest):
-        drawn = [*places]
-        original(drawn, *rest)
-        titles.extend(axes.get_title('left') for axes in drawn if axes.axison)
+    def note(figure, *given, **options):
+        titles.extend(axes.get_title('left') for axes in figure.axes if axes.axison)
+        save(figure, *given, **options)
 
-    monkeypatch.setattr(statistics_plot, '_draw_panels', draw)
+    monkeypatch.setattr(figures.Figure, 'savefig', note)
     out = tmp_path / 'stats.png'
     words = ['stats', str(recordings[Layout.TRACKING]), '--points', '-o', str(out), '-q']
     assert main(words) == 0

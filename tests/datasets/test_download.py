@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import sys
 from itertools import count
 
@@ -30,7 +31,6 @@ from kitti_ros2.datasets.catalogue import (
 )
 from kitti_ros2.datasets.download_sources import make_source
 from kitti_ros2.datasets.extracting import locked_folder
-from kitti_ros2.files import local_files
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import OutputError, UsageError
 from kitti_ros2.model.streams import Layout
@@ -224,19 +224,16 @@ def test_the_terms_are_asked_for_once(mirror, tmp_path, capsys):
 
 
 def test_a_full_disk_is_one_line_and_can_be_continued(mirror, tmp_path, monkeypatch, capsys):
-    write = transfer.Transfer._write
-
-    def full(_self, file, opened, _done):
-        file.write(next(opened.pieces)[:1000])
+    def full(_self, _size):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(transfer.Transfer, '_write', full)
     words = ['raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url,
              '--accept-license', '-q']  # fmt: skip
-    run(*words, code=2)
+    with monkeypatch.context() as patched:
+        patched.setattr(transfer.WritingOut, 'advance', full)
+        run(*words, code=2)
     line = one_line(capsys.readouterr().err)
     assert 'the disk is full; what is complete is kept, run it again to go on' in line
-    monkeypatch.setattr(transfer.Transfer, '_write', write)
     run(*words)
     assert (tmp_path / 'o' / 'raw' / '2011_09_26' / 'calib_cam_to_cam.txt').is_file()
 
@@ -254,10 +251,11 @@ def test_what_a_killed_run_left_of_a_complete_archive_is_removed(mirror, tmp_pat
 @pytest.mark.parametrize('fsync', [True, False])
 def test_no_file_is_synced_where_nobody_minds(mirror, tmp_path, monkeypatch, fsync):
     synced = []
-    sync = local_files._sync
-    monkeypatch.setattr(
-        local_files, '_sync', lambda path, flags: synced.append(path.is_file()) or sync(path, flags)
-    )
+
+    def sync(file):
+        synced.append(stat.S_ISREG(os.fstat(file).st_mode))
+
+    monkeypatch.setattr(os, 'fsync', sync)
     run('raw', '2011_09_26_calib', tmp_path / 'o', '--base-url', mirror.url, '--accept-license',
         '-q', '--fsync' if fsync else '--no-fsync')  # fmt: skip
     assert any(synced) == fsync
@@ -316,17 +314,15 @@ def test_sizes_are_asked_for(mirror):
 
 
 def test_an_interrupt_leaves_parts_that_are_continued(mirror, tmp_path, monkeypatch):
-    finish = downloading._Download._finish
-
-    def interrupt(*_):
+    def interrupt(*_args, **_options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(downloading._Download, '_finish', interrupt)
     options = {'base_url': mirror.url, 'accept_license': True}
-    with pytest.raises(KeyboardInterrupt):
-        datasets.download(f'raw {DRIVE}', tmp_path / 'o', **options)
+    with monkeypatch.context() as patched:
+        patched.setattr(downloading, 'extract_all', interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            datasets.download(f'raw {DRIVE}', tmp_path / 'o', **options)
     assert not (tmp_path / 'o' / 'raw').exists()
-    monkeypatch.setattr(downloading._Download, '_finish', finish)
     assert datasets.download(f'raw {DRIVE}', tmp_path / 'o', **options).losses == ()
 
 

@@ -159,21 +159,25 @@ def test_files_of_desktop_programs_are_left_out_and_counted(tmp_path):
     assert '2 files of desktop programs left out' in report.notes[0]
 
 
+class FailingAt:
+    """What is called when a file has its content; it fails at the n-th."""
+
+    def __init__(self, number, error):
+        self.left, self.error = number, error
+
+    def __call__(self, _file):
+        self.left -= 1
+        if not self.left:
+            raise self.error
+
+
 def test_an_interrupted_run_goes_on(tmp_path, monkeypatch):
     files = {f'training/velodyne/{number:06d}.bin': bytes([number]) * 999 for number in (1, 4, 9)}
     archive = pack(tmp_path / 'a.zip', files)
-    write, calls = extracting._write, []
-
-    def interrupted(part, *rest):
-        calls.append(part)
-        if len(calls) == 2:
-            part.write_bytes(b'half')
-            raise KeyboardInterrupt
-        return write(part, *rest)
-
-    monkeypatch.setattr(extracting, '_write', interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        datasets.extract(archive, tmp_path / 'out')
+    with monkeypatch.context() as patched:
+        patched.setattr(extracting, 'start_writing_out', FailingAt(2, KeyboardInterrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            datasets.extract(archive, tmp_path / 'out')
     assert list(tree_of(tmp_path / 'out')) == ['training/velodyne/000001.bin']
     report = datasets.extract(archive, tmp_path / 'out')
     assert (report.archives[0].written, report.archives[0].kept) == (2, 1)
@@ -191,15 +195,8 @@ def test_what_a_killed_run_left_is_replaced(tmp_path):
 
 def test_a_full_disk_is_one_line_and_keeps_what_is_complete(tmp_path, monkeypatch, capsys):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1', 'training/velodyne/000005.bin': b'2'})
-    write, calls = extracting._write, []
-
-    def full(*given):
-        calls.append(given)
-        if len(calls) == 2:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return write(*given)
-
-    monkeypatch.setattr(extracting, '_write', full)
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    monkeypatch.setattr(extracting, 'start_writing_out', FailingAt(2, full))
     assert main(['extract', str(archive), str(tmp_path / 'out')]) == 2
     line = one_line(capsys.readouterr().err)
     assert 'the disk is full; what is complete is kept, run it again to go on' in line
@@ -217,9 +214,8 @@ def test_too_little_space_is_known_before(tmp_path, monkeypatch):
 
 def test_an_unwritable_folder(tmp_path, monkeypatch):
     archive = pack(tmp_path / 'a.zip', {SCAN: b'1'})
-    monkeypatch.setattr(
-        extracting, '_write', lambda *_: (_ for _ in ()).throw(PermissionError(13, 'no'))
-    )
+    refused = PermissionError(errno.EACCES, 'no')
+    monkeypatch.setattr(extracting, 'start_writing_out', FailingAt(1, refused))
     with pytest.raises(StoppedError, match='cannot be written'):
         datasets.extract(archive, tmp_path / 'out')
 

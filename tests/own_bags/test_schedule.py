@@ -11,11 +11,11 @@ from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.read import Bound, SelectionOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.own_bags import schedule as schedules
 from kitti_ros2.own_bags.schedule import make_schedule
 from kitti_ros2.player.bag_program import open_program
 
 from builders import SMALL  # isort: skip
+from counted_calls import runs_of  # isort: skip
 
 
 def select(recording, **options):
@@ -120,13 +120,13 @@ def test_what_is_no_bound(text):
 
 
 @pytest.mark.parametrize('use', ['to-bag', 'play'])
-def test_the_schedule_of_a_run_is_made_once(recordings, tmp_path, monkeypatch, use):
-    made = []
-    original = schedules._in_order
-    monkeypatch.setattr(schedules, '_in_order', lambda *rows: made.append(rows) or original(*rows))
+def test_the_schedule_of_a_run_is_made_once(recordings, tmp_path, use):
     source = recordings[Layout.OBJECT]
-    if use == 'to-bag':
-        assert main(['to-bag', '-q', str(source), str(tmp_path / 'o.mcap')]) == 0
-    else:
-        open_program(source, make_play_settings({})).close()
-    assert len(made) == 1
+
+    def run():
+        if use == 'to-bag':
+            assert main(['to-bag', '-q', str(source), str(tmp_path / 'o.mcap')]) == 0
+        else:
+            open_program(source, make_play_settings({})).close()
+
+    assert runs_of(make_schedule, run) == 1
