@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..bags.bag_files import path_of
-from ..bags.single_messages import PlacedMessages
-from ..bags.single_messages import places_of as message_places
+from ..bags.single_messages import PlacedMessages, places_of
 from ..drawing.drawn_objects import colour_pixels
 from ..files.image_files import parse_png
 from ..kitti.kitti_recording import no_calibration
@@ -92,8 +91,8 @@ class PlannedRecording:
     """The recording in a bag; its frames are those of an object set, numbered by position from 0.
 
     Images whose camera_info contains a distortion are rectified, so that projections into them are
-    right. Poses are known at most stamps and no stream of their own; packets of a GPS/IMU unit are
-    made by a conversion only.
+    right. Poses are no stream: they are interpolated between those of the bag, at stamps of frames.
+    Packets of a GPS/IMU unit are made by a conversion only.
 
     Args:
         source: The bag.
@@ -299,14 +298,14 @@ def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[Place
         return []
     log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
     every = (place for group in frames.label_places for place in group)
-    found = iter(message_places(plan.labels.topic, log_ns, every))
+    found = iter(places_of(plan.labels.topic, log_ns, every))
     return [[next(found) for _ in group] for group in frames.label_places]
 
 
 def _places(topic: str, survey: Survey, samples: Sequence[int]) -> list[Place | None]:
     """Return the place of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
-    found = iter(message_places(topic, log_ns, (place for place in samples if place != NONE)))
+    found = iter(places_of(topic, log_ns, (place for place in samples if place != NONE)))
     return [None if place == NONE else next(found) for place in samples]
 
 
