@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import unquote, urlsplit
 from weakref import WeakSet
 
+from ..files.remote_requests import is_passing
 from ..model.errors import KittiRos2Error, UsageError, shown
 
 if TYPE_CHECKING:
@@ -166,7 +167,6 @@ def _shut_down(connection: socket.socket) -> None:
 
 
 _PIECE_BYTES = 1 << 18
-_RETRIED = {408, 425, 429, 500, 502, 503, 504}
 _MISSING = {403, 404, 410}
 """S3 replies 403 for a file that does not exist."""
 _COUNT = '[0-9]{1,18}'
@@ -413,7 +413,7 @@ def _check_status(response: httpx.Response, url: str) -> None:
     """
     code = response.status_code
     what = f'{without_password(url)}: the server replies {code} {response.reason_phrase}'.rstrip()
-    if code in _RETRIED:
+    if is_passing(code):
         wait = response.headers.get('Retry-After', '')
         wait_s = min(float(wait), _LONGEST_WAIT_S) if wait.isdecimal() else 0.0
         raise BrokenTransferError(what, wait_s)

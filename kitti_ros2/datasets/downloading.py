@@ -24,7 +24,7 @@ from .archive_formats import BadArchiveError, StoppedError, stopping
 from .catalogue import KITTI_URL, RawKinds, select
 from .download_sources import BrokenTransferError, DownloadError, make_source
 from .extracting import ExtractedArchive, extract_all, locked_folder, removed_if_empty
-from .transfer import Backoff, Transfer, is_complete, read_checksums, require_archive, require_space
+from .transfer import Transfer, is_complete, read_checksums, require_archive, require_space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -353,7 +353,6 @@ class _Download:
             StoppedError: The disk is full.
         """
         meter = Meter(sizes, self._downloading)
-        backoff = Backoff(self._options.retries, sleep=meter.cancelled.wait)
 
         def fetch_one(entry: CatalogueEntry) -> bool:
             target = self._folder / entry.name
@@ -361,7 +360,8 @@ class _Download:
                 target,
                 entry.urls(base_url),
                 source,
-                backoff,
+                self._options.retries,
+                meter.cancelled.wait,
                 lambda count, size: meter.advance(entry.name, count, size),
                 fsync=self._extraction.fsync,
             )

@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import random
 import re
 import shutil
-import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from ..files.local_files import WritingOut, replace_file
+from ..files.remote_requests import retry_wait_s
 from ..model.errors import BadFileError, MissingPathError, OutputError, format_bytes, naming
 from .archive_formats import PIECE_BYTES, BadArchiveError, open_archive
 from .download_sources import (
@@ -128,27 +127,6 @@ def require_space(folder: Path, needed: float, advice: str) -> None:
 
 
 _FIRST_WAIT_S = 0.5
-_LONGEST_WAIT_S = 60.0
-
-
-@dataclass(frozen=True)
-class Backoff:
-    """Waits between attempts: doubled each time, and varied so that clients do not collide.
-
-    Attributes:
-        retries: Attempts without any progress after which a transfer fails.
-        sleep: Waits for some seconds.
-        vary: Returns a factor of the wait.
-    """
-
-    retries: int
-    sleep: Callable[[float], object] = time.sleep
-    vary: Callable[[], float] = lambda: random.uniform(0.5, 1.5)  # noqa: S311 - no secret
-
-    def wait(self, attempt: int, least_s: float) -> None:
-        """Wait before an attempt, the first of which is 1."""
-        wait_s = min(_FIRST_WAIT_S * 2 ** (attempt - 1), _LONGEST_WAIT_S) * self.vary()
-        self.sleep(max(wait_s, least_s))
 
 
 @dataclass(frozen=True)
@@ -167,7 +145,8 @@ class Transfer:
         target: The file.
         urls: Where to look for it, in this order.
         source: Opens the URLs.
-        backoff: Waits between attempts.
+        retries: Attempts without any progress after which the download fails.
+        sleep: Waits for some seconds.
         advance: Called with the bytes of each piece, negative for those that are dropped, and with
             the size of the file when it is known.
         fsync: Whether the file outlasts a power cut once it is complete.
@@ -178,7 +157,8 @@ class Transfer:
         target: Path,
         urls: Sequence[str],
         source: ArchiveSource,
-        backoff: Backoff,
+        retries: int,
+        sleep: Callable[[float], object],
         advance: Callable[[int, int | None], None],
         *,
         fsync: bool = True,
@@ -186,7 +166,8 @@ class Transfer:
         self.target = target
         self._urls = urls
         self._source = source
-        self._backoff = backoff
+        self._retries = retries
+        self._sleep = sleep
         self._advance = advance
         self._counted = 0
         self._fsync = fsync
@@ -238,7 +219,7 @@ class Transfer:
                 reached = self._part.stat().st_size if self._part.exists() else 0
                 failures = 0 if reached > furthest else failures + 1
                 furthest = max(furthest, reached)
-                if failures > self._backoff.retries:
+                if failures > self._retries:
                     what = f'broke off at {format_bytes(reached)}' if reached else 'cannot be read'
                     then = ' to go on from there' if reached else ''
                     raise DownloadError(
@@ -246,7 +227,7 @@ class Transfer:
                     ) from error
                 journal = self._resumable(url)
                 done = reached if journal.validator else 0
-                self._backoff.wait(max(failures, 1), error.wait_s)
+                self._sleep(max(retry_wait_s(max(failures, 1), _FIRST_WAIT_S), error.wait_s))
             else:
                 return
 

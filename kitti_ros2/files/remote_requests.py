@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import errno
 import hashlib
+import math
 import os
 import random
 import time
@@ -97,6 +98,7 @@ TRIES = 5
 _OUTER_TRIES = 2
 """Where the file system of fsspec makes several tries itself, as those of S3 and GCS do."""
 _FIRST_WAIT_S = 0.2
+_LONGEST_WAIT_S = 60.0
 _PASSING = frozenset(
     getattr(errno, name)
     for name in (
@@ -156,7 +158,21 @@ def attempt(path: UrlPath, request: Callable[[], T]) -> T:
             raise failure
         if number == tries:
             raise RemoteError(path, f'{failure.reason}, {tries} times', 'try again later')
-        wait(_FIRST_WAIT_S * 2 ** (number - 1) * (0.5 + random.random()))  # noqa: S311 - spread
+        wait(retry_wait_s(number, _FIRST_WAIT_S))
+
+
+def retry_wait_s(attempt: int, first_s: float) -> float:
+    """Return the seconds after a failed attempt, the first of which is 1, until the next one.
+
+    They are doubled each time, up to a minute, and varied so that clients do not collide.
+    """
+    spread = random.uniform(0.5, 1.5)  # noqa: S311 - no secret
+    return min(math.ldexp(first_s, attempt - 1), _LONGEST_WAIT_S) * spread
+
+
+def is_passing(status: int) -> bool:
+    """Whether a server that replies this status may reply another one to the same request."""
+    return status >= 500 or status in _BUSY
 
 
 def wait(seconds: float) -> None:
@@ -260,7 +276,7 @@ def _causes(error: Exception) -> list[BaseException]:
 def _may_pass(error: BaseException, status: int | None) -> bool:
     """Whether a request may succeed when it is made again."""
     if status is not None:
-        return status >= 500 or status in _BUSY
+        return is_passing(status)
     if isinstance(error, OSError) and error.errno in _PASSING:
         return True
     return isinstance(error, (TimeoutError, ConnectionError)) or any(

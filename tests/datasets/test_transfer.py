@@ -25,7 +25,8 @@ from kitti_ros2.datasets.download_sources import (
     HttpSource,
     MissingArchiveError,
 )
-from kitti_ros2.datasets.transfer import Backoff, Transfer
+from kitti_ros2.datasets.transfer import Transfer
+from kitti_ros2.files.remote_requests import retry_wait_s
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
@@ -36,6 +37,11 @@ NEW = random.Random(1).randbytes(600_000)
 PATH = '/raw_data/a.zip'
 MANY = '9' * 5000
 """Python refuses to make a number of so many digits."""
+
+
+@pytest.fixture(autouse=True)
+def usual_waits(monkeypatch):
+    monkeypatch.setattr('random.uniform', lambda *_: 1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -55,7 +61,7 @@ class Run:
         self.mirror = mirror
         self.target = folder / 'a.zip'
         self.source = HttpSource(timeout_s)
-        self.backoff = Backoff(retries, self.waits.append, lambda: 1.0)
+        self.retries = retries
 
     def advance(self, count, size):
         self.done += count
@@ -63,7 +69,9 @@ class Run:
 
     def run(self, *paths, sha256='', base=''):
         urls = [f'{base or self.mirror.url}{path}' for path in paths or (PATH,)]
-        transfer = Transfer(self.target, urls, self.source, self.backoff, self.advance)
+        transfer = Transfer(
+            self.target, urls, self.source, self.retries, self.waits.append, self.advance
+        )
         try:
             transfer.run(sha256)
         finally:
@@ -374,7 +382,7 @@ def test_a_connection_is_used_again():
     assert len(peers) == 1
 
 
-@pytest.mark.parametrize('code', [408, 429, 500, 502, 503, 504])
+@pytest.mark.parametrize('code', [408, 429, 500, 502, 503, 504, 520])
 def test_a_server_that_is_busy(tmp_path, code):
     mirror = Mirror({PATH: CONTENT})
 
@@ -586,10 +594,10 @@ def test_a_folder_as_a_mirror(tmp_path):
     mirror.mkdir()
     out.mkdir()
     (mirror / 'a.zip').write_bytes(CONTENT)
-    counts = []
+    counts, waits = [], []
     transfer = Transfer(
         out / 'a.zip', [(mirror / 'no.zip').as_uri(), (mirror / 'a.zip').as_uri()],
-        FolderSource(), Backoff(0), lambda count, _: counts.append(count),
+        FolderSource(), 0, waits.append, lambda count, _: counts.append(count),
     )  # fmt: skip
     transfer.run()
     assert (out / 'a.zip').read_bytes() == CONTENT
@@ -609,9 +617,12 @@ def test_a_folder_is_resumed_if_the_file_is_the_same(tmp_path):
 
 
 def test_waits_are_doubled_and_limited():
-    waits = []
-    backoff = Backoff(99, waits.append, lambda: 1.0)
-    for attempt in range(1, 12):
-        backoff.wait(attempt, 0.0)
+    waits = [retry_wait_s(attempt, 0.5) for attempt in range(1, 12)]
     assert waits == [0.5, 1, 2, 4, 8, 16, 32, 60, 60, 60, 60]
-    assert all(0.5 <= Backoff(0).vary() <= 1.5 for _ in range(100))
+
+
+def test_waits_are_varied(monkeypatch):
+    monkeypatch.undo()
+    waits = [retry_wait_s(1, 0.5) for _ in range(100)]
+    assert all(0.25 <= wait_s <= 0.75 for wait_s in waits)
+    assert len(set(waits)) > 90
