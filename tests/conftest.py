@@ -9,8 +9,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import pytest
 from chromium import Chromium, find_chromium
@@ -28,6 +30,33 @@ if TYPE_CHECKING:
 # A busy machine makes any test slow now and then.
 settings.register_profile('patient', deadline=None)
 settings.load_profile('patient')
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption('--every-case', action='store_true', help='also those that one_in leaves out')
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        'markers', 'one_in(n): of its many cases about one in n runs, and each with --every-case'
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out cases of long tables: always the same, and none that is asked for by its id."""
+    if config.getoption('every_case') or any('::' in word for word in config.args):
+        return
+    left_out = [
+        each
+        for _, cases in groupby(items, lambda item: item.nodeid.partition('[')[0])
+        for number, each in enumerate(cases)
+        if number and (mark := each.get_closest_marker('one_in'))
+        if crc32(each.name.encode()) % mark.args[0]
+    ]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        gone = {id(each) for each in left_out}
+        items[:] = [each for each in items if id(each) not in gone]
 
 
 @pytest.fixture(scope='session')

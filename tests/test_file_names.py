@@ -46,6 +46,7 @@ def back(bag: Path, out: Path):
     return report
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize('layout', list(Layout))
 def test_every_file_is_read_and_comes_back_to_the_byte(recordings, layout, kind, tmp_path):
@@ -64,6 +65,7 @@ def test_every_file_is_read_and_comes_back_to_the_byte(recordings, layout, kind,
     assert files_of(tmp_path / 'out') == files_of(data_set_of(source, layout))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', ['tokens', 'some .jpg'])
 @pytest.mark.parametrize('storage', BAGS)
 def test_every_container_keeps_the_names(recordings, storage, kind, tmp_path):
@@ -199,6 +201,7 @@ def test_a_jpeg_that_is_cut_is_a_loss(recordings, tmp_path):
     assert all(f'{path}: the JPEG is cut after' in loss.text() for loss in report.losses)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', ['five digits', 'tokens', '.jpg'])
 @pytest.mark.parametrize('layout', list(Layout))
 def test_every_command_reads_them(recordings, layout, kind, tmp_path, capsys):

@@ -87,6 +87,7 @@ def test_with_the_whole_calibration(recordings, tmp_path, layout, preset):
     assert not any('camera' in note for note in report.notes)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('layout', 'missing'),
     [(layout, [name]) for layout, files in FILES.items() for name in files] + [*FILES.items()],
@@ -103,6 +104,7 @@ def test_without_calibration_files(recordings, tmp_path, layout, missing):
         assert any('a nominal value is used' in note for note in report.notes)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('layout', 'key'), [(layout, key) for layout, keys in KEYS.items() for key in keys]
 )

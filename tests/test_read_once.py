@@ -73,6 +73,7 @@ def repeated(counts: Counter[str], most: int = 1) -> dict[str, int]:
     }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', ['compressed', 'both'])
 def test_to_bag(recording_path, reads, tmp_path, images):
     words = ('to-bag', recording_path, tmp_path / 'o.mcap', '-q', '--images', images)
@@ -98,6 +99,7 @@ def test_to_bag_on_processes(recording_path, reads, tmp_path):
     assert not repeated(found.folders)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('command', ['info', 'validate'])
 def test_reports(recording_path, reads, command):
     found = reads(recording_path, command, recording_path)

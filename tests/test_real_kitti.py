@@ -59,6 +59,7 @@ def read(path: Path, *topics: str) -> dict[str, list]:
     return found
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('storage', CONTAINERS)
 @pytest.mark.parametrize('layout', COUNTS)
 def test_message_counts_equal_file_counts(real_kitti, tmp_path, layout, storage):

@@ -58,6 +58,7 @@ def contents(path):
     }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', ['compressed', 'raw'])
 @pytest.mark.parametrize('case', BAGS)
 def test_to_bag(busy, recordings, case, images, tmp_path):

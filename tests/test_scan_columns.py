@@ -85,6 +85,7 @@ def test_refused_and_read(waymo, tmp_path, capfd, words):
     assert main([*words, '-q', '--columns', WAYMO]) == 0
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('columns', [WAYMO, DOUBLES, 'x y z'])
 def test_there_and_back_to_the_byte(recording_path, tmp_path, columns):
     source = copy(recording_path, tmp_path, columns)
@@ -237,6 +238,7 @@ def test_a_plan_names_the_columns_that_it_leaves_out(waymo, tmp_path, capfd):
     assert said in capfd.readouterr().out
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('columns', [3, 5])
 @pytest.mark.parametrize('place', [0, 1, -1])
 def test_an_odd_scan_of_whole_points_is_a_loss(recordings, tmp_path, capfd, place, columns):

@@ -239,6 +239,7 @@ def check_flipped(case, path, sound):
     summarize_bag(path)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('case', list(CASES))
 def test_a_flipped_byte_is_told_and_makes_up_nothing(case, mine, whole):
     path, file = mine(case)
@@ -526,6 +527,7 @@ def give_metadata(path, kind):
         source.write_text(yaml.safe_dump(information))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', ['pipe', 'device', 'huge', 'repeated'])
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_metadata_that_is_no_file_of_its_size_is_named(storage, kind, tmp_path, written, capsys):

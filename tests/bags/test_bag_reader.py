@@ -141,6 +141,7 @@ def test_each_topic_has_the_stamps_of_its_messages(storage, count, tmp_path):
     }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
 @pytest.mark.parametrize('part', [0.999, 0.7, 0.4, 0.01])
 def test_cut_mcap_is_read_as_far_as_it_goes(compression, part, samples, tmp_path):

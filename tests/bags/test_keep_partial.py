@@ -162,6 +162,7 @@ def test_threads_have_no_signals_to_hold(tmp_path, samples):
     assert len(contents(tmp_path / 'a.mcap')) == len(samples)
 
 
+@pytest.mark.one_in(3)
 @every_case
 def test_what_fits_on_a_full_disk_is_kept_and_recovered(tmp_path, samples, case):
     name, kept, options = CASES[case]

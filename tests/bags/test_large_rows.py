@@ -72,6 +72,7 @@ def write(connection, data):
     return rows
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'pragmas', [(), ('page_size=512',), ('page_size=65536',), ('auto_vacuum=FULL',)]
 )

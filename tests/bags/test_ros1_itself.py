@@ -57,6 +57,7 @@ def written(path):
         )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 @pytest.mark.parametrize('layout', list(Layout), ids=[layout.value for layout in Layout])
 def test_ros1_reads_every_message(ros1, recordings, layout, compression, tmp_path):

@@ -98,6 +98,7 @@ def fetches(monkeypatch):
     return seen
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('since', [None, 10**18 + 4 * 10**8])
 def test_threads_change_nothing(bag, monkeypatch, fetches, since):
     expected = read(bag, monkeypatch, 1, since)
@@ -111,6 +112,7 @@ def test_threads_change_nothing(bag, monkeypatch, fetches, since):
         assert not expected[2]
 
 
+@pytest.mark.one_in(3)
 def test_damage_is_found_in_its_turn(bag, monkeypatch, fetches):
     data = bytearray(bag.read_bytes())
     data[len(data) // 2] ^= 0xFF

@@ -122,6 +122,7 @@ def command(request):
     return request.param
 
 
+@pytest.mark.one_in(3)
 def test_a_collection_with_a_bad_unit_is_done_once_and_then_what_changed(
     command, source, tmp_path, capsys
 ):

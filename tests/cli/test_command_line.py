@@ -225,6 +225,7 @@ def look_at(path, capsys):
     return said, json.loads(text)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', ['', 'o.mcap', 'o', 'o.bag'])
 @pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING])
 def test_info_invents_no_times(recordings, tmp_path, capsys, layout, name):
@@ -460,6 +461,7 @@ HOSTILE_VALUES = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', TO_BAG_OPTIONS)
 @pytest.mark.parametrize('kind', HOSTILE_VALUES)
 def test_a_value_of_any_kind_is_valid_or_refused_in_a_short_line(tmp_path, name, kind):
@@ -534,6 +536,7 @@ def test_no_permission_is_one_line(recordings, tmp_path):
     assert 'Permission denied' in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('closed', ['>&-', '2>&-', '>&- 2>&-', '<&-'])
 @pytest.mark.parametrize(
     ('words', 'code'), [('info {path}', 0), ('info {path}/none', 2), ('--version', 0), ('info', 2)]
@@ -560,6 +563,7 @@ def test_output_that_is_refused_is_one_line(recordings, unbuffered):
     assert 'standard output: No space left on device' in one_line(done.stderr)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'name', [b'\xff\xfe', b'\x1b[31mred\x07', 'ü\u202egnp'.encode(), b'two\nlines']
 )

@@ -108,6 +108,7 @@ def test_a_shell_completes_what_is_typed(home, name, lines):
         session.expect(pexpect.EOF)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('shell', list(SHELLS))
 @pytest.mark.parametrize('words', ['play broken.mcap --topics ', 'no-command ', 'to-bag --x '])
 def test_what_is_wrong_is_answered_without_a_word(home, shell, words):

@@ -56,6 +56,7 @@ def test_ctrl_c_while_a_command_starts_is_one_line(moment, command, tmp_path):
     assert interrupted(moment, *words) == (EXIT_INTERRUPTED, '', SAID)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('moment', [1, 2, 4, 8, 16, 32, 64])
 def test_ctrl_c_while_a_player_starts_is_no_error(moment, tmp_path):
     """After the first imports the player handles it itself: it then sees what it was given."""

@@ -37,6 +37,7 @@ sys.exit(main())
 """
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize('keep', [True, False])
 def test_the_error_line_names_what_is_kept(recordings, tmp_path, number, keep):
@@ -70,6 +71,7 @@ sys.exit(main())""",
 )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize('first', [signal.SIGINT, signal.SIGTERM])
 def test_a_second_signal_does_not_cut_the_removal_short(recordings, tmp_path, first, second):

@@ -397,6 +397,7 @@ def test_classes_without_regard_to_case(recordings, tmp_path, capsys):
 # Outside of the recording.
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', list(Layout))
 @pytest.mark.parametrize('holes', [False, True])
 def test_frames_outside(recordings, tmp_path, capsys, layout, holes):

@@ -31,6 +31,7 @@ def test_the_modes_are_these() -> None:
     assert set(MODES) == set(NEEDS)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('mode', list(NEEDS))
 def test_every_mode_on_every_layout(recording_path, tmp_path, mode, capsys):
     out = tmp_path / 'out.png'
@@ -43,6 +44,7 @@ def test_every_mode_on_every_layout(recording_path, tmp_path, mode, capsys):
     assert picture.std() > 1
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('mode', list(NEEDS))
 def test_a_bag_gives_the_same_picture(recordings, tmp_path, mode):
     source = recordings[Layout.OBJECT]
@@ -311,6 +313,7 @@ def test_a_class_of_a_frame_that_cannot_be_drawn_is_there(recordings, tmp_path, 
     assert 'frames not drawn: 0' in said.err
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('words', 'frames'),
     [

@@ -160,6 +160,7 @@ NEEDS = {'rclpy': needs_rclpy, 'evo': needs_evo, 'trackeval': needs_trackeval}
 """By package, which is not everywhere installed: whether a block needs it."""
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('page', PAGES, ids=page_name)
 def test_blocks_of_a_page_run(page, folder):
     blocks = [each for each in blocks_of(page) if not each.reason]

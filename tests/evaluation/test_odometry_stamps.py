@@ -66,6 +66,7 @@ def ground_truth(request, tmp_path):
     return make
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', POSED)
 @pytest.mark.parametrize(('to_ns', 'at_end'), [(1000, False), (1, True)])
 def test_every_frame_gets_the_pose_of_its_scan(

@@ -226,6 +226,7 @@ def command(capsys, *words):
     return code, said.out.splitlines(), said.err.splitlines()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('topic', 'layout'),
     [
@@ -311,6 +312,7 @@ string frame_id
 """
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('text', [HEADER, 'uint32 width\n', 'std_msgs/Header[] header\n'])
 @pytest.mark.parametrize(
     'topic', [POINTS, LEFT, '/cam/right/image_rect/compressed', '/cam/left/camera_info', BOXES]

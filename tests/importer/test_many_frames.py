@@ -88,6 +88,7 @@ def calls_for(survey: Survey) -> int:
     return calls_of(plan)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'kind',
     [

@@ -40,6 +40,7 @@ def to_bag(source, bag, *words: str):
     return bag
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('suffix', ['mcap', 'bag'])
 @pytest.mark.parametrize('topics', [('/kitti/source/*',), ('/kitti/source/*', '*right*')])
 @pytest.mark.parametrize('incomplete', ['keep', 'drop'])

@@ -37,6 +37,7 @@ def foreign_bag(tmp_path_factory):
     return str(foreign.write_foreign(folder / 'bag.mcap', foreign.make_truth()))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('span', SPANS, ids=' '.join)
 @pytest.mark.parametrize('layout', list(Layout))
 def test_a_part_is_what_a_bag_of_that_part_gives(recordings, layout, span, tmp_path, capsys):

@@ -75,6 +75,7 @@ def limit_of(name, number):
 # --- the exact scan ---------------------------------------------------------------------------
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', MEASURED_LAYOUTS, ids=lambda each: each.value)
 @pytest.mark.parametrize('name', BENDS)
 def test_a_compensated_scan_is_the_exact_one_to_a_centimetre(tmp_path, layout, name):

@@ -116,6 +116,7 @@ def rectifier_of(k, d, r, p, model, size):
 
 
 class TestRectifier:
+    @pytest.mark.one_in(3)
     @pytest.mark.parametrize(('model', 'd'), CAMERAS)
     @pytest.mark.parametrize('dtype', [np.uint8, np.uint16])
     def test_points_land_where_p_and_r_project_them(self, model, d, dtype):

@@ -171,6 +171,7 @@ def test_tracklets_have_the_bounds_of_their_projection(holed):
     assert 0.5 <= min(ys) <= max(ys) <= height - 0.5
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('storage', BAGS)
 @pytest.mark.parametrize('layout', LABELLED, ids=lambda layout: layout.value)
 def test_own_bags_become_the_same_files(recordings, tmp_path, layout, storage):

@@ -222,6 +222,7 @@ NAMES = {
 SAME_TOPIC = {('of a calibration', CALIBRATION), ('of a text', FILES)}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('name', 'topic'),
     [
@@ -310,6 +311,7 @@ def test_a_damaged_description_is_one_line_and_a_plan_goes_without_it(made, back
     assert 'training/velodyne/000004.bin' in files
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'words',
     [
@@ -492,6 +494,7 @@ def test_a_plan_is_held_to_the_description_as_well(made, back):
     assert said[0] == 'skipped scan (1): the bag holds 4 of 5 scan messages'
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('place', [0, 3])
 @pytest.mark.parametrize('topic', ['/imu/data', '/cam/left/image_raw', '/sensors/ouster/points'])
 def test_what_the_first_pass_could_not_decode_is_named(topic, place, back, tmp_path):

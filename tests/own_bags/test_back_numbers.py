@@ -104,6 +104,7 @@ def there_and_back(source: Path, root: Path, ending: str, folder: Path) -> tuple
     return code, done.stdout + done.stderr
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('ending', ENDINGS)
 @pytest.mark.parametrize('layout', ['raw', 'object', 'odometry', 'tracking'])
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -121,6 +122,7 @@ def test_any_numbers_come_back(layout, ending, scans, images, stamped, data):
         assert there_and_back(source, root, ending, Path(folder)) == (0, '')
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('stamped', [True, False])
 @pytest.mark.parametrize('found', [{0, 2}, {8, 114}, {3, 4, 5}, {7}])
 @pytest.mark.parametrize('layout', ['raw', 'object', 'odometry', 'tracking'])

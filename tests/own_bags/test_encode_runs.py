@@ -72,6 +72,7 @@ def same_for_any_number_of_jobs(source: Path, folder: Path, name: str, *args, **
     return reports[0]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', list(Images))
 def test_every_layout(recording_path, tmp_path, images, forks):
     messages = MessageOptions(images=images)
@@ -79,6 +80,7 @@ def test_every_layout(recording_path, tmp_path, images, forks):
     assert [given[2] for given in forks] == [2, 3]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('case', BAGS)
 def test_every_container(recordings, tmp_path, case):
     name, options = BAGS[case]

@@ -99,6 +99,7 @@ def test_without_tf_only_the_topics_have_the_frames(recordings, tmp_path):
     )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('ending', ['.mcap', '', '.bag'])
 @pytest.mark.parametrize('layout', POSED)
 def test_every_file_comes_back_to_the_byte(recordings, tmp_path, layout, ending):

@@ -492,6 +492,7 @@ def assert_others_unchanged(broken: Broken):
                     assert serialize(one) == serialize(expected[one.id])
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('change', 'said'),
     [

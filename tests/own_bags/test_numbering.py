@@ -84,6 +84,7 @@ def played(path, **selection):
     return RecordingProgram(open_recording(path), options, SelectionOptions(**selection), 1)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
 def test_a_bag_plays_the_frames_of_its_folder(holed, tmp_path, storage):
     program = BagProgram(make_bag(holed, tmp_path, storage), ALL)

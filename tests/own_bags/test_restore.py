@@ -67,6 +67,7 @@ def data_set_of(source: Path, layout: Layout) -> Path:
     return source.parent.parent if layout is Layout.RAW else source
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('storage', CONTAINERS)
 @pytest.mark.parametrize('layout', list(Layout))
 def test_every_file_comes_back_to_the_byte(recordings, layout, storage, tmp_path):
@@ -97,6 +98,7 @@ def test_images_of_pixels_come_back_pixel_for_pixel(recordings, layout, tmp_path
             assert made[name] == content, name
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('layout', 'image'),
     [
@@ -225,6 +227,7 @@ def test_file_names_that_would_escape_cost_that_file_only(name, tmp_path):
     assert f'names a file {name!r}, which would lie outside of the output' in loss.text()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'change',
     [
@@ -377,6 +380,7 @@ def test_a_cut_bag_gives_what_it_has_and_says_so(recordings, tmp_path):
     assert any('cut off' in loss.text() for loss in report.losses)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('place', 'storage'),
     [
@@ -402,6 +406,7 @@ def test_real_files_come_back_to_the_byte(real_kitti, place, storage, tmp_path):
     assert made == true
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('gap', [(), ('velodyne_points:5-6',)])
 @pytest.mark.parametrize('storage', CONTAINERS)
 def test_a_full_real_drive_comes_back_to_the_byte(make_drive, gap, storage, tmp_path):

@@ -66,6 +66,7 @@ def clouds_of(path: Path):
         yield log_ns, stamp.sec * NS_PER_S + stamp.nanosec, cloud
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('ending', 'options'),
     [

@@ -179,6 +179,7 @@ def test_a_recording_without_pairs_says_so(drive, tmp_path):
     assert 'stereo changes nothing: no two cameras are a pair' in report.notes
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('ending', 'words'), [('.mcap', []), ('', ['--stereo-frame', 'left']), ('.bag', [])]
 )
@@ -215,6 +216,7 @@ def test_a_bag_gives_each_image_the_stamp_of_its_file(drive, tmp_path):
                 )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', ['compressed', 'raw', 'both'])
 @pytest.mark.parametrize('encoding', ['rgb8', 'bgr8', 'mono8'])
 def test_images_of_any_encoding_come_back(recordings, tmp_path, images, encoding):

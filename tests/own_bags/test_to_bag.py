@@ -55,6 +55,7 @@ def written(tmp_path_factory):
     return write
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('container', CONTAINERS)
 def test_counts_equal_file_counts(recording_path, written, container):
     recording = open_recording(recording_path)
@@ -75,6 +76,7 @@ def test_counts_equal_file_counts(recording_path, written, container):
         assert report.counts.get(topic, 0) == files.get(stream, 0), topic
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('container', CONTAINERS)
 def test_payloads_are_the_files_own_bytes(recording_path, written, container):
     recording = open_recording(recording_path)
@@ -201,6 +203,7 @@ def test_kitti2bag_names(recordings, tmp_path):
     assert children['imu_link'] == -1.405
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('preset', list(Preset))
 @pytest.mark.parametrize('layout', list(Layout))
 def test_image_topics_of_each_layout(recordings, tmp_path, layout, preset):
@@ -261,6 +264,7 @@ PACKET_TOPICS = {
 }  # fmt: skip
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('name', 'edit', 'said', 'topics'),
     [

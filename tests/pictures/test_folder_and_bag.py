@@ -72,6 +72,7 @@ def absent_in(report):
     return {(each.stream, each.numbers, each.text().partition(': ')[2]) for each in losses}
 
 
+@pytest.mark.one_in(3)
 def test_a_bag_tells_which_frames_its_folder_has_no_files_of(bag, told):
     assert absent_in(told)
     assert absent_in(gather(bag, ANY)) == absent_in(told)
@@ -84,6 +85,7 @@ def test_a_bag_of_a_part_tells_what_is_absent_from_that_part(holed, told, tmp_pa
     assert {number for _, few, _ in found for number in few} <= {min(numbers)}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('leave_folder', [True, False])
 @pytest.mark.parametrize(
     ('layout', 'gone'),
@@ -142,11 +144,13 @@ def assert_same_frames(there, here, *, one_map=True):
         np.testing.assert_array_equal(draw_panel(named, options), draw_panel(own, options))
 
 
+@pytest.mark.one_in(3)
 def test_the_reports_of_a_folder_and_of_its_bag_agree(told, bag):
     assert told.frames
     assert_same_report(gather(bag, ANY), told)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', [Images.COMPRESSED, Images.RAW])
 def test_the_frames_of_a_folder_and_of_its_bag_agree(holed, tmp_path, images):
     bag = make_bag(holed, tmp_path / 'bag', images=images)

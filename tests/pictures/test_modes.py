@@ -104,6 +104,7 @@ def test_the_streams_of_the_modes():
     assert MODES['panel'].streams((), ANY) == {'scan', 'labels', 'oxts', 'pose', 'path'}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('mode', 'changes', 'reason'),
     [
@@ -222,6 +223,7 @@ def test_parts_of_the_panel_do_not_overlap():
     covered_by((BOXES_2D, LIDAR, BIRD, CLASSES, INTENSITY, DISTANCE))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'changes',
     [

@@ -47,6 +47,7 @@ def assert_same(frame, other):
             )
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('images', [Images.COMPRESSED, Images.RAW])
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3', 'ros1'])
 def test_a_bag_shows_what_its_folder_shows(recording_path, tmp_path, storage, images):
@@ -85,6 +86,7 @@ def test_only_what_is_wanted_is_read(recordings):
     assert frame.points is not None
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('number', [-1, 5])
 def test_a_frame_that_is_not_there(recording_path, tmp_path, number):
     with pytest.raises(UsageError, match=f'has no frame {number}; it has 5 frames, 0 to 4'):

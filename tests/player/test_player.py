@@ -282,6 +282,7 @@ def looping(recordings):
 class TestWhileItLoops:
     """One player for all, which ends with them: other tests must not hear it."""
 
+    @pytest.mark.one_in(3)
     @pytest.mark.parametrize(
         ('name', 'value', 'reason'),
         [
@@ -324,6 +325,7 @@ def test_another_source(player, listen, recordings):
     assert listener.tell('wait', SCAN, count + 3) >= count + 3
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'topic',
     ['/a b', '', '/', '/1x', '/a{b}', '/a\nb', '/rosout', '/parameter_events', '/' + 'a' * 500],
@@ -428,6 +430,7 @@ def test_a_file_that_fails_costs_its_message(player, listen, drive):
     assert (len(heard[SCAN]), len(heard[OXTS])) == (FRAMES - 1, FRAMES)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     'module', ['kitti_ros2.cli.command', 'rclpy', 'kitti_ros2.player.session', None]
@@ -444,6 +447,7 @@ def test_a_signal_ends_it_cleanly(player, recordings, number, module):
     assert (code, 'Traceback' in said, 'Error' in said) == (0, False, False), said
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('words', 'said'),
     [

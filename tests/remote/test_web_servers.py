@@ -91,6 +91,7 @@ def no_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote_requests, 'wait', lambda _: None)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('coding', ['gzip', 'deflate, gzip', 'x' * 3000], ids=range(3))
 @pytest.mark.parametrize('ranges', [True, False])
 def test_compressed_answers_are_refused(coding: str, ranges: bool, capsys):

@@ -105,6 +105,7 @@ def offsets(plan):
     return {name: value for name, value in found.items() if value}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', CLOCKS)
 def test_images_are_those_of_the_scans_whatever_the_clocks(name, tmp_path):
     robot, expected = CLOCKS[name]
@@ -117,6 +118,7 @@ def test_images_are_those_of_the_scans_whatever_the_clocks(name, tmp_path):
     assert parse_plan(format_plan(found.plan), tmp_path) == found.plan
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', CLOCKS)
 def test_poses_are_those_of_the_scans_whatever_the_clocks(name, tmp_path):
     robot, _ = CLOCKS[name]
@@ -229,6 +231,7 @@ def relative(found, name):
     return changed
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', TURNS)
 @pytest.mark.parametrize('lag_ns', [-30_000_000, 0, 30_000_000])
 def test_scans_are_paired_in_the_middle_of_their_turn(name, lag_ns, tmp_path):

@@ -46,6 +46,7 @@ KINDS = [
 ]  # fmt: skip
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_damaged_image_is_a_loss_and_nothing_else_is_printed(kind, tmp_path, capfd, monkeypatch):
     base = small_rigs.sides('front')

@@ -240,6 +240,7 @@ def nudged(value):
 class TestArraysOfOneStamp:
     """Of several detectors on one topic."""
 
+    @pytest.mark.one_in(3)
     @pytest.mark.parametrize('again', [False, True])
     @pytest.mark.parametrize(
         ('kinds', 'topics', 'each'),

@@ -61,6 +61,7 @@ def ros_bag(tmp_path_factory):
     return robot.write_ros(tmp_path_factory.mktemp('ros') / 'bag', WORLD)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', list(Layout), ids=[layout.value for layout in Layout])
 @pytest.mark.parametrize('write', ENCODINGS.values(), ids=ENCODINGS)
 def test_the_set_is_that_of_ros_messages_byte_for_byte(tmp_path, ros_bag, write, layout):

@@ -60,6 +60,7 @@ def labels_of(out: Path) -> list[np.ndarray]:
     return [np.fromfile(each, '<u4') for each in sorted(out.rglob('labels/*.label'))]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'fields',
     [

@@ -67,6 +67,7 @@ def test_nuscenes_cam_front_is_camera_2_and_its_lidar_is_turned(convert):
     np.testing.assert_allclose(frame.calib['P2'][:, :3], camera_rigs.K)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'names',
     [

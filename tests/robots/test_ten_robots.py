@@ -84,6 +84,7 @@ def value_at(plan, key):
     return plan
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', LAYOUTS)
 def test_the_guessed_plan(robot, layout, capsys):
     assert main(['to-kitti', *robot.bags, '--layout', layout, '--plan']) == 0
@@ -105,6 +106,7 @@ def test_the_guessed_plan(robot, layout, capsys):
         )
 
 
+@pytest.mark.one_in(3)
 def test_all_is_converted_and_what_is_dropped_is_told(robot, written):
     code, printed = robot.printed[written.layout]
     assert (code, printed.err) == (0, '')
@@ -284,6 +286,7 @@ SPOILT = 3
 """The number of the scan whose message is damaged."""
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'made', [each for each in ROBOTS if each.by_values], ids=lambda each: each.name
 )

@@ -75,6 +75,7 @@ def converted(path):
     return report, bags.scan_stamps(path.with_name('out'))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('container', ['mcap', 'sqlite3', 'ros1'])
 @pytest.mark.parametrize('kind', KINDS)
 def test_each_scan_is_stamped_in_the_middle_of_its_own_turn(kind, container, tmp_path):
@@ -97,6 +98,7 @@ def middles():
         yield stamp_ns + turn_ms * MS // 2, turn_ms * MS // 2
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('kind', KINDS)
 def test_images_are_paired_with_the_turn_that_they_were_exposed_in(kind, tmp_path):
     """Each in the middle of its turn, which by the median would be up to 130 ms away."""

@@ -193,6 +193,7 @@ GAPS = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('container', ['mcap', 'sqlite3', 'ros1'])
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
 def test_a_packet_without_fix_lies_between_those_around_it(layout, container, tmp_path):
@@ -297,6 +298,7 @@ SOURCES = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('name', SOURCES)
 def test_velocities_are_derived_from_the_places_and_said(name, tmp_path):
     notes, losses, packets = convert(tmp_path, *SOURCES[name])
@@ -329,6 +331,7 @@ def wander(seed, size):
     return lambda seconds: rng.normal(0, size, 3) + size * np.sin([seconds, seconds / 2, 1.0])
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ('period_ms', 'size'), [(100, 0.0), (100, 0.02), (100, 0.05), (1000, 0.2), (250, 0.1)]
 )

@@ -53,6 +53,7 @@ def nearest(points, true):
     return np.concatenate(found)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('second', [False, True], ids=['single', 'dual'])
 @pytest.mark.parametrize('name', list(robot.UNITS))
 def test_points_are_those_of_the_packets(tmp_path, name, second):
@@ -121,6 +122,7 @@ class TestHdl64:
         with pytest.raises(UsageError, match=r'scan\.calibration'):
             convert(bag, tmp_path / 'out')
 
+    @pytest.mark.one_in(3)
     @pytest.mark.parametrize(
         'text',
         [

@@ -82,6 +82,7 @@ def check_boxes(out, frames, written):
             assert set(np.flatnonzero(within)) in holding
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     'robot',
     [
@@ -123,6 +124,7 @@ STANDING = {
 }
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('after_ms', [40, 20, -30])
 @pytest.mark.parametrize('name', STANDING)
 def test_a_parked_car_lies_on_its_points_whatever_the_stamp_of_its_box(name, after_ms, tmp_path):
@@ -133,6 +135,7 @@ def test_a_parked_car_lies_on_its_points_whatever_the_stamp_of_its_box(name, aft
     check_boxes(tmp_path / 'out', frames, range(len(frames)))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('layout', [Layout.OBJECT, Layout.TRACKING, Layout.RAW])
 @pytest.mark.parametrize('timed', [False, True])
 def test_labels_of_standing_boxes_are_the_same_whatever_their_stamp(layout, timed, tmp_path):
@@ -165,6 +168,7 @@ def test_poses_that_alone_join_boxes_to_the_scans_are_in_the_plan(cloud, tmp_pat
     check_boxes(tmp_path / 'out', frames, range(len(frames)))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('boxes', ['odom', 'base_link'])
 @pytest.mark.parametrize(
     ('timed', 'after_ns'),
@@ -190,6 +194,7 @@ def test_boxes_lie_on_clouds_in_a_frame_that_moves_whatever_the_stamps_of_both(
     check_boxes(tmp_path / 'out', frames, range(len(frames)))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('ahead_s', [37, -3600])
 @pytest.mark.parametrize(
     'robot', [Robot(), Robot(boxes='odom'), Robot(cloud='map'), Robot(boxes=None, cloud='odom')]
@@ -285,6 +290,7 @@ def test_frames_that_are_not_in_the_tree_are_refused(changes, said, tmp_path):
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('shift_ns', [3 * 10**9, -3 * 10**9, -1000 * 10**9])
 @pytest.mark.parametrize(
     'robot',
@@ -443,6 +449,7 @@ def moved_to_start(poses):
     return moved
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('origin', [None, '49.0,8.4,110', '-33.9,151.2,20'])
 @pytest.mark.parametrize(
     ('robot', 'truth'),

@@ -43,6 +43,7 @@ def sources(recordings: Mapping[Layout, Path], tmp_path_factory) -> Mapping[Layo
     return {**recordings, Layout.OBJECT: root}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize('words', OPTIONS, ids=' '.join)
 @pytest.mark.parametrize('layout', list(Layout), ids=lambda layout: layout.value)
 def test_a_sound_bag_has_no_error(sources, tmp_path, capsys, layout, words):
