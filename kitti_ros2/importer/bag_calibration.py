@@ -24,18 +24,10 @@ from ..model.bag_formats import TF_TYPES
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import Calibration, CameraCalibration
-from .bag_cameras import other_cameras
-from .plan import (
-    NONE,
-    SOURCE,
-    TF,
-    camera_of,
-    made_optical_frames,
-    of_images,
-    optical_name,
-    topic_of,
-)
-from .tf_frames import is_up
+from .bag_cameras import camera_of, of_images, other_cameras
+from .plan import NONE, SOURCE, TF
+from .survey import topic_of
+from .tf_frames import is_up, made_optical_frames, optical_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

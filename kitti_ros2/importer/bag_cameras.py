@@ -16,7 +16,7 @@ import numpy as np
 
 from ..files.image_files import encode_png, parse_png
 from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
-from ..messages.images import pixels_of, png_of
+from ..messages.images import pixels_of, png_of, size_of
 from ..messages.rectified_cameras import (
     Rectifier,
     angle_of,
@@ -36,7 +36,9 @@ from ..messages.tf_tree import (
 from ..model import bag_formats as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.streams import CAMERA_NAMES
-from .plan import X_FORWARD, CameraPlan, image_size, of_images, optical_link, optical_name, topic_of
+from .plan import X_FORWARD, CameraPlan
+from .survey import topic_of
+from .tf_frames import optical_link, optical_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -48,6 +50,43 @@ if TYPE_CHECKING:
     from ..model.streams import Layout
     from .plan import Plan
     from .survey import Survey, TopicSurvey
+
+
+# The model of a camera, by its CameraInfo and its images.
+
+
+def camera_of(survey: Survey, name: str) -> CameraModel:
+    """Return the camera of the CameraInfo topic that a plan names.
+
+    Raises:
+        UsageError: The bag has no such topic, or it has no messages.
+        ValueError: It is of another type, or its first message is no valid calibration.
+    """
+    info = topic_of(survey, name)
+    if info.msgtype != types.CAMERA_INFO or not info.looks:
+        reason = info.failure or f'it is a {info.msgtype}'
+        raise ValueError(f'no CameraInfo ({reason})')
+    return camera_model(info.looks[0])
+
+
+def image_size(images: TopicSurvey) -> tuple[int, int] | None:
+    """Return (width, height) of the first image of a topic whose size is known; None without."""
+    return next(filter(None, map(size_of, images.looks)), None)
+
+
+def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
+    """Return a camera with the size of its images where its own has width and height swapped.
+
+    The principal point of P tells that it is the size that is wrong, not the image that is turned:
+    it is nearer to the middle of the images.
+    """
+    size = image_size(images)
+    if size is None or size == model.size or size != model.size[::-1]:
+        return model
+    aside, aside_own = (
+        float(np.linalg.norm(model.p[:2, 2] - np.array(each) / 2)) for each in (size, model.size)
+    )
+    return replace(model, size=size) if aside < aside_own else model
 
 
 # The cameras of a bag: the best image topic of each, and its CameraInfo.

@@ -50,8 +50,8 @@ from .box_labels import (
     own_number,
     rectified_boxes,
 )
-from .plan import LabelPlan, topic_of
-from .survey import pass_over
+from .plan import LabelPlan
+from .survey import pass_over, topic_of
 from .tf_frames import BoxTimes, FramesAt, MovingBase, StaticFrames, is_truth, stamp_of_boxes
 
 if TYPE_CHECKING:

@@ -25,10 +25,9 @@ from ..model.errors import UsageError, did_you_mean
 from ..model.geometry import Transform
 from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
-from .plan import Incomplete, PosePlan, frame_of, topic_of
-from .roles import POSES, SOLID
-from .survey import pass_over
-from .tf_frames import NamedFrames, child_of, is_renamed, is_truth
+from .plan import POSES, Incomplete, PosePlan
+from .survey import SOLID, pass_over, topic_of
+from .tf_frames import NamedFrames, child_of, frame_of, is_renamed, is_truth
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence

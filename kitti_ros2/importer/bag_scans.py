@@ -38,10 +38,10 @@ from ..model import bag_formats as types
 from ..model.bag_formats import CLOUD
 from ..model.errors import KittiRos2Error, Loss, UsageError, some_of
 from ..model.samples import Scan
-from .bag_cameras import choose_cameras, find_heading, main_camera, place_cameras
+from .bag_cameras import camera_of, choose_cameras, find_heading, main_camera, place_cameras
 from .bag_poses import guess_pose, vehicle_frame
-from .plan import ScanPlan, camera_of, topic_of
-from .survey import pass_over
+from .plan import ScanPlan
+from .survey import pass_over, topic_of
 from .tf_frames import BoxTimes, FramesAt, NamedFrames, is_fixed
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from ..messages.clouds import tells_another_time, time_field
 from ..model.errors import Loss
 from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, Stream
-from .plan import StampSource, topic_uses
-from .roles import BOXES_2D, INFO, UNIT
+from .plan import BOXES_2D, INFO, UNIT, StampSource, topic_uses
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -35,8 +35,21 @@ from .bag_labels import PixelFrames, guess_labels, has_cubes
 from .bag_poses import guess_pose, link_topics, moving_pairs
 from .bag_scans import cloud_notes, guess_scan
 from .clocks import clocked, estimate_offsets
-from .plan import NONE, SOURCE, TF, Incomplete, Plan, VelocityAxes, topic_uses
-from .roles import FIX, IMU, LABELS, ROLES, SCAN, VELOCITY
+from .plan import (
+    FIX,
+    IMU,
+    LABELS,
+    NONE,
+    ROLES,
+    SCAN,
+    SOURCE,
+    TF,
+    VELOCITY,
+    Incomplete,
+    Plan,
+    VelocityAxes,
+    topic_uses,
+)
 from .survey import pass_over
 from .tf_frames import (
     NamedFrames,

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..messages.moving_tree import MAX_GAP_NS
+from ..messages.naming import LABEL_LINES
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import Loss, UnsynchronisedError, UsageError
 from ..model.samples import NONE, match_frames
 from ..model.streams import NS_PER_S, Stream
 from .clocks import clock_notes, clocked, describe_gap
-from .plan import Incomplete, check_types, topic_of, topic_uses
+from .plan import IMAGES, LABELS, UNIT, Incomplete, topic_uses
+from .survey import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -76,6 +78,30 @@ def within(
         else:
             chosen &= compare(stamps_ns, bound.stamp_ns or 0)
     return chosen
+
+
+# Check of the message types of the topics that a plan names.
+
+
+_CHECKED = (IMAGES, LABELS, *UNIT)
+
+
+def check_types(plan: Plan, survey: Survey) -> None:
+    """Check that messages of a plan's topics can be decoded as what the plan uses them for.
+
+    Topics without messages, scans, poses and CameraInfos are checked where they are used.
+
+    Raises:
+        UsageError: The type of one is another; the error names the key.
+    """
+    for use in sorted(topic_uses(plan), key=lambda use: use.role is not IMAGES):
+        topic = survey.topics.get(use.topic)
+        if use.role not in _CHECKED or use.topic == LABEL_LINES or topic is None:
+            continue
+        if topic.count and topic.msgtype not in use.role.every_type:
+            expected = ', '.join(use.role.every_type)
+            key = f'{use.key}: {use.topic}'
+            raise UsageError(f'{key} is of type {topic.msgtype}; expected {expected}')
 
 
 # The frames of a plan, and the sample of each stream in each.

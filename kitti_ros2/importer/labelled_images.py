@@ -29,9 +29,9 @@ from .bag_poses import read_moving
 from .bag_scans import without_unreadable_scans
 from .box_labels import own_number
 from .guess import guess_plan
-from .plan import NONE, SOURCE, TF, topic_of
+from .plan import NONE, SOURCE, TF
 from .rigging import Rigging
-from .survey import glance
+from .survey import glance, topic_of
 from .tf_frames import BoxTimes, stamp_of_boxes
 
 if TYPE_CHECKING:

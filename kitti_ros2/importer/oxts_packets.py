@@ -23,7 +23,8 @@ from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, GeoOrigin, Stream
 from .bag_poses import SLOWEST_FIX_M_S, SLOWEST_POSE_M_S, DerivedVelocities, metres_of
 from .kitti_frames import within_gaps
-from .plan import VelocityAxes, topic_of
+from .plan import VelocityAxes
+from .survey import topic_of
 from .tf_frames import child_of
 
 if TYPE_CHECKING:

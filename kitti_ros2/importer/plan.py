@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
 
-It is parsed and formatted as YAML, checked, and its topics are found in the survey of the bag.
+The table of roles says what topics can be for it. It is parsed and formatted as YAML, and checked.
 """
 
 from __future__ import annotations
@@ -13,33 +13,23 @@ from enum import Enum
 from math import isfinite
 from typing import TYPE_CHECKING, Any, get_type_hints
 
-import numpy as np
-
-from ..messages.camera_info import camera_model
-from ..messages.images import size_of
-from ..messages.naming import LABEL_LINES
-from ..messages.scan_sources import MODELS, SCAN_SOURCES
-from ..messages.tf_tree import AXES
-from ..model.bag_formats import CAMERA_INFO
+from ..messages.scan_sources import MODELS, SCAN_SOURCES, SCAN_TYPES
+from ..model import bag_formats as types
 from ..model.boxes import UNKNOWN_OCCLUSION, VISIBLE
 from ..model.classes import KITTI_CLASSES, own_class
 from ..model.errors import UsageError, did_you_mean, one_line, shown
-from ..model.geometry import Transform
 from ..model.streams import GeoOrigin, Layout, Stream
-from .roles import BOXES_2D, IMAGES, INFO, LABELS, POSES, SCAN, UNIT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
-
-    from ..messages.camera_info import CameraModel
-    from ..messages.tf_tree import Link
-    from .roles import Role
-    from .survey import Survey, TopicSurvey
 
 
 # The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
 
+
+X_FORWARD = 'x'
+"""The value of forward of a camera whose frame has x forward, y left, z up."""
 
 TF = 'tf'
 NONE = 'none'
@@ -248,6 +238,78 @@ class Plan:
         return self.layout.traits.is_extract(self.name)
 
 
+# The roles that topics of a bag play in a data set, a row each.
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a topic can be for a data set.
+
+    Attributes:
+        key: In the plan: of the part that names the topic, or in that part.
+        stream: KITTI's stream that is made of it; of a camera that of its number.
+        msgtypes: The types that a plan is guessed from, the preferred ones first.
+        more_types: Others that a plan may name.
+        advice: What can be done with a topic of these types that a plan does not use.
+    """
+
+    key: str
+    stream: Stream
+    msgtypes: tuple[str, ...] = ()
+    more_types: tuple[str, ...] = ()
+    advice: str = ''
+
+    @property
+    def every_type(self) -> tuple[str, ...]:
+        """The types that a plan may name."""
+        return (*self.msgtypes, *self.more_types)
+
+
+_UNIT_ADVICE = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
+
+SCAN = Role(
+    'scan',
+    Stream.SCAN,
+    (types.CLOUD,),
+    tuple(sorted(SCAN_TYPES - {types.CLOUD})),
+    'scans: name the topic in scan.topic',
+)
+IMAGES = Role(
+    'cameras',
+    Stream.IMAGE_2,
+    (types.IMAGE, types.COMPRESSED),
+    advice='images: name the topic in cameras',
+)
+INFO = Role(
+    'info',
+    Stream.CALIBRATION,
+    (types.CAMERA_INFO,),
+    advice='calibration of images that are not used',
+)
+POSES = Role(
+    'pose',
+    Stream.POSE,
+    (types.ODOMETRY, types.POSE, types.PATH),
+    advice='poses: for the layouts odometry, raw and tracking: name the topic in pose.topic',
+)
+LABELS = Role(
+    'labels',
+    Stream.LABELS,
+    (types.DETECTIONS_3D, types.TRACKED_OBJECTS, types.DETECTED_OBJECTS, types.MARKERS),
+    (types.DETECTIONS_2D,),
+    '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic',
+)
+BOXES_2D = Role('boxes_2d', Stream.LABELS, more_types=(types.DETECTIONS_2D,))
+IMU = Role('imu', Stream.OXTS, (types.IMU,), advice=_UNIT_ADVICE)
+FIX = Role('fix', Stream.OXTS, (types.FIX,), advice=_UNIT_ADVICE)
+VELOCITY = Role('velocity', Stream.OXTS, (types.TWIST,), (types.ODOMETRY,), _UNIT_ADVICE)
+
+UNIT = (IMU, FIX, VELOCITY)
+"""Roles of the GPS/IMU unit, which have no part in the plan: the key is the topic's."""
+ROLES = (SCAN, IMAGES, INFO, POSES, LABELS, BOXES_2D, *UNIT)
+"""The table; transforms have no row, for a plan uses all of them."""
+
+
 # The topics that a plan names, each with its role.
 
 
@@ -305,127 +367,6 @@ def topic_uses(plan: Plan) -> Iterator[TopicUse]:
         topic, offset_s = getattr(plan, role.key), getattr(plan, f'{role.key}_offset_s')
         if topic:
             yield TopicUse(role.key, role.key, topic, role, role.stream, offset_s)
-
-
-# The topics that a plan names, in the survey of its bags.
-
-
-def topic_of(survey: Survey, name: str) -> TopicSurvey:
-    """Return the survey of a topic that a plan names.
-
-    Raises:
-        UsageError: The bag has no such topic, or it has no messages.
-    """
-    topic = survey.topics.get(name)
-    if topic is None or not topic.count:
-        topics = sorted(each.name for each in survey.topics.values() if each.count)
-        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
-        raise UsageError(
-            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
-        )
-    return topic
-
-
-def camera_of(survey: Survey, name: str) -> CameraModel:
-    """Return the camera of the CameraInfo topic that a plan names.
-
-    Raises:
-        UsageError: The bag has no such topic, or it has no messages.
-        ValueError: It is of another type, or its first message is no valid calibration.
-    """
-    info = topic_of(survey, name)
-    if info.msgtype != CAMERA_INFO or not info.looks:
-        reason = info.failure or f'it is a {info.msgtype}'
-        raise ValueError(f'no CameraInfo ({reason})')
-    return camera_model(info.looks[0])
-
-
-def image_size(images: TopicSurvey) -> tuple[int, int] | None:
-    """Return (width, height) of the first image of a topic whose size is known; None without."""
-    return next(filter(None, map(size_of, images.looks)), None)
-
-
-def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
-    """Return a camera with the size of its images where its own has width and height swapped.
-
-    The principal point of P tells that it is the size that is wrong, not the image that is turned:
-    it is nearer to the middle of the images.
-    """
-    size = image_size(images)
-    if size is None or size == model.size or size != model.size[::-1]:
-        return model
-    aside, aside_own = (
-        float(np.linalg.norm(model.p[:2, 2] - np.array(each) / 2)) for each in (size, model.size)
-    )
-    return replace(model, size=size) if aside < aside_own else model
-
-
-# Optical frames of cameras whose own frame has x forward and z up.
-#
-# A CameraInfo is for an optical frame, z forward, x right, y down (REP 103,
-# sensor_msgs/CameraInfo). Simulators and exporters often name the body of the camera; the optical
-# frame is one more static link then, so that calibration, labels and poses agree.
-
-
-X_FORWARD = 'x'
-"""The value of forward of a camera whose frame has x forward, y left, z up."""
-
-LINK_T_OPTICAL = Transform(AXES['z'].T.copy(), np.zeros(3))
-"""The optical frame in such a frame."""
-
-
-def optical_name(frame: str, forward: str) -> str:
-    """Return the name of the optical frame of a camera's frame: itself, or the made one."""
-    return f'{frame} with {forward} forward, optical' if forward else frame
-
-
-def frame_of(camera: CameraPlan, survey: Survey) -> str:
-    """Return the frame that a camera of a plan has in the bag.
-
-    Raises:
-        UsageError: The plan names a missing topic.
-    """
-    return camera.frame or topic_of(survey, camera.info).frame
-
-
-def optical_link(frame: str, forward: str) -> Link:
-    """Return the link from a frame with x forward to its optical frame."""
-    return frame, optical_name(frame, forward), LINK_T_OPTICAL
-
-
-def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
-    """Return the links to the optical frames that a plan has made.
-
-    Raises:
-        UsageError: The plan names a missing topic.
-    """
-    cameras: Iterable[CameraPlan] = plan.cameras.values()
-    frames = {frame_of(each, survey) for each in cameras if each.forward and each.info}
-    return [optical_link(frame, X_FORWARD) for frame in sorted(frames)]
-
-
-# Check of the message types of the topics that a plan names.
-
-
-_CHECKED = (IMAGES, LABELS, *UNIT)
-
-
-def check_types(plan: Plan, survey: Survey) -> None:
-    """Check that messages of a plan's topics can be decoded as what the plan uses them for.
-
-    Topics without messages, scans, poses and CameraInfos are checked where they are used.
-
-    Raises:
-        UsageError: The type of one is another; the error names the key.
-    """
-    for use in sorted(topic_uses(plan), key=lambda use: use.role is not IMAGES):
-        topic = survey.topics.get(use.topic)
-        if use.role not in _CHECKED or use.topic == LABEL_LINES or topic is None:
-            continue
-        if topic.count and topic.msgtype not in use.role.every_type:
-            expected = ', '.join(use.role.every_type)
-            key = f'{use.key}: {use.topic}'
-            raise UsageError(f'{key} is of type {topic.msgtype}; expected {expected}')
 
 
 # Check of the classes that a plan maps.

@@ -32,9 +32,10 @@ from .clocks import clocked
 from .guess import guess_plan
 from .kitti_frames import choose_frames, frame_topics
 from .plan import NONE as NO_CALIBRATION
-from .plan import Incomplete, topic_of
+from .plan import Incomplete
 from .rigging import Rigging, Riggings
 from .set_builder import times_of_boxes
+from .survey import topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -24,8 +24,9 @@ from .bag_calibration import PlannedRig, make_calibrations, rect_in_frame, swapp
 from .bag_cameras import ImageConversion
 from .bag_labels import BoxConversion
 from .bag_scans import ScanConversion
-from .plan import LINK_T_OPTICAL, TF, VelocityAxes, frame_of, topic_of
-from .tf_frames import MovingBase, child_of
+from .plan import TF, VelocityAxes
+from .survey import topic_of
+from .tf_frames import LINK_T_OPTICAL, MovingBase, child_of, frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

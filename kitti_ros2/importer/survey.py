@@ -28,6 +28,7 @@ from ..messages.naming import CALIBRATION, RECORDING, decode_text
 from ..messages.oxts import has_motion, place_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import FrameTree, LinkTally
+from ..model import bag_formats as types
 from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
@@ -38,9 +39,9 @@ from ..model.bag_formats import (
     STRING,
     TF_TYPES,
 )
-from ..model.errors import Loss
+from ..model.errors import Loss, UsageError, did_you_mean
 from ..model.streams import NS_PER_S
-from .roles import BOXES, DESCRIBING, FIRST_ONLY, HEADED, READ, SOLID, VELOCITY
+from .plan import LABELS, ROLES, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -54,6 +55,30 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Int64Array, TextFile
+
+
+# The message types that a survey reads.
+
+
+SOLID = frozenset(LABELS.msgtypes)
+"""Types with 3D boxes."""
+
+BOXES = frozenset(LABELS.every_type) - {types.MARKERS}
+"""Types with boxes that begin with a Header."""
+
+_PLANNED = frozenset(msgtype for role in ROLES for msgtype in role.every_type)
+
+HEADED = _PLANNED - {types.MARKERS}
+"""Types that begin with a Header."""
+
+READ = _PLANNED | types.TF_TYPES
+"""Types of which some messages are decoded."""
+
+DESCRIBING = types.TF_TYPES | SOLID | BOXES | {types.CAMERA_INFO, types.STRING}
+"""Types that describe the sensors, or what they see."""
+
+FIRST_ONLY = types.LARGE_TYPES | SCAN_TYPES
+"""Types of which a glance reads the first message."""
 
 
 # The stamps of a topic that are used.
@@ -430,6 +455,22 @@ class Survey:
     def _of_type(self, msgtypes: Sequence[str]) -> list[TopicSurvey]:
         found = [each for each in self.topics.values() if each.msgtype in msgtypes and each.count]
         return sorted(found, key=lambda each: each.name)
+
+
+def topic_of(survey: Survey, name: str) -> TopicSurvey:
+    """Return the survey of a topic that a plan names.
+
+    Raises:
+        UsageError: The bag has no such topic, or it has no messages.
+    """
+    topic = survey.topics.get(name)
+    if topic is None or not topic.count:
+        topics = sorted(each.name for each in survey.topics.values() if each.count)
+        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
+        raise UsageError(
+            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
+        )
+    return topic
 
 
 def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Survey:

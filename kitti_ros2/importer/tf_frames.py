@@ -13,6 +13,7 @@ import numpy as np
 
 from ..messages.cdr import stamp_ns_of
 from ..messages.tf_tree import (
+    AXES,
     FIXED_FRAMES,
     FrameTree,
     Heading,
@@ -22,14 +23,18 @@ from ..messages.tf_tree import (
 )
 from ..model import bag_formats as types
 from ..model.errors import MissingDataError
+from ..model.geometry import Transform
+from .plan import X_FORWARD
+from .survey import topic_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from collections.abc import Set as AbstractSet
 
     from ..messages.moving_tree import MovingTree
-    from ..model.geometry import Float64Array, Transform
-    from .plan import PosePlan, ScanPlan
+    from ..messages.tf_tree import Link
+    from ..model.geometry import Float64Array
+    from .plan import CameraPlan, Plan, PosePlan, ScanPlan
     from .survey import Survey, TopicSurvey
 
 
@@ -146,6 +151,47 @@ def is_renamed(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> bool:
     child = child_of(topic)
     renamed = child != plan.body and child not in names.transformed
     return renamed and plan.body in names.transformed
+
+
+# Optical frames of cameras whose own frame has x forward and z up.
+#
+# A CameraInfo is for an optical frame, z forward, x right, y down (REP 103,
+# sensor_msgs/CameraInfo). Simulators and exporters often name the body of the camera; the optical
+# frame is one more static link then, so that calibration, labels and poses agree.
+
+
+LINK_T_OPTICAL = Transform(AXES['z'].T.copy(), np.zeros(3))
+"""The optical frame in such a frame."""
+
+
+def optical_name(frame: str, forward: str) -> str:
+    """Return the name of the optical frame of a camera's frame: itself, or the made one."""
+    return f'{frame} with {forward} forward, optical' if forward else frame
+
+
+def frame_of(camera: CameraPlan, survey: Survey) -> str:
+    """Return the frame that a camera of a plan has in the bag.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    return camera.frame or topic_of(survey, camera.info).frame
+
+
+def optical_link(frame: str, forward: str) -> Link:
+    """Return the link from a frame with x forward to its optical frame."""
+    return frame, optical_name(frame, forward), LINK_T_OPTICAL
+
+
+def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
+    """Return the links to the optical frames that a plan has made.
+
+    Raises:
+        UsageError: The plan names a missing topic.
+    """
+    cameras: Iterable[CameraPlan] = plan.cameras.values()
+    frames = {frame_of(each, survey) for each in cameras if each.forward and each.info}
+    return [optical_link(frame, X_FORWARD) for frame in sorted(frames)]
 
 
 # Frames with x forward, y left, z up, as KITTI's velodyne and imu frames are.

@@ -459,8 +459,8 @@ class Conversion:
         from ..importer.apply_plan import adapt, convert, guess, plans_of  # noqa: PLC0415
         from ..importer.guess import passed_over  # noqa: PLC0415
         from ..importer.kitti_frames import frame_topics  # noqa: PLC0415
-        from ..importer.plan import parse_plan, topic_of  # noqa: PLC0415
-        from ..importer.survey import look  # noqa: PLC0415
+        from ..importer.plan import parse_plan  # noqa: PLC0415
+        from ..importer.survey import look, topic_of  # noqa: PLC0415
         from ..kitti.append import mend  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
