@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
-OPTIONS = SyntheticOptions(frames=12, image_size=(186, 56), lidar_columns=100)
+OPTIONS = SyntheticOptions(frames=12, image_size=(310, 94), lidar_columns=200)
 
 
 def write_sets(folder: Path) -> Path:
