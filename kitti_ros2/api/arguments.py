@@ -41,7 +41,6 @@ def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[s
 
 # The open files of a recording, shared by its frames.
 
-
 _OPTIONS = options_of(ReadOptions)
 
 

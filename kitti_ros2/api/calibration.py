@@ -271,7 +271,6 @@ def _matrix(name: str, values: npt.ArrayLike, shapes: tuple[tuple[int, int], ...
 
 # Reading and writing of calibrations, in the form of each layout.
 
-
 _RAW_FILES = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
 _FORMATS = {
     Layout.OBJECT: lambda model: {'': format_object(model)},

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # The conversions from Python, with the options of the command line.
 
-
 if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
 
@@ -159,7 +158,6 @@ def _shown(
 
 
 # The messages of a frame, as to-bag writes and the player publishes them.
-
 
 _OF_RECORDING = (Stream.RECORDING, Stream.PATH)
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 # The commands of a run: play, record, score.
 
-
 _ALWAYS_RECORDED = ('/tf', '/tf_static')
 _OF_TRUTH = {'layout', 'sequence'}
 """Options of a recording that choose its poses."""
@@ -108,7 +107,6 @@ def _bag(stack: Stack) -> str:
 
 
 # The text of a launch file: the stack, and the player of a drive.
-
 
 _DELAY_S = 5
 _COLUMNS = 90
@@ -199,7 +197,7 @@ def _imports(text: str) -> str:
     called = set(re.findall(r'(\w+)\(', text))
     lines = []
     for module, names in _IMPORTS:
-        found = [each for each in names if each in called]
+        found = [name for name in names if name in called]
         if found:
             bare = f'from {module} import {", ".join(found)}'
             long = len(bare) > _COLUMNS
@@ -208,7 +206,9 @@ def _imports(text: str) -> str:
 
 
 def _node(node: Node, parameters: Sequence[str]) -> _Call:
-    given: list[object] = [_place(f'{_PLACE}/{each}') for each in parameters if node.parameters]
+    given: list[object] = [
+        _place(f'{_PLACE}/{parameter}') for parameter in parameters if node.parameters
+    ]
     if node.values:
         given.append({name: _place(value) for name, value in node.values.items()})
     words: dict[str, object] = {

@@ -64,7 +64,6 @@ if TYPE_CHECKING:
 # A file that cannot be used raises a KittiRos2Error whose `path` and `line` say where; one that is
 # missing is a FileNotFoundError as well. Writers create folders, and replace a file that exists.
 
-
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 
@@ -82,7 +81,6 @@ def file_at(path: AnyPath) -> Iterator[Path]:
 
 
 # Reading and writing of files with an array each: scans, labels of points, images.
-
 
 _POINT_COLUMNS = 4
 _CHECKED: set[Path] = set()
@@ -192,7 +190,6 @@ def write_image(path: AnyPath, pixels: npt.NDArray[np.uint8]) -> None:
 #
 # Values keep the files' own units and frames.
 
-
 T = TypeVar('T')
 
 
@@ -246,7 +243,7 @@ def read_oxts(path: AnyPath) -> list[OxtsPacket]:
 def write_oxts(path: AnyPath, packets: Iterable[OxtsPacket]) -> None:
     """Write packets, one a line; the inverse of read_oxts."""
     with file_at(path) as file:
-        STORE.write_text(file, ''.join(f'{format_packet(each)}\n' for each in packets))
+        STORE.write_text(file, ''.join(f'{format_packet(packet)}\n' for packet in packets))
 
 
 def read_poses(path: AnyPath) -> npt.NDArray[np.float64]:

@@ -240,7 +240,6 @@ def _unpacked(path: Path, stack: ExitStack) -> NamedFile:
 
 # Explains paths that are no source: a bag in place of a KITTI folder, the reverse, or neither.
 
-
 _QUICKLY_READ_BYTES = 1 << 30
 
 
@@ -272,9 +271,9 @@ def explain_no_bag(path: Path, error: NotABagError) -> KittiRos2Error:
     except NotKittiError as near:
         if not near.explained:
             return error
-        if not near.remedies or any(each.before for each in near.remedies):  # archives
+        if not near.remedies or any(remedy.before for remedy in near.remedies):  # archives
             return near
-        remedies = (replace(each, command='to-bag') for each in near.remedies)
+        remedies = (replace(remedy, command='to-bag') for remedy in near.remedies)
         return UsageError(f'{near} to to-bag').with_remedies(*remedies)
     found = f'{path}: is a KITTI folder ({kind}), not a bag; convert it to a bag'
     return UsageError(found).with_remedies(Remedy(path, path, command='to-bag'))

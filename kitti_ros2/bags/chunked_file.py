@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 # searched for records. In an uncompressed chunk these may be its messages, so a damaged chunk head
 # costs no messages.
 
-
 if TYPE_CHECKING:
 
     class Source(Protocol):
@@ -251,7 +250,6 @@ def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int
 #
 # It needs neither index nor summary nor footer, so it reads files that a recorder left truncated.
 # Damaged bytes are skipped and entered as losses.
-
 
 _LARGEST_RUN = 2**20
 _NO_PIECE = -1  # in place of a position
@@ -572,7 +570,6 @@ def open_bytes(file: NamedFile) -> FileBytes:
 
 
 # The common part of MCAP and ROS 1 files: chunks, with or without an index at the end.
-
 
 _INDEXES_AHEAD = 16
 _MOST_UNPACKED = 2**23  # before its turn: some chunks are made to fill the memory

@@ -90,7 +90,6 @@ def ros2_spelling(name: str) -> str:
 
 # The QoS of a channel, from rosbag2's text of offered QoS profiles.
 
-
 UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of a recording
 
 _MOST = 2**31 - 1
@@ -182,7 +181,6 @@ def qos_faults(profiles: str) -> list[str]:
 
 
 # Summaries of bags from the stamps of their messages.
-
 
 StampArray: TypeAlias = npt.NDArray[np.int64]
 TopicKey: TypeAlias = tuple[str, str]
@@ -341,7 +339,6 @@ def summarize_topic(name: str, msgtype: str, stamps: StampArray) -> TopicSummary
 #
 # A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs at most
 # its own piece.
-
 
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # What a file of a bag may hold, by its size on the disk: some are made to fill the memory.
 
-
 Record = TypeVar('Record')
 LARGEST_BLOCK = 'KITTI_ROS2_LARGEST_BLOCK'
 _ALWAYS = 64 * 10**6
@@ -258,7 +257,6 @@ def _limit(default: int) -> int:
 
 
 # Decompression of whole blocks, files and messages, and of the beginning of truncated ones.
-
 
 if TYPE_CHECKING:
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # Detection of the container of a bag from its content, and of the files that belong to it.
 
-
 METADATA = 'metadata.yaml'
 _MOST_METADATA = 32 << 20  # of a recording in a hundred thousand files
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
@@ -255,7 +254,6 @@ def _compression_mode(information: dict[str, Any]) -> str:
 
 # The bags in a folder, by the names of its files; none is opened.
 
-
 _GLOBS = tuple(glob for each in CONTAINERS.values() for glob in each.globs)
 _ENDINGS = tuple(glob.removeprefix('*') for glob in _GLOBS)
 
@@ -287,6 +285,6 @@ def bags_among(folder: Path, names: Iterable[str]) -> list[Path]:
         return [folder]
     files = [folder / name for name in sorted(names) if is_bag_name(folder / name)]
     part = re.compile(rf'{re.escape(folder.name)}_\d+\.')
-    if files and all(part.match(each.name) for each in files):
+    if files and all(part.match(file.name) for file in files):
         return [folder]
     return files

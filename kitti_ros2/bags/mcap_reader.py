@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
 # Parsers of the records of an MCAP file; their layouts are documented in mcap_chunk.
 
-
 RECORD_HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')
 MESSAGE_BODY = struct.Struct('<HIQQ')
@@ -433,7 +432,6 @@ class McapScan(ChunkScan[int]):
 
 
 # An MCAP file open for reading: by its summary, or by a scan if the summary is missing.
-
 
 _FOOTER = struct.Struct('<BQQQI')
 _CRC_SIZE = 4

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 # - Message Index: channel (uint16), size in bytes (uint32), then log time and offset in the
 #   uncompressed chunk (uint64) of each message.
 
-
 TARGET_SIZE = 4 * 2**20
 # Below this size a copy costs less than one more buffer to pass on.
 _COPIED_BELOW = 4096
@@ -270,7 +269,6 @@ def _pack(
 
 
 # The end of an MCAP file: summary section, summary offsets and footer (https://mcap.dev/spec).
-
 
 MAGIC = b'\x89MCAP0\r\n'
 

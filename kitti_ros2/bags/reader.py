@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 # would keep megabytes. Small messages have bytes of their own. Large ones are views of their chunk,
 # for it takes long to copy them: see Decoder.
 
-
 LENT_FROM = 2**16
 """Bytes of the smallest message that may be a view of its chunk."""
 
@@ -90,7 +89,6 @@ class Reading(NamedTuple):
 # A piece is read when its time comes and dropped after its last message, so merging a bag of any
 # size takes the memory of the pieces that overlap, and of a few that threads read ahead of their
 # turn.
-
 
 _AHEAD = 4
 _LEAST_FETCHED = 2**16  # handing over a smaller piece costs as much as reading it
@@ -184,7 +182,6 @@ class _Turns:
 
 # The messages of bags in time order, always as CDR, from any container.
 
-
 _BEGINNING = -(2**63)
 _LAST_STORED_NS = 2**64 - 1
 
@@ -260,10 +257,12 @@ class BagMessages:
             self._prepare()
             self._stack = stack.pop_all()
         readings = self._readings.values()
-        self.sources = {each.channel.topic: each.channel for each in reversed(readings)}
+        self.sources = {reading.channel.topic: reading.channel for reading in reversed(readings)}
         self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
         self.latched = {
-            each.channel.topic: each.channel.depth for each in readings if each.channel.latched
+            reading.channel.topic: reading.channel.depth
+            for reading in readings
+            if reading.channel.latched
         }
 
     @cached_property
@@ -305,9 +304,9 @@ class BagMessages:
                 messages ahead, without effect on what is yielded.
         """
         known: list[dict[int, str]] = [{} for _ in self._files]
-        for each in self._readings.values():
-            if is_stored_as_cdr(each.channel):
-                known[each.number][each.channel_id] = each.channel.topic
+        for reading in self._readings.values():
+            if is_stored_as_cdr(reading.channel):
+                known[reading.number][reading.channel_id] = reading.channel.topic
         for file, topics in zip(self._files, known, strict=True):
             file.is_start_enough = partial(_is_enough, topics, is_enough)
 

@@ -100,7 +100,7 @@ def recover(
         losses=tuple(losses),
         lost=sum(filter(None, losses.values())),
         lost_exactly=None not in losses.values(),
-        notes=tuple(each for each in messages.findings if each not in losses),
+        notes=tuple(finding for finding in messages.findings if finding not in losses),
     )
 
 

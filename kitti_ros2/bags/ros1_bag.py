@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 # field op is the record's kind. Messages are in chunks; each chunk is followed by the indexes of
 # its messages; the file ends with all connections and the summaries of the chunks.
 
-
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
 MAGIC = b'#ROSBAG V2.0\n'
 
@@ -444,7 +443,6 @@ def parse_connection(fields: Fields, body: Buffer) -> tuple[int, Ros1Channel]:
 
 # A ROS 1 .bag file open for reading: by its index, or by a scan if the index is missing.
 
-
 _CHUNK_HEAD_READ = 4096
 _COUNT = struct.Struct('<II')
 _ENTRY = np.dtype([('seconds', '<u4'), ('nanoseconds', '<u4'), ('offset', '<u4')])
@@ -652,7 +650,6 @@ class Ros1Types:
 
 
 # One ROS 1 .bag file (format 2.0), with ROS 1's own message definitions and md5 sums.
-
 
 if TYPE_CHECKING:
     _Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 # The data of bags being written, and the interface that the writer of a container implements.
 
-
 Parts: TypeAlias = Sequence[bytes | memoryview]
 """One CDR message (encapsulation header included) as buffers to be concatenated, so that a bulk
 payload is never copied. A memoryview is flat bytes (format 'B'); no buffer may change afterwards.
@@ -93,7 +92,6 @@ class SegmentWriter(Protocol):
 
 # The compressions of bags, as thread-safe functions.
 
-
 _ZSTD_LEVEL = 3
 _LZ4_LEVEL = 0
 
@@ -147,7 +145,6 @@ def _zstd(level: int, data: bytes) -> bytes:
 # The same text is stored in three places: metadata.yaml of a directory, the metadata table of a
 # sqlite3 file, and the Metadata record ``rosbag2`` of an MCAP file.
 
-
 VERSION = 9
 ROS_DISTRO = 'jazzy'
 
@@ -188,7 +185,9 @@ def bag_information(
     start_ns, duration_ns = _span(list(files.values()))
     by_message = CONTAINERS[options.storage].compresses_messages
     message_mode = by_message and options.compression != 'none'
-    hashes = {name: typestore.hash_rihs01(name) for name in {each.msgtype for each in channels}}
+    hashes = {
+        name: typestore.hash_rihs01(name) for name in {channel.msgtype for channel in channels}
+    }
     return {
         'version': VERSION,
         'storage_identifier': options.storage,
@@ -254,7 +253,7 @@ class _TopicList:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         for index, channel in enumerate(self._channels):
-            counts = [each.counts[index] for each in self._tallies if index < len(each.counts)]
+            counts = [tally.counts[index] for tally in self._tallies if index < len(tally.counts)]
             yield {
                 'topic_metadata': {
                     'name': channel.topic,

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 # the types of its columns (all varints) and their values. Nothing here needs the trees' inner
 # pages.
 
-
 _MAGIC = b'SQLite format 3\0'
 _HEAD_SIZE = 100
 LEAF = 13

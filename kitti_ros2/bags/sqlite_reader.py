@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 # Connections to databases of any origin, which may hold programs in place of tables.
 
-
 _TABLES = ('topics', 'messages', 'message_definitions')
 _PERIOD = 100_000  # SQLite's instructions between two looks at the budget
 _ALWAYS = 20_000_000  # about a second
@@ -99,7 +98,6 @@ class GuardedConnection(sqlite3.Connection):
 
 
 # The topics of a rosbag2 database: from its tables, or from its pages if it is damaged.
-
 
 _DEFINITION_COLUMNS = 4
 _LEAST_TOPIC_COLUMNS = 3
@@ -173,7 +171,6 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
 #
 # All rows are listed first, without their data, and sorted by time. Their data are read by one
 # query up to the first failure, then from the file's pages.
-
 
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
 # SQLite does not read data of which it needs the length only; a chain of pages may have no end.

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 # An annotation takes as long as seven numbers, and rosidl writes one for each comment: PX4's
 # VehicleCommand has 150 constants, most with a comment.
 
-
 _MOST_CHARACTERS = 100_000
 _MOST_WITH_COMMENTS = 1_000_000
 _MOST_IDL_CHARACTERS = 30_000
@@ -202,7 +201,6 @@ def _shared(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> 
 
 
 # One typestore of the message types as the bags define them.
-
 
 _LONGEST_REASON = 80
 _IDL_DIVIDER = '=' * 80 + '\n'
@@ -415,7 +413,6 @@ def ros1_to_cdr(typestore: Typestore, data: Buffer, msgtype: str) -> memoryview:
 # A channel of foxglove.PointCloud in protobuf or JSON, or of foxglove_msgs/PointCloud, appears as
 # sensor_msgs/msg/PointCloud2 with CDR; everything that reads bags sees ROS messages only.
 
-
 if TYPE_CHECKING:
     Translate: TypeAlias = Callable[[Buffer, int], bytes]
 
@@ -580,7 +577,6 @@ def _from_ros(
 
 
 # Conversion of stored messages to CDR: those of ROS 1, compressed ones, and Foxglove's.
-
 
 READ = frozenset({'cdr', 'ros1'})
 """Encodings of channels that are read."""

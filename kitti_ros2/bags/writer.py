@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 
 # What is kept of a bag whose writing was interrupted: its path, and the words about it.
 
-
 _PARTIAL = 'partial'
 
 

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 # Of files in stores also their ETags. All come from the listings of the folders; those of web
 # servers have names only.
 
-
 _SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
 
 
@@ -84,7 +83,7 @@ def fingerprint(unit: WorkUnit) -> str:
         files = [*files, *_walk(unit.result, unit.result.parent)]
     if unit.first is not None and unit.last is not None:
         first, last = unit.first, unit.last
-        files = (each for each in files if each.number is None or first <= each.number <= last)
+        files = (file for file in files if file.number is None or first <= file.number <= last)
     return _digest(files)
 
 
@@ -99,9 +98,9 @@ def fingerprint_paths(paths: Iterable[Path]) -> str:
 
 def _digest(files: Iterable[InputFile]) -> str:
     digest = hashlib.sha256()
-    for each in sorted(files):
-        tag = f'\0{each.tag}' if each.tag else ''
-        text = f'{each.name}\0{each.size}\0{each.mtime_ns}{tag}\n'
+    for file in sorted(files):
+        tag = f'\0{file.tag}' if file.tag else ''
+        text = f'{file.name}\0{file.size}\0{file.mtime_ns}{tag}\n'
         digest.update(text.encode(errors='replace'))
     return digest.hexdigest()
 
@@ -310,7 +309,7 @@ class CollectionReport:
     @property
     def ok(self) -> bool:
         """Whether all units are done, without losses."""
-        return all(each.state == DONE and not each.bad for each in self.records)
+        return all(record.state == DONE and not record.bad for record in self.records)
 
 
 class _Queue:

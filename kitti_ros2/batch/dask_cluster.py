@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 # A unit as a task of Dask: runs on a worker, reports its progress, stops when it is cancelled.
 
-
 TOPIC = 'kitti_ros2'
 """Topic of the events that workers report: run, kind, name of the unit, samples done, of all."""
 _ADVANCE_S = 1.0  # between two reports of progress: all go through the scheduler
@@ -179,7 +178,6 @@ class _Reporter:
 
 # Connects to a Dask cluster, or starts one on this machine.
 
-
 _CONNECT_S = 10.0
 _CLOSE_S = 10.0
 _FAILURES = 1  # of a local cluster: how often a unit may lose its worker and be run again
@@ -281,7 +279,6 @@ def first_line(error: BaseException) -> str:
 # Dask places the tasks, moves those of a lost worker to another one, and uses workers that join.
 # Only a few tasks for each thread are at the scheduler at a time, so that a collection may be of
 # any size.
-
 
 _POLL_S = 1.0  # between two looks at the number of workers
 _PATIENCE_S = 10.0  # for cancelled units to remove their partial outputs

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # The SQLite file of a manifest: its tables, checks and errors.
 
-
 _VERSION = 1  # of the tables, in user_version
 _BUSY_S = 30.0
 _TABLES = """
@@ -414,23 +413,23 @@ class Pace:
 def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pace:
     """Summarize the units of a manifest and its last run."""
     states = dict.fromkeys((TODO, RUNNING, DONE, FAILED), 0)
-    states.update(Counter(each.state for each in records))
+    states.update(Counter(record.state for record in records))
     totals: Counter[str] = Counter()
-    for each in records:
-        totals.update(each.counts)
-    recent = [each for each in records if run and each.run == run.number and each.ended]
+    for record in records:
+        totals.update(record.counts)
+    recent = [record for record in records if run and record.run == run.number and record.ended]
     ends = [each.ended for each in recent if each.ended is not None]
     # A clock that was set back gives no rate.
     seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
     left = states[TODO] + states[RUNNING]
     return Pace(
         states=states,
-        lossy=sum(each.state == DONE and each.bad > 0 for each in records),
+        lossy=sum(record.state == DONE and record.bad > 0 for record in records),
         bad=totals_bad(records),
         frames=totals['frames'],
         messages=totals['messages'],
         bytes=totals['bytes'],
-        unit_seconds=sum(each.seconds for each in records),
+        unit_seconds=sum(record.seconds for record in records),
         recent=len(recent),
         recent_seconds=seconds,
         recent_bytes=sum(each.counts.get('bytes', 0) for each in recent),
@@ -440,7 +439,7 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
 
 def totals_bad(records: Sequence[UnitRecord]) -> int:
     """Return the number of samples and files that were skipped."""
-    return sum(each.bad for each in records)
+    return sum(record.bad for record in records)
 
 
 # The place of a collection's outputs and manifest: a local folder, or a folder of a store.
@@ -449,7 +448,6 @@ def totals_bad(records: Sequence[UnitRecord]) -> int:
 # fetched from OUT/manifest.sqlite at the start, and put back every few seconds and at the end.
 # Where the state folder has what this machine put there last, it is newer than the store: a run
 # that was killed goes on from it.
-
 
 _LOCK = f'.{MANIFEST}.lock'
 _PUT_BACK = 'put_back'

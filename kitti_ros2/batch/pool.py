@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 # Descriptions of work and its results; both are pickled.
 
-
 Advance: TypeAlias = Callable[[int, int], None]
 """Called with the samples done and the number of all."""
 

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 # What the functions that run units share: errors become reasons, losses lines of text.
 
-
 _KEPT_LINES = 20
 
 
@@ -161,7 +160,6 @@ def _exported(job: UnitJob, advance: Advance) -> ExportReport:
 
 # The unit of to-kitti: one bag, to a folder of its own.
 
-
 PLAN_FILE = 'plan_file'
 """Name of the plan among the options of a unit."""
 
@@ -216,12 +214,12 @@ def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
     refusal = KEEP_ALL_BUT_PAGES if job.options.get('overwrite') else keep_all
     with staged_file(job.out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())
-    losses = [each for each in report.findings if each.is_loss]
+    losses = [finding for finding in report.findings if finding.is_loss]
     return UnitResult(
         counts={'frames': report.frames or 0, 'bytes': size},
         bad=len(losses),
         losses=first_lines(
-            f'{each.where + ": " if each.where else ""}{each.text}' for each in losses
+            f'{loss.where + ": " if loss.where else ""}{loss.text}' for loss in losses
         ),
     )
 
@@ -278,9 +276,9 @@ def run_validation_unit(job: UnitJob, advance: Advance) -> UnitResult:
 def _error_lines(report: ValidationReport) -> Iterator[str]:
     from ..validation.rule import RuleSeverity  # noqa: PLC0415 - as above
 
-    for each in report.findings:
-        if each.severity == RuleSeverity.ERROR.value:
-            yield f'{each.rule}: {each.place}: {each.message} ({each.remedy})'
+    for finding in report.findings:
+        if finding.severity == RuleSeverity.ERROR.value:
+            yield f'{finding.rule}: {finding.place}: {finding.message} ({finding.remedy})'
 
 
 # The units of evaluations: a result with its ground truth, to its scores as JSON.

@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
 # The folders of a collection: roots, globs and lists; the folders below them.
 
-
 if TYPE_CHECKING:
     Visit = Callable[[Path, Sequence[str], Sequence[str]], Sequence[str]]
 
@@ -90,7 +89,7 @@ def find_all_roots(
     sources: Sequence[Path], is_file: Callable[[Path], bool] | None = None
 ) -> list[Path]:
     """Return the folders of several collections, as find_roots."""
-    return list(dict.fromkeys(root for each in sources for root in find_roots(each, is_file)))
+    return list(dict.fromkeys(root for source in sources for root in find_roots(source, is_file)))
 
 
 def _listed(path: Path) -> Iterator[Path]:
@@ -218,7 +217,6 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 # Units of work; those of recordings: drives, sequences, splits, or slices of an object set.
 
-
 _FRAME_DIGITS = 6
 
 
@@ -307,7 +305,7 @@ def recordings_at(
         if data_set is None:
             return folders
         if layout in {None, data_set.layout}:
-            found.extend(_unit(base, data_set, each) for each in data_set.recordings)
+            found.extend(_unit(base, data_set, recording) for recording in data_set.recordings)
         covered = _covered(folder, folders, data_set.recordings)
         return [name for name in folders if name not in covered]
 
@@ -367,10 +365,10 @@ def _data_set_at(root: Path, layout: Layout | None) -> DataSet | None:
 def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidate]) -> set[str]:
     """Return the names of the folders in a folder that belong to recordings found there."""
     names = set()
-    for each in recordings:
-        if each.folder is None or each.folder == folder:
+    for recording in recordings:
+        if recording.folder is None or recording.folder == folder:
             return {name for name in folders if is_inside(name)}
-        names.add(each.folder.relative_to(folder).parts[0])
+        names.add(recording.folder.relative_to(folder).parts[0])
     return names
 
 
@@ -488,7 +486,6 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
 
 
 # The units of evaluations: results, each with the ground truth that it is compared with.
-
 
 _DATA = 'data'
 """Folder of a tracker's files, below the name of the tracker."""
@@ -668,7 +665,7 @@ def _results_below(root: Path, kind: PairKind, search: FolderSearch) -> list[Pat
             found.append(folder)
             return ()
         texts = [folder / name for name in others if _is_text(folder / name)]
-        found.extend(each for each in texts if kind.texts or _is_sequence(each))
+        found.extend(text for text in texts if kind.texts or _is_sequence(text))
         return folders
 
     search.walk(absolute(root), visit)

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 # Sub-commands of the command line, and the parser of its arguments.
 
-
 _COMMANDS = {
     'info': ('info', 'Summarize a KITTI folder or a bag.'),
     'play': ('play', 'Play a KITTI folder or a bag live, in ROS 2 or for Foxglove.'),
@@ -200,7 +199,6 @@ def _imported(name: str) -> Callable[..., int]:
 
 # Errors of the parser of arguments: misspelt commands and options, missing arguments.
 
-
 _NO_COMMAND = re.compile(r"No such command '(.*?)'")
 _EXTRA = re.compile(r'Got unexpected extra argument\S* \((.*)\)')
 
@@ -237,9 +235,9 @@ def missing_argument(argument: Any, context: Any) -> str:  # noqa: ANN401 - as a
 
 def _usage(command: Any, path: str) -> str:  # noqa: ANN401 - as above
     names = [
-        _name(each) if each.required else f'[{_name(each)}]'
-        for each in command.params
-        if each.param_type_name == 'argument'
+        _name(param) if param.required else f'[{_name(param)}]'
+        for param in command.params
+        if param.param_type_name == 'argument'
     ]
     return f'usage: {" ".join([path, *names])} [OPTIONS]'
 
@@ -250,7 +248,7 @@ def _name(argument: Any) -> str:  # noqa: ANN401 - as above
 
 
 def _spellings(command: Any) -> list[str]:  # noqa: ANN401 - as above
-    return [flag for each in command.params for flag in (*each.opts, *each.secondary_opts)]
+    return [flag for param in command.params for flag in (*param.opts, *param.secondary_opts)]
 
 
 def _no_command(word: str, known: list[str]) -> str:
@@ -262,7 +260,6 @@ def _no_command(word: str, known: list[str]) -> str:
 
 
 # The commands that do what was meant, made from the words of the one that failed.
-
 
 _PROGRAM = 'kitti-ros2'
 _ROS_ARGS = '--ros-args'
@@ -277,7 +274,7 @@ def format_remedies(remedies: Sequence[Remedy], words: Sequence[str]) -> str:
         remedies: Those of an error.
         words: The arguments of the command line.
     """
-    known = [each for each in remedies if _place(words, each.given) is not None]
+    known = [remedy for remedy in remedies if _place(words, remedy.given) is not None]
     return ' or '.join(_format(each, list(words)) for each in known)
 
 

@@ -135,7 +135,6 @@ class _Bars(_RemarkLines):
 
 # Units of a collection as tables, lines and JSON.
 
-
 _SHOWN = 20
 _COUNTED = {
     'to-bag': ('frames', 'messages', 'bytes'),
@@ -166,12 +165,12 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
     headings = [_HEADINGS.get(name, name) for name in counted]
     table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
     for name, units in groups.items():
-        sums = {key: sum(each.counts.get(key, 0) for each in units) for key in counted}
+        sums = {key: sum(unit.counts.get(key, 0) for unit in units) for key in counted}
         table.add_row(
             cell(name),
             f'{len(units):,}',
             *(format_bytes(n) if key == 'bytes' else f'{n:,}' for key, n in sums.items()),
-            f'{sum(each.bad for each in units):,}',
+            f'{sum(unit.bad for unit in units):,}',
         )
     Console(highlight=False).print(table)
 
@@ -179,8 +178,8 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
 def complain_of(records: Sequence[UnitRecord], command: str) -> None:
     """Print failed units, and what is bad in others, on standard error."""
     singular, plural = _BAD.get(command, _SKIPPED)
-    failed = [each for each in records if each.state == FAILED]
-    lossy = [each for each in records if each.state == DONE and each.bad]
+    failed = [record for record in records if record.state == FAILED]
+    lossy = [record for record in records if record.state == DONE and record.bad]
     lines = [f'failed {each.name}: {each.reason}' for each in failed]
     lines += [f'{singular} in {each.name}: {text}' for each in lossy for text in each.losses]
     for line in lines[:_SHOWN]:
@@ -218,7 +217,6 @@ def _rate(pace: Pace) -> str:
 
 
 # Commands with --all: run over a collection and print a summary.
-
 
 if TYPE_CHECKING:
     FindUnits = Callable[[FolderSearch], list[WorkUnit]]
@@ -267,7 +265,11 @@ def run_collection(
         report = collection.convert(units, progress)
     elapsed = time.monotonic() - started
     combined = combine(
-        [(each, collection.output_of(each.name)) for each in report.records if each.state == DONE]
+        [
+            (record, collection.output_of(record.name))
+            for record in report.records
+            if record.state == DONE
+        ]
     )
     if json:
         print_json(
@@ -275,7 +277,7 @@ def run_collection(
                 'out': report.out,
                 'jobs': report.jobs,
                 'ran': len(report.ran),
-                'units': [record_json(each) for each in report.records],
+                'units': [record_json(record) for record in report.records],
                 **combined.values(),
                 'problems': search.problems,
                 'seconds': elapsed,
@@ -320,8 +322,8 @@ def need_folder(out: Path | None, endings: Sequence[str] = ()) -> Path:
 
 
 def _summarize(report: CollectionReport, command: str, elapsed: float) -> None:
-    before = [each for each in report.records if each.name not in report.ran]
-    now = [each for each in report.records if each.name in report.ran]
+    before = [record for record in report.records if record.name not in report.ran]
+    now = [record for record in report.records if record.name in report.ran]
     groups = {
         'done': [each for each in now if each.state == DONE],
         'done before': [each for each in before if each.state == DONE],
@@ -340,7 +342,6 @@ def _summarize(report: CollectionReport, command: str, elapsed: float) -> None:
 
 
 # kitti-ros2 eval ... --all: scores of many results, a row for each, and of all together.
-
 
 if TYPE_CHECKING:
     Values = Mapping[str, Any]
@@ -488,7 +489,7 @@ def _tracking_rows(values: Values) -> Rows:
 def _detection_rows(values: Values) -> Rows:
     for class_name, metrics in values['detection'].items():
         levels = [metrics.get(name, {}).get(Difficulty.MODERATE.value, {}) for name in _DETECTED]
-        yield class_name, [number_cell(each.get('R40')) for each in levels]
+        yield class_name, [number_cell(level.get('R40')) for level in levels]
 
 
 EVAL_DETECTION = Evaluation(
@@ -522,7 +523,6 @@ EVAL_ODOMETRY = Evaluation(
 
 
 # kitti-ros2 report --all: a page for each recording and bag, and an index.
-
 
 _SUFFIX = '.html'
 _INDEX = 'index'
@@ -657,9 +657,9 @@ class _Together(Combined):
     @cached_property
     def _sets(self) -> list[SetStatistics]:
         recordings = [
-            replace(each, name=record.name)
+            replace(recording, name=record.name)
             for record, path in self._done
-            for each in _read_statistics(path).recordings
+            for recording in _read_statistics(path).recordings
         ]
         return [SetStatistics(self._root, tuple(recordings))] if recordings else []
 

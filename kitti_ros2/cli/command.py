@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # A sub-command: help with options in groups and examples, several values after one option.
 
-
 _NUMBER = re.compile(r'-\.?\d')
 _SPECIAL = re.compile(r'[^\w ,.:()/*-]')
 _EXAMPLES = '\n\nExamples:\n'
@@ -93,10 +92,10 @@ class Command(TyperCommand):
             with formatter.section('Arguments'):
                 formatter.write_dl(rows)
         groups: dict[str, list[tuple[str, str]]] = {}
-        for each in self.get_params(ctx):
-            record = each.get_help_record(ctx)
-            if each.param_type_name == 'option' and record is not None:
-                groups.setdefault(getattr(each, 'rich_help_panel', None) or '', []).append(record)
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if param.param_type_name == 'option' and record is not None:
+                groups.setdefault(getattr(param, 'rich_help_panel', None) or '', []).append(record)
         others = groups.pop('', [])
         for title, records in (*groups.items(), ('Options', others)):
             with formatter.section(title):
@@ -117,9 +116,9 @@ class Command(TyperCommand):
         """Parse, after repeating options with several values before each of them."""
         valued = {
             flag
-            for each in self.get_params(ctx)
-            if not getattr(each, 'is_flag', True)
-            for flag in each.opts
+            for param in self.get_params(ctx)
+            if not getattr(param, 'is_flag', True)
+            for flag in param.opts
         }
         words = _GivenWords(args, self._lists(ctx), valued)
         if ctx.resilient_parsing:  # for a completion
@@ -146,12 +145,12 @@ class Command(TyperCommand):
 
     @property
     def _arguments(self) -> list[Any]:
-        return [each for each in self.params if each.param_type_name == 'argument']
+        return [param for param in self.params if param.param_type_name == 'argument']
 
     def _lists(self, ctx: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
         """Return the options with several values, by spelling."""
-        params = [each for each in self.get_params(ctx) if getattr(each, 'multiple', False)]
-        return {flag: each for each in params for flag in each.opts}
+        params = [param for param in self.get_params(ctx) if getattr(param, 'multiple', False)]
+        return {flag: param for param in params for flag in param.opts}
 
 
 class _GivenWords:
@@ -273,7 +272,6 @@ def _path_or_url() -> Any:  # noqa: ANN401 - a type of typer's copy of click
 # The shell starts the command with the words so far in the environment; see completion_words.
 # What is asked of SRC reads the names of its files, or the summary of a bag.
 
-
 Complete: TypeAlias = 'Callable[[Any, str], list[str]]'
 """A function that typer calls with its context and the word that is being typed."""
 
@@ -332,7 +330,7 @@ def complete_option(name: str, choices: Collection[str] = ()) -> Complete | None
 
     def complete(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 - typer's copy of click
         try:
-            return sorted({each for each in values(ctx.params) if each.startswith(incomplete)})
+            return sorted({value for value in values(ctx.params) if value.startswith(incomplete)})
         except Exception:  # noqa: BLE001 - nothing is known of an unfinished command line
             return []
 
@@ -428,7 +426,6 @@ _VALUES = {
 
 # Options of commands: from their declarations in options/, and one that several have.
 
-
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
 FsyncOption = Annotated[
@@ -480,9 +477,9 @@ def takes(
 
     def mark(command: Marked) -> Marked:
         own = [
-            each.replace(kind=Parameter.KEYWORD_ONLY)
-            for each in signature(command, eval_str=True).parameters.values()
-            if each.kind is not Parameter.VAR_KEYWORD
+            parameter.replace(kind=Parameter.KEYWORD_ONLY)
+            for parameter in signature(command, eval_str=True).parameters.values()
+            if parameter.kind is not Parameter.VAR_KEYWORD
         ]
 
         @wraps(command)
@@ -515,7 +512,7 @@ def add_options(command: Callable[..., object]) -> None:
 
 
 def _with_parameters(command: Marked, parameters: list[Parameter]) -> Marked:
-    with_urls = [accept_urls(each) for each in parameters]
+    with_urls = [accept_urls(parameter) for parameter in parameters]
     command.__signature__ = Signature(with_urls)  # type: ignore[attr-defined]
     return command
 

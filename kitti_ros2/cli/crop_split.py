@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 def _summarize(report: CropReport, elapsed: float) -> None:
     for note in report.notes:
         say(f'note: {note}')
-    for each in report.recordings:
-        say(f'{format_path(report.path / each.folder)}: {_points(each)}')
-    linked = sum(each.linked for each in report.recordings)
-    copied = sum(each.copied for each in report.recordings)
-    size = format_bytes(sum(each.size_bytes for each in report.recordings))
+    for recording in report.recordings:
+        say(f'{format_path(report.path / recording.folder)}: {_points(recording)}')
+    linked = sum(recording.linked for recording in report.recordings)
+    copied = sum(recording.copied for recording in report.recordings)
+    size = format_bytes(sum(recording.size_bytes for recording in report.recordings))
     say(
         f'{format_path(report.path)}: layout {report.layout}, {size} of new files,'
         f' {format_count(linked, "hard link")}, {format_count(copied, "copied file")};'

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 # kitti-ros2 extract.
 
-
 _MOST_NAMED = 3
 
 
@@ -45,12 +44,12 @@ def say_extracted(report: ExtractReport) -> None:
     """Print what was extracted, and the commands that show it."""
     for note in report.notes:
         say(f'note: {note}')
-    for each in report.archives:
-        kept = f', {format_count(each.kept, "file")} kept as equal' if each.kept else ''
-        removed = '; archive removed' if each.removed else ''
+    for archive in report.archives:
+        kept = f', {format_count(archive.kept, "file")} kept as equal' if archive.kept else ''
+        removed = '; archive removed' if archive.removed else ''
         say(
-            f'{format_path(each.path)}: {format_count(each.written, "file")} written,'
-            f' {format_bytes(each.size_bytes)}{kept}{removed}'
+            f'{format_path(archive.path)}: {format_count(archive.written, "file")} written,'
+            f' {format_bytes(archive.size_bytes)}{kept}{removed}'
         )
     say_data_sets(report.root)
 
@@ -66,7 +65,6 @@ def say_data_sets(root: Path) -> None:
 
 
 # kitti-ros2 download.
-
 
 _USAGE = 'usage: kitti-ros2 download WHAT... ROOT [OPTIONS]'
 
@@ -123,10 +121,12 @@ def _list(words: Sequence[str], options: DownloadOptions, *, json: bool) -> int:
         if 'raw' in chosen and each.category in (options.categories or (each.category,))
     ]
     if json:
-        archives = [{**asdict(each), 'size_bytes': each.about_bytes} for each in entries]
-        print_json({'archives': archives, 'drives': [asdict(each) for each in drives]})
+        archives = [{**asdict(entry), 'size_bytes': entry.about_bytes} for entry in entries]
+        print_json({'archives': archives, 'drives': [asdict(drive) for drive in drives]})
         return EXIT_OK
-    rows = [(each.benchmark, each.part, _about(each.about_bytes), each.name) for each in entries]
+    rows = [
+        (entry.benchmark, entry.part, _about(entry.about_bytes), entry.name) for entry in entries
+    ]
     _print_table(('benchmark', 'part', 'size', 'archive'), rows)
     if drives:
         sys.stdout.write('\n')
@@ -134,13 +134,13 @@ def _list(words: Sequence[str], options: DownloadOptions, *, json: bool) -> int:
             ('raw drive', 'category', 'frames', 'size', 'tracklets'),
             [
                 (
-                    each.name,
-                    each.category,
-                    '-' if each.frames is None else str(each.frames),
-                    format_bytes(each.sync_bytes),
-                    'yes' if each.has_tracklets else '-',
+                    drive.name,
+                    drive.category,
+                    '-' if drive.frames is None else str(drive.frames),
+                    format_bytes(drive.sync_bytes),
+                    'yes' if drive.has_tracklets else '-',
                 )
-                for each in drives
+                for drive in drives
             ],
         )
     return EXIT_OK

@@ -73,7 +73,6 @@ if TYPE_CHECKING:
 
 # The frames with the most errors: their table, their JSON, the folder with their pictures.
 
-
 _PICTURE = re.compile(r'\d{2,}_\d{6,}\.png', re.ASCII)
 
 
@@ -157,12 +156,12 @@ def print_detections(scores: DetectionScores) -> None:
     from ..evaluation.detection import LOOSE
 
     console = Console(highlight=False, soft_wrap=True)
-    for each in _tables(scores.scores, scores.limits):
+    for table in _tables(scores.scores, scores.limits):
         console.print()
-        console.print(each, soft_wrap=False)
-    for each in _tables(scores.loose, LOOSE):
+        console.print(table, soft_wrap=False)
+    for table in _tables(scores.loose, LOOSE):
         console.print()
-        console.print(each, soft_wrap=False)
+        console.print(table, soft_wrap=False)
     console.print()
     say('average precision, percent; - has no objects, or is not evaluated')
     for note in scores.notes:
@@ -182,8 +181,8 @@ def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
         table = plain_table(f'{cell(class_name):<10} IoU {limits[class_name]:.2f}', heads)
         for metric in (name for name in shown_metrics if name in metrics):
             curves = [metrics[metric][level] for level in Difficulty]
-            shown = [_figure(each, 'r40') for each in curves]
-            table.add_row(metric, *shown, *(_figure(each, 'r11') for each in curves))
+            shown = [_figure(curve, 'r40') for curve in curves]
+            table.add_row(metric, *shown, *(_figure(curve, 'r11') for curve in curves))
         table.add_row('objects', *_counts(metrics))
         yield table
 
@@ -191,7 +190,7 @@ def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
 def _counts(metrics: Mapping[str, Mapping[Difficulty, Curve | None]]) -> list[str]:
     """Return the numbers of labels that count, by level."""
     known = [
-        next((each[level] for each in metrics.values() if each[level] is not None), None)
+        next((metric[level] for metric in metrics.values() if metric[level] is not None), None)
         for level in Difficulty
     ]
     return [NONE if each is None else f'{each.objects}' for each in known]
@@ -202,7 +201,6 @@ def _figure(curve: Curve | None, name: str) -> str:
 
 
 # kitti-ros2 eval odometry.
-
 
 _ALIGNMENTS = {
     Alignment.NONE: 'not aligned',
@@ -274,7 +272,6 @@ def _error_cells(errors: Float64Array, root: float | None) -> tuple[str, ...]:
 
 # kitti-ros2 eval tracking.
 
-
 _COLUMNS = {
     'HOTA': 'HOTA',
     'DetA': 'DetA',
@@ -309,7 +306,6 @@ def print_tracks(scores: TrackingScores) -> None:
 
 
 # kitti-ros2 eval live.
-
 
 _PRINT: dict[str, Callable[[Any], None]] = {
     'detection': print_detections,

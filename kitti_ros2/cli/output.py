@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 # Output of the commands: lines for a terminal, losses, readable paths and quantities.
 
-
 _SHOWN_LOSSES = 20
 
 
@@ -71,7 +70,6 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
 
 
 # Tables for a terminal of 80 columns, without lines.
-
 
 NONE = '-'
 """The cell of a figure that is not there."""
@@ -181,7 +179,6 @@ def refuse_files(out: Path | None, *, overwrite: bool) -> None:
 
 # Checks of output files before the work for them begins.
 
-
 PLOTS = ('.png', '.pdf', '.svg')
 _OTHER_PICTURES = ('.jpg', '.jpeg', '.webp')
 _KEEP_ALL_BUT_PLOTS = keep_all_but_files('picture', (b'\x89PNG', b'%PDF', b'<?xml'))
@@ -229,7 +226,6 @@ def check_plot(
 
 # HTML pages as outputs: their endings, and the browser that shows them.
 
-
 ENDINGS = ('.html', '.htm')
 
 
@@ -243,7 +239,6 @@ def open_page(page: Path) -> None:
 
 
 # Progress bars on standard error: none where it is not a terminal.
-
 
 _REFRESH_S = 0.1
 

@@ -77,7 +77,7 @@ def _list(*, json: bool, quiet: bool) -> None:
 def _show(stack: Stack) -> None:
     """Print all about a stack, wrapped at 80 columns."""
     say(f'{stack.title}: {stack.what}')
-    _section('It asks for', [f'{each.text}\n    {each.source}' for each in stack.demands])
+    _section('It asks for', [f'{demand.text}\n    {demand.source}' for demand in stack.demands])
     _section('--for sets', [_setting_text(*each) for each in stack.settings.items()])
     _section('Topics', [f'{own} -> {renamed}' for own, renamed in stack.topics.items()])
     _section('Frames', [f'{kind}: {name}' for kind, name in stack.frames.items()])
@@ -137,7 +137,7 @@ def _values(stack: Stack) -> dict[str, Any]:
         'points': stack.points,
         'imu': stack.imu,
         'version': stack.version,
-        'demands': [asdict(each) for each in stack.demands],
+        'demands': [asdict(demand) for demand in stack.demands],
         'options': {name: values[0] for name, values in stack.settings.items()},
         'topics': dict(stack.topics),
         'frames': dict(stack.frames),

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 # The statistics of one set as tables.
 
-
 MOST_RECORDINGS = 40
 _DISTANCES_M = (0, 10, 20, 30, 40, 50, 60, 70, inf)
 _ABSURD = 1e6
@@ -222,7 +221,6 @@ def _fixed(value: float, decimals: int) -> str:
 
 # The statistics of several sets side by side, a column for each.
 
-
 _SETS_A_TABLE = 4
 _TITLE = 20
 
@@ -274,21 +272,21 @@ def _recording_rows(totals: Sequence[RecordingStatistics]) -> list[tuple[str, li
         ('objects a frame', lambda each: number(each.objects_a_frame.mean)),
         ('points a scan', lambda each: number(each.points_a_scan.mean).split('.')[0]),
     ]
-    return [(name, [figure(each) for each in totals]) for name, figure in figures]
+    return [(name, [figure(total) for total in totals]) for name, figure in figures]
 
 
 def _sections(totals: Sequence[RecordingStatistics]) -> Iterator[Section]:
-    streams = dict.fromkeys(name for each in totals for name in each.samples)
+    streams = dict.fromkeys(name for total in totals for name in total.samples)
     yield (
         'samples',
-        [(name, [f'{each.samples[name] or ""}' for each in totals]) for name in streams],
+        [(name, [f'{total.samples[name] or ""}' for total in totals]) for name in streams],
     )
     names = [*merged(totals).classes]
     yield _class_section('objects', names, totals, lambda each: f'{each.count}')
     names = [name for name in names if name != DONT_CARE]
     for title, figure in _CLASS_FIGURES:
         yield _class_section(title, names, totals, figure)
-    routes = [each.route for each in totals]
+    routes = [total.route for total in totals]
     yield (
         'route',
         [
@@ -296,9 +294,12 @@ def _sections(totals: Sequence[RecordingStatistics]) -> Iterator[Section]:
             for name, figure in _ROUTE_FIGURES
         ],
     )
-    found = dict.fromkeys(name for each in totals for name in each.point_classes)
-    shares = [_point_shares(each) for each in totals]
-    yield 'points of class, %', [(name, [each.get(name, '') for each in shares]) for name in found]
+    found = dict.fromkeys(name for total in totals for name in total.point_classes)
+    shares = [_point_shares(total) for total in totals]
+    yield (
+        'points of class, %',
+        [(name, [share.get(name, '') for share in shares]) for name in found],
+    )
 
 
 def _class_section(
@@ -310,7 +311,7 @@ def _class_section(
     def of(each: RecordingStatistics, name: str) -> str:
         return figure(each.classes[name]) if name in each.classes else ''
 
-    return title, [(name, [of(each, name) for each in totals]) for name in names]
+    return title, [(name, [of(total, name) for total in totals]) for name in names]
 
 
 def _point_shares(part: RecordingStatistics) -> dict[str, str]:
@@ -351,7 +352,6 @@ _ROUTE_FIGURES: list[tuple[str, Callable[[RouteStatistics], str]]] = [
 
 
 # Statistics as tables on a terminal, and the file of their table.
-
 
 TABLE = 'statistics.csv'
 """Name of the table of a collection."""

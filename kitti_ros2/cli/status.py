@@ -41,11 +41,13 @@ def status(
                 'out': out,
                 'pace': {**asdict(pace), 'left': pace.left},
                 'run': None if run is None else asdict(run),
-                'units': [record_json(each) for each in records],
+                'units': [record_json(record) for record in records],
             }
         )
     elif not quiet:
-        by_state = {state: [each for each in records if each.state == state] for state in STATES}
+        by_state = {
+            state: [record for record in records if record.state == state] for state in STATES
+        }
         print_groups({state: units for state, units in by_state.items() if units}, command)
         print_pace(out, pace)
     complain_of(records, command)

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 
 # The plan of a conversion as a table for a terminal, and as values for JSON.
 
-
 _MOST_PASSED_OVER = 12
 _PASSED_OVER = '-'
 _PASSED = 'passed over: '
@@ -172,7 +171,6 @@ def _by_name(outlook: Outlook) -> Mapping[str, object]:
 
 
 # A look at the plan of a conversion before anything is written: its table, its preview.
-
 
 _OF_THE_PLAN = ('layout', 'name', 'calib')
 """Options that --plan takes as well."""
@@ -360,7 +358,6 @@ def _words(given: Mapping[str, Any]) -> Iterator[str]:
 
 
 # kitti-ros2 to-kitti.
-
 
 _NO_OUT = 'OUT is missing (the folder to create)'
 _YAML = {'.yaml', '.yml'}

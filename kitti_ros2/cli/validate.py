@@ -96,9 +96,9 @@ def _print_group(console: Any, group: RuleFindings) -> None:  # noqa: ANN401 - r
 
 
 def _complain_of_errors(report: ValidationReport) -> None:
-    errors = [each for each in report.findings if each.severity == 'error']
-    for each in errors[:_SHOWN_ERRORS]:
-        complain(f'{each.severity} {each.rule}: {each.place}: {each.message} ({each.remedy})')
+    errors = [finding for finding in report.findings if finding.severity == 'error']
+    for error in errors[:_SHOWN_ERRORS]:
+        complain(f'{error.severity} {error.rule}: {error.place}: {error.message} ({error.remedy})')
     if report.errors > _SHOWN_ERRORS:
         complain(f'... and {report.errors - _SHOWN_ERRORS:,} more; --json lists them')
 

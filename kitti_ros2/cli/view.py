@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 # kitti-ros2 view, as pictures and films.
 
-
 _MOVIE = '.mp4'
 
 
@@ -230,7 +229,6 @@ def _write(
 
 
 # kitti-ros2 view --rerun.
-
 
 _SHOWN_LOSSES = 20
 _KEEP_ALL_BUT_RRD = keep_all_but_files('.rrd file', [b'RRF'])

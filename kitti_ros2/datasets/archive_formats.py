@@ -84,7 +84,6 @@ def stopping(path: Path) -> Iterator[None]:
 
 # Files in an archive as the archive lists them, and what is refused of them.
 
-
 _DRIVE_LETTER = re.compile(r'[A-Za-z]:')
 _LONGEST_PART_BYTES = 255 - len('..part')
 _LONGEST_NAME_BYTES = 2048
@@ -218,7 +217,6 @@ def _refusal(member: Member) -> str:
 
 # Files of xz whose dictionary is bounded; lzma.LZMAFile takes up to 4 GB for one.
 
-
 _READ_BYTES = 1 << 16
 _OVERHEAD_BYTES = 4 << 20
 """What liblzma needs beside the dictionary, at most."""
@@ -322,7 +320,6 @@ def open_xz(path: Path, most_dictionary_bytes: int) -> io.BufferedReader:
 
 
 # Tar archives, plain or compressed: read from the beginning to the end, never backwards.
-
 
 _ERRORS = (tarfile.TarError, EOFError, ValueError, RecursionError, *DECOMPRESSION_ERRORS)
 _LONGEST_READ = 16 << 20
@@ -462,7 +459,6 @@ def _tar_kind(info: TarInfo) -> str:
 
 # Zip archives: members from the directory at the end, contents with their CRC checked.
 
-
 _UNIX = 3
 _ENCRYPTED = 0x1
 _STRONGLY_ENCRYPTED = 0x40
@@ -571,7 +567,6 @@ def _lock(info: ZipInfo) -> str:
 
 
 # Opens an archive by its first bytes, whatever its name is.
-
 
 _ZIP = (b'PK\x03\x04', b'PK\x05\x06')
 _TAR_OFFSET = 257

@@ -98,7 +98,6 @@ BENCHMARKS = ('raw', 'object', 'tracking', 'odometry')
 
 # KITTI's raw drives.
 
-
 CATEGORIES = ('city', 'residential', 'road', 'campus', 'person', 'calibration')
 
 
@@ -150,7 +149,6 @@ def raw_drives() -> dict[str, RawDrive]:
 # raw 2011_09_26_calib                  a calibration alone
 # data_object_calib.zip                 an archive by its name, alone
 
-
 _DRIVE = re.compile(r'(\d{4}_\d{2}_\d{2}_drive_\d{4})(?:_(sync|extract|tracklets))?(?:\.zip)?')
 _RANGE = re.compile(r'(\d{4}_\d{2}_\d{2})_drive_(\d{4})\.\.(?:\1_drive_)?(\d{4})')
 _CALIB = re.compile(r'(\d{4}_\d{2}_\d{2})_calib(?:\.zip)?')
@@ -175,9 +173,9 @@ class RawKinds:
     categories: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for each in self.categories:
-            if each not in CATEGORIES:
-                raise not_one_of('category', each, CATEGORIES)
+        for category in self.categories:
+            if category not in CATEGORIES:
+                raise not_one_of('category', category, CATEGORIES)
 
     def entries(self, drives: Iterable[RawDrive], kind: str = '') -> list[CatalogueEntry]:
         """Return the archives of drives, each day's calibration first.

@@ -277,13 +277,13 @@ def crop_sets(
         _run(jobs, root, progress)
         losses = tuple(loss for job in jobs for loss in job.losses)
         results = tuple(job.result for job in jobs)
-        if not any(each.scans for each in results):
+        if not any(result.scans for result in results):
             raise MissingDataError(f'{src}: no scan can be cut; {losses[0].text()}')
     notes = [note for job in jobs for note in job.notes]
     if options.read.sequence is None:
         notes += _note_left_out(absolute(src), frozenset().union(*(job.tops for job in jobs)))
     if placer.why:
-        copied = sum(each.copied for each in results)
+        copied = sum(result.copied for result in results)
         notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {placer.why}')
     if not options.cuts:
         notes.append('no filter is given, so all scans are unchanged')
@@ -323,13 +323,13 @@ def _check_places(src: Path, out: Path) -> None:
 
 def _refuse_tracklets(recordings: list[KittiRecording], options: CropOptions) -> None:
     """Refuse to drop labels of tracklets."""
-    for each in recordings:
+    for recording in recordings:
         if (
             options.empty_labels is EmptyLabels.DROP
-            and each.layout.traits.tracklets
-            and Stream.LABELS in each.streams
+            and recording.layout.traits.tracklets
+            and Stream.LABELS in recording.streams
         ):
             raise UsageError(
-                f'{each.path(Stream.LABELS, 0)}: --empty-labels drop does not support tracklets,'
-                f' whose poses cannot have gaps; leave it out, and they are kept'
+                f'{recording.path(Stream.LABELS, 0)}: --empty-labels drop does not support'
+                f' tracklets, whose poses cannot have gaps; leave it out, and they are kept'
             )

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 # A time-out of httpx is one of silence. A server that sends its header a byte at a time is never
 # silent, so a timer ends the wait for it by shutting down the connections of the client.
 
-
 _MOST_REDIRECTS = 20
 """As httpx has it."""
 _HEADER_TIMEOUTS = 2
@@ -164,7 +163,6 @@ def _shut_down(connection: socket.socket) -> None:
 
 
 # Where archives are downloaded from: HTTP servers and folders, with a beginning anywhere.
-
 
 _PIECE_BYTES = 1 << 18
 _MISSING = {403, 404, 410}
@@ -323,8 +321,8 @@ class HttpSource:
     def close(self) -> None:
         """Close all connections."""
         self._closed = True
-        for each in list(self._clients.values()):
-            each.close()
+        for client in list(self._clients.values()):
+            client.close()
 
     def _client(self) -> HttpClient:
         """Return the client of this thread."""

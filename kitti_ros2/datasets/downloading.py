@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # The terms of KITTI's data: shown until they are accepted, which is remembered.
 
-
 TERMS = (
     "KITTI's data is licensed under CC BY-NC-SA 3.0: name the authors, no commercial use, share"
     ' what you make of it alike. The authors ask you to register at'
@@ -76,7 +75,6 @@ def _path() -> Path:
 
 
 # Progress of several transfers at a time, and of the extraction after them.
-
 
 if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
@@ -118,7 +116,6 @@ class Meter:
 
 # The record of archives that were extracted: they are not downloaded again.
 
-
 _NAME = 'extracted.json'
 
 
@@ -144,7 +141,7 @@ class FinishedArchives:
     def __contains__(self, name: str) -> bool:
         """Whether an archive was extracted, and its files are still there."""
         files = self._files.get(name, [])
-        return bool(files) and all((self._root / each).is_file() for each in files)
+        return bool(files) and all((self._root / file).is_file() for file in files)
 
     def add(self, name: str, files: list[str]) -> None:
         """Record that an archive was extracted.
@@ -160,7 +157,6 @@ class FinishedArchives:
 
 
 # Sizes of archives before they are downloaded, and the space that they need.
-
 
 _CONTENT_RATIO = 1.4
 """Size of the content of KITTI's archives, at most: 1.33 for a real drive of 120 frames."""
@@ -292,7 +288,7 @@ def download_all(
         raise UsageError(f'{root}: is a file; give the folder to download into')
     require_license(accepted=options.accept_license)
     base_url = (options.base_url or KITTI_URL).rstrip('/')
-    checksums = {each.name: each.sha256 for each in entries if each.sha256}
+    checksums = {entry.name: entry.sha256 for entry in entries if entry.sha256}
     if options.checksums is not None:
         checksums |= read_checksums(options.checksums)
     with removed_if_empty(root / ARCHIVES, root), ExitStack() as stack:
@@ -335,8 +331,8 @@ class _Download:
     def leave_out_finished(self, entries: Sequence[CatalogueEntry]) -> list[CatalogueEntry]:
         """Return the archives that were not extracted before."""
         again = self._options.archives_only or self._extraction.overwrite
-        pending = [each for each in entries if again or each.name not in self._finished]
-        self._existing = [each.name for each in entries if each not in pending]
+        pending = [entry for entry in entries if again or entry.name not in self._finished]
+        self._existing = [entry.name for entry in entries if entry not in pending]
         return pending
 
     def fetch(
@@ -437,7 +433,7 @@ class _Download:
         """
         if self._errors and len(entries) == 1:
             raise self._errors[0]
-        folders = dict.fromkeys(self._root / each.benchmark for each in entries)
+        folders = dict.fromkeys(self._root / entry.benchmark for entry in entries)
         return DownloadReport(
             self._root,
             tuple(self._downloaded),

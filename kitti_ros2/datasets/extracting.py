@@ -77,7 +77,6 @@ def removed_if_empty(*folders: Path) -> Iterator[None]:
 
 # Complete files that get their names together, once all of them are on the disk.
 
-
 _MOST_FILES = 256
 _MOST_BYTES = 256 * 2**20
 
@@ -153,7 +152,6 @@ class PendingFiles:
 
 
 # A folder that files are extracted into: nothing is written outside of it, or half.
-
 
 _DIFFERS = 'exists with other content; pass --overwrite to replace it'
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -332,7 +330,6 @@ def _has_scanner(path: Path) -> bool:
 
 # Which files of an archive are extracted, and to which places; nothing is written here.
 
-
 _NOISE = frozenset({'__MACOSX', '.DS_Store', 'Thumbs.db', 'desktop.ini'})
 _REPACKED = 'it was not packed by KITTI; extract it with another program'
 
@@ -367,7 +364,7 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
     """
     with open_archive(path) as packed:
         files = [each for each in checked(packed, limits) if not each.is_folder]
-    chosen = [each for each in files if not _is_noise(each.name)]
+    chosen = [file for file in files if not _is_noise(file.name)]
     found = [each.name for each in chosen]
     known = [name for name in found if is_known(name, path.name)]
     if not known:

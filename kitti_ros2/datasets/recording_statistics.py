@@ -127,7 +127,6 @@ class Distribution:
 
 # Statistics of labelled objects: counts by class, and their distributions.
 
-
 DISTANCES_M = tuple(range(0, 85, 5))
 SIZES_M = tuple(value / 4 for value in range(81))
 POINTS = (0, 1, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
@@ -260,7 +259,6 @@ class ObjectTally:
 
 
 # Statistics of the route of the vehicle: length, speed, turn rate.
-
 
 SPEEDS_M_S = tuple(range(41))
 TURN_RATES_DEG_S = tuple(range(61))

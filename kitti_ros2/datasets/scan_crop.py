@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # The files of a recording that is cut, and their places in the new data set.
 
-
 if TYPE_CHECKING:
     Placed = tuple[Path, PurePosixPath]
 
@@ -172,7 +171,6 @@ class CropPaths:
 # camera in a raw extract. Width and height are those of the frame's own image in object, whose
 # sizes differ; elsewhere all images of a camera have one size.
 
-
 DEFAULT_CAMERA = 2
 _NEAREST_M, _FARTHEST_M = 0.001, 100.0
 
@@ -257,7 +255,6 @@ class CameraViews:
 # The lasers are counted on the whole scan. Each point must then pass every other filter: view,
 # boxes, range and height. Of the points left, each voxel keeps the first one in the file. Points
 # without finite coordinates pass no filter. The order of the points never changes.
-
 
 if TYPE_CHECKING:
     Mask = npt.NDArray[np.bool_]

@@ -207,7 +207,6 @@ def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptio
 
 # Statistics as plain values, for JSON, and as rows, for CSV.
 
-
 _NAMED = ('samples', 'classes', 'point_classes')
 """Fields of a recording that are tables by name; the others are single values."""
 
@@ -243,7 +242,7 @@ def plain_values(found: SetStatistics) -> dict[str, Any]:
     return {
         'path': str(found.path),
         'total': _plain(found.total),
-        'recordings': [_plain(each) for each in found.recordings],
+        'recordings': [_plain(recording) for recording in found.recordings],
     }
 
 
@@ -254,7 +253,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any part of the statistics
     if isinstance(value, Loss):
         return {'stream': value.stream, 'count': value.count, 'message': value.text()}
     if is_dataclass(value):
-        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in value.items()}
     return [_plain(each) for each in value] if isinstance(value, tuple) else value

@@ -322,7 +322,6 @@ class GivenList:
 
 # The units that lists of a data set name: frames of an object set, else sequences or drives.
 
-
 TEST = 'test'
 """Lists of an object set whose names begin so are of its testing frames."""
 
@@ -418,7 +417,7 @@ def _frames(
     layout: Layout, candidates: list[Candidate], given: Path | None, *, by_drive: bool
 ) -> UnitSet:
     """List the frames of an object set: those of training, if there are any."""
-    recordings = {each.name: each.open(ReadOptions()) for each in candidates}
+    recordings = {candidate.name: candidate.open(ReadOptions()) for candidate in candidates}
     chosen = recordings[candidates[0].name]
     is_testing = chosen.name == names.SPLITS[1]
     mapping: ObjectMapping | None = None
@@ -444,7 +443,7 @@ def _beyond(
     units: Mapping[str, Unit], mapping: ObjectMapping, frames: names.FileNames
 ) -> list[Loss]:
     """Return the frames without a drive, which are in no list."""
-    numbers = tuple(frames.number(each.name) or 0 for each in units.values() if not each.drive)
+    numbers = tuple(frames.number(unit.name) or 0 for unit in units.values() if not unit.drive)
     reason = mapping.beyond.replace('{', '(').replace('}', ')')
     text = f'{reason}; in no list: frames {{}}'
     return [Loss('frames', len(numbers), text, numbers)] if numbers else []
@@ -478,7 +477,7 @@ def _units_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[
 
 def _recordings(path: Path, layout: Layout, candidates: list[Candidate]) -> UnitSet:
     """List the sequences or drives of a set, without those of testing."""
-    training = [each for each in candidates if '/' not in each.name] or candidates
+    training = [candidate for candidate in candidates if '/' not in candidate.name] or candidates
     units, losses = {}, []
     for each in training:
         recording = each.open(ReadOptions())

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 #
 # Axes are those of matplotlib.
 
-
 if TYPE_CHECKING:
     Draw = Callable[[Any, RecordingStatistics, Sequence[str]], None]
     """Draws into axes the statistics of a set, with the classes in this order."""

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 # Files of SHA-256 checksums, one for each line: 64 hexadecimal digits, then the file's name.
 
-
 _LINE = re.compile(r'([0-9A-Fa-f]{64})\s+\*?(\S.*)')
 
 

@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 # Drawing of 2D boxes on a camera image.
 
-
 TEXT_SCALE = 0.37
 _SHADE = 0.6
 _HATCH_GREY = (150, 150, 150)
@@ -167,7 +166,6 @@ def _shade(picture: Pixels, bounds: Float64Array) -> None:
 
 # Drawing of 3D boxes on a camera image: their edges, with the front face marked.
 
-
 _FRONT = np.array([0, 1, 5, 4])
 _WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])
 """Pairs of corners joined by a line: the edges, and the cross of the front face."""
@@ -241,7 +239,6 @@ def draw_wireframes(
 #
 # Pixels are KITTI's: (0, 0) is the centre of the first one. Depth is along the optical axis,
 # metres.
-
 
 _PLUMB_BOB = 5
 _MOST_STEPS = 500
@@ -481,7 +478,6 @@ def projection_of(calibration: Calibration | Projection | None, camera: int) -> 
 
 # The 2D boxes of objects in a camera image, for outlets that draw them on their own.
 
-
 _FONT_PX = 12.0
 _BLACK: Color = (0, 0, 0)
 
@@ -527,7 +523,7 @@ def image_boxes(
         camera: KITTI index of the camera.
         size: (width, height) of the image.
     """
-    both = [(each, False) for each in objects] + [(each, True) for each in predictions]
+    both = [(each, False) for each in objects] + [(prediction, True) for prediction in predictions]
     both.sort(key=lambda pair: -distance_of(pair[0]))
     projection = projection_of(calibration, camera)
     labelled = is_labelled(calibration, camera)

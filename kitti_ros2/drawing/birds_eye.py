@@ -54,7 +54,6 @@ if TYPE_CHECKING:
 
 # Boxes from above: outlines with their headings, and those that are out of range.
 
-
 TEXT_SCALE = 0.36
 _SMALL = 30.0
 _ARROW_M = (0.5, 1.2)
@@ -204,7 +203,6 @@ def _arrows(corners: Float64Array) -> Float64Array:
 
 # Bird's-eye view: points, boxes with their headings, rings of equal distance, the legend.
 
-
 BACKGROUND = (24, 20, 18)
 _RING_COLOR = (84, 76, 70)
 _RING_TEXT = (186, 178, 172)
@@ -343,7 +341,6 @@ def _draw_ego(picture: Pixels, view: BirdView) -> None:
 
 # A scan and its boxes in perspective, from above and behind the car, with a grid on the ground.
 
-
 SIZE = (1280, 720)
 """(width, height), pixels."""
 
@@ -450,7 +447,6 @@ def _draw_lines(
 
 
 # The path of the car from above, on axes of equal scale.
-
 
 _MARGIN = 40
 _LEAST_M = 10.0

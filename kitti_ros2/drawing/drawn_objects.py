@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 # The labelled objects of a frame, in the form that all drawing uses.
 
-
 _LEAST_SHOWN = 0.005
 
 LABEL_CAMERA = 2
@@ -74,8 +73,8 @@ def objects_of(labels: FrameLabels, calibration: Calibration | None) -> list[Lab
     """
     if labels.cuboids:
         return [
-            LabelledObject(each.class_name, each, score=each.score, track_id=each.track_id)
-            for each in labels.cuboids
+            LabelledObject(cuboid.class_name, cuboid, score=cuboid.score, track_id=cuboid.track_id)
+            for cuboid in labels.cuboids
         ]
     return objects_of_boxes(labels, _rect_t_velo(calibration))
 
@@ -178,7 +177,6 @@ def _object_of(identity: str, box: Box, rect_t_velo: Transform | None) -> Labell
 
 # Colours of classes and tracks, and the size of the recording car.
 
-
 CLASS_COLORS = {
     'Car': (2, 150, 249),
     'Van': (5, 163, 183),
@@ -245,7 +243,6 @@ def color_of(class_name: str, number: int, colors: MarkerColors) -> tuple[float,
 # SemanticKITTI's classes of points.
 #
 # Source: labels and color_map of semantic-kitti.yaml, in the semantic-kitti-api.
-
 
 _CLASSES = {
     0: ('unlabeled', 0x000000),
@@ -328,7 +325,6 @@ def semantic_names(shades: npt.NDArray[np.uint8]) -> list[tuple[str, int]]:
 
 # The pixel array that is drawn on.
 
-
 Pixels: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) uint8, BGR."""
 
@@ -346,7 +342,6 @@ def colour_pixels(pixels: npt.NDArray[np.uint8 | np.uint16]) -> Pixels:
 
 
 # The style of plots, and the files that they are drawn to.
-
 
 INK = '#30343b'
 _STYLE: dict[str, Any] = {

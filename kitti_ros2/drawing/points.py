@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 # Colour scales: values to shades, shades to colours, and the colour bar.
 
-
 EMPTY = 0
 """The shade of a pixel without a value."""
 
@@ -170,7 +169,6 @@ def _ramp(scale: Scale, color_map: ColorMap, width: int) -> Pixels:
 
 
 # The colours of a scan's points, by a quantity or by class, with their legend.
-
 
 _BAR_SIZE = (150, 7)
 _TEXT_SCALE = 0.38
@@ -352,7 +350,6 @@ def _disc(diameter: int) -> npt.NDArray[np.int32]:
 
 
 # Range images of a scan: one row an elevation, one column an azimuth.
-
 
 ROWS = 64
 _STEP = np.radians(1.0)

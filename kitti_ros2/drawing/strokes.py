@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 # OpenCV uses fixed point, and overflow wraps around into the image, so everything is clipped to the
 # image in floating point first. Coordinates are pixels, (0, 0) the centre of the first one.
 
-
 Color: TypeAlias = tuple[int, int, int]
 """Blue, green, red, 0..255."""
 
@@ -191,7 +190,6 @@ def sides_of(corners: Float64Array) -> Float64Array:
 #
 # Text is measured: OpenCV 4 draws Hershey's strokes and OpenCV 5 an outline font, which is a fifth
 # narrower, and whose blanks are half as wide.
-
 
 BLACK: Color = (0, 0, 0)
 WHITE: Color = (255, 255, 255)
@@ -381,7 +379,6 @@ def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[
 # that is labelled as occluded, is small, or is a label that was found are half as wide; the tag of
 # a 2D box shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
 
-
 PREDICTION_BGR = PREDICTION_COLOR[::-1]
 _KITTI_AREA = 1242 * 375
 _SMALL = 40.0
@@ -465,7 +462,7 @@ def objects_to_draw(
     """
     if not has_pixels(picture):
         return []
-    both = [(each, False) for each in objects] + [(each, True) for each in predictions]
+    both = [(each, False) for each in objects] + [(prediction, True) for prediction in predictions]
     return sorted(both, key=lambda pair: distance_of(pair[0]))
 
 

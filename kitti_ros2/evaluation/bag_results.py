@@ -72,7 +72,6 @@ if TYPE_CHECKING:
 # truncation and occlusion are -1. Boxes without 3D have size -1, location -1000 and angles -10, as
 # in the readme.txt of the object devkit.
 
-
 NOMINAL_SIZE = (1242, 375)
 """Width and height of most of KITTI's images, for a recording without images."""
 
@@ -120,7 +119,7 @@ class ResultBoxes:
             ValueError: The same, or the message is invalid.
         """
         boxes = self._in_image(result) if self._msgtype == DETECTIONS_2D else self._solid(result)
-        return [replace(each, frame=result.number) for each in boxes]
+        return [replace(box, frame=result.number) for box in boxes]
 
     def losses(self, topic: str) -> tuple[Loss, ...]:
         """Return the boxes so far that could not be used."""
@@ -154,7 +153,7 @@ class ResultBoxes:
         )
         if unseen:
             self._counts[f'out of view of camera {self._camera} are not scored'] += unseen
-        return [replace(each, truncated=float(_UNKNOWN)) for each in boxes]
+        return [replace(box, truncated=float(_UNKNOWN)) for box in boxes]
 
     def _checked(self, calibration: Calibration) -> Calibration:
         """Return the calibration.
@@ -180,12 +179,12 @@ class ResultBoxes:
     def _classified(self, cuboids: Sequence[Cuboid]) -> list[Cuboid]:
         """Return the boxes with KITTI's classes, without those that are left out."""
         kept = []
-        for each in cuboids:
-            namespace = each.identity.rpartition('/')[0] if self._msgtype == MARKERS else ''
-            class_name = self._classes.find(each.class_name, namespace)
+        for cuboid in cuboids:
+            namespace = cuboid.identity.rpartition('/')[0] if self._msgtype == MARKERS else ''
+            class_name = self._classes.find(cuboid.class_name, namespace)
             if class_name:
-                score = self._score(each.score)
-                kept.append(replace(each, class_name=class_name, score=score))
+                score = self._score(cuboid.score)
+                kept.append(replace(cuboid, class_name=class_name, score=score))
         return kept
 
     def _score(self, score: float | None) -> float:
@@ -269,7 +268,6 @@ def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int
 # The recording's own sensors are where its calibration has them. Other frames are joined to these
 # by the bag's transforms, static ones and those that move at the stamp of the result. If the bag
 # lacks a part of the tree that the player publishes, it is made from the calibration.
-
 
 _VELO = FrameNames().velo
 
@@ -429,7 +427,6 @@ def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None
 # (MarkerArrays may have none, some nodes use the time of the computer) it belongs to the last frame
 # before its arrival, in the time of the player's /clock.
 
-
 _TYPES = frozenset({DETECTIONS_3D, DETECTIONS_2D, DETECTED_OBJECTS, TRACKED_OBJECTS, MARKERS})
 _EXPECTED = (
     'a topic of Detection3DArray, Detection2DArray, DetectedObjects, TrackedObjects or MarkerArray'
@@ -536,13 +533,13 @@ def read_messages(
     received: list[_Received] = []
     with open_messages(bag, {topic}) as messages:
         decode = Decoder(messages.typestore)
-        for each in messages:
+        for message in messages:
             try:
-                decoded = decode(each)
+                decoded = decode(message)
             except ValueError as error:
-                tally.lose(topic, each.stamp_ns, str(error))
+                tally.lose(topic, message.stamp_ns, str(error))
                 continue
-            received.append(_Received(each.stamp_ns, _header_ns(decoded), decoded))
+            received.append(_Received(message.stamp_ns, _header_ns(decoded), decoded))
         damage = messages.losses
     placed, notes = _place(bag, types, topic, received, frames)
     by_frame: dict[int, ResultMessage] = {}
@@ -568,7 +565,7 @@ def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types
     inner = [*getattr(message, 'detections', ()), *getattr(message, 'markers', ())]
     added = sorted(inner, key=lambda each: getattr(each, 'action', 0) != 0)
     headers = [each.header for each in (message, *added) if hasattr(each, 'header')]
-    return next((stamp for each in headers if (stamp := stamp_ns_of(each)) > 0), None)
+    return next((stamp for header in headers if (stamp := stamp_ns_of(header)) > 0), None)
 
 
 def _place(
@@ -593,9 +590,9 @@ def _place(
     if others:
         time = _played_time(bag, types)
         arrived = [
-            _placed(*found, frames.stamp_of(found[0]), each, frames)
-            for each in others
-            if (found := frames.latest(time.at(each.log_ns)))
+            _placed(*found, frames.stamp_of(found[0]), other, frames)
+            for other in others
+            if (found := frames.latest(time.at(other.log_ns)))
         ]
         if not placed and not arrived:
             raise _no_frame(bag, topic, received, frames)
@@ -640,12 +637,12 @@ def _played_time(bag: BagSource, types: Mapping[str, str]) -> PlayedTime:
     if topics:
         with open_messages(bag, topics) as messages:
             decode = Decoder(messages.typestore)
-            for each in messages:
+            for message in messages:
                 try:
-                    clock = decode(each).clock
+                    clock = decode(message).clock
                 except ValueError:
                     continue
-                log_ns.append(each.stamp_ns)
+                log_ns.append(message.stamp_ns)
                 clock_ns.append(from_sec_nanosec(clock.sec, clock.nanosec))
     return PlayedTime(log_ns, clock_ns)
 

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # The trajectory that a topic or a link of a bag holds.
 
-
 _POSES = (types.ODOMETRY, types.POSE, types.PATH)
 _ONE_EACH = (types.ODOMETRY, types.POSE)
 _SHOWN = 8
@@ -96,14 +95,14 @@ def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
     topics = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
     if not topics or (parent, child) not in survey.moving:
         raise UsageError(f'{bag.path}: has no moving link {parent} -> {child}; {_usable(survey)}')
-    plain = [each for each in topics if each.name == '/tf']
+    plain = [topic for topic in topics if topic.name == '/tf']
     return PosePlan((plain or topics)[0].name, child, parent)
 
 
 def _usable(survey: Survey, other_than: str = '') -> str:
     """List the topics and links that may be a result."""
     others = [each for each in survey.of_type(*_POSES) if each.name != other_than]
-    topics = [f'{each.name} ({each.msgtype})' for each in others]
+    topics = [f'{other.name} ({other.msgtype})' for other in others]
     links = [f'{parent} {child}' for parent, child in survey.moving]
     parts = [f'--topic takes {some_of(topics, _SHOWN)}'] if topics else []
     parts += [f'--tf takes {some_of(links, _SHOWN)}'] if links else []

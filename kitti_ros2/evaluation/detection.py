@@ -211,7 +211,6 @@ def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> Usa
 
 # The frames in which a detector errs most.
 
-
 _COUNT = 20
 
 
@@ -529,7 +528,6 @@ def _figure(curve: Curve | None, name: str) -> float | None:
 
 
 # Draws the curves of precision and orientation similarity over recall.
-
 
 _PANEL_INCHES = (2.9, 2.3)
 _TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 #
 # All evaluations match the stamps of results to frames here.
 
-
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
 ROUNDED_NS = 1_000_000
 """Stamps pass through float64 seconds, or microseconds."""
@@ -158,7 +157,7 @@ class StampedFrames:
         numbers = np.where(distances <= tolerance, nearest, NONE)
         rounded = min(ROUNDED_NS, tolerance)
         frames, best = max(
-            ((each.frames_at(stamps_ns, rounded), each) for each in self._moments),
+            ((moment.frames_at(stamps_ns, rounded), moment) for moment in self._moments),
             key=lambda pair: pair[0],
         )
         if 2 * frames < min(len(stamps_ns), len(self.numbers)):
@@ -401,7 +400,6 @@ def truth_of_recording(
 
 # The boxes of label files or result files, by frame.
 
-
 if TYPE_CHECKING:
     Progress = Callable[[], None]
 
@@ -462,7 +460,6 @@ def read_boxes(
 
 
 # The labels that results are compared with: label files, or the labels of a recording.
-
 
 _STREAM = 'ground truth'
 _CAMERA = 2
@@ -590,7 +587,7 @@ def _read_recording(path: Path, recording: NumberedRecording, progress: Progress
             losses.append(Loss(_STREAM, 1, reason, (number,)))
             continue
         losses += [Loss(_STREAM, 1, reason, (number,)) for reason in labels.missing.values()]
-        unset += sum(each.occluded is None for each in labels.cuboids)
+        unset += sum(cuboid.occluded is None for cuboid in labels.cuboids)
     notes = (f'{path}: {unset} boxes without occlusion count as visible',) if unset else ()
     return FrameBoxes(path, boxes, losses=tuple(losses), notes=notes, frames=recording.file_names)
 
@@ -614,5 +611,5 @@ def _boxes_of(
         raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
     image = ImageOf(_CAMERA, camera.size)
     # The benchmark limits the truncated part, of which tracklets have a level.
-    cuboids = [replace(each, truncation=None) for each in labels.cuboids]
+    cuboids = [replace(cuboid, truncation=None) for cuboid in labels.cuboids]
     return make_boxes(cuboids, calibration, image, tracks)[0]

@@ -68,7 +68,6 @@ if TYPE_CHECKING:
 
 # Scores of a run: what is checked before it, and the evaluation of its results after it.
 
-
 if TYPE_CHECKING:
     Given = Mapping[str, object]
 
@@ -134,7 +133,7 @@ def _check_tracking(source: Path, given: Given) -> None:
             f' that it was made from'
         )
     read, _ = make_tracking_options(given)
-    names = [each.name for each in find_sequences(source, read)]
+    names = [sequence.name for sequence in find_sequences(source, read)]
     if len(names) > 1:
         raise UsageError(f'{source}: choose what is played with --sequence ({some_of(names)})')
 
@@ -250,7 +249,6 @@ def _describe_strays(answers: Answers) -> str:
 
 # The process of a node under test, in a process group of its own.
 
-
 _STOPS = ((signal.SIGINT, 8.0), (signal.SIGTERM, 4.0), (signal.SIGKILL, 2.0))
 """How a node is stopped, each signal with the seconds until the next one."""
 _SHELL = re.compile(r'^\s*(source|export|cd|\.|\w+=\S*)\s|[;&|<>]')
@@ -354,7 +352,6 @@ class NodeProcess:
 
 
 # One run of a stack: it is started, played to, recorded and stopped.
-
 
 if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
@@ -550,7 +547,7 @@ class _Stage:
             )
             return f'{topic} has no publisher after {seconds:g} s{hint}'
         channels = self._player.session.program.channels
-        offered = some_of([each.topic for each in channels if each.on_demand])
+        offered = some_of([channel.topic for channel in channels if channel.on_demand])
         needed = self._options.wait_for
         few = 'no node' if needed == 1 else f'fewer than {needed} nodes'
         return f'{few} subscribed to the player within {seconds:g} s; it offers {offered}'

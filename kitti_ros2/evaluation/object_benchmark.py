@@ -283,7 +283,6 @@ def _nth_of_each(groups: Int64Array) -> list[Int64Array]:
 
 # The objects of many frames as columns, and the pairs of objects of the same frame.
 
-
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 UNSCORED = 1.0
@@ -528,7 +527,6 @@ def _corners_in(first: Float64Array, second: Float64Array) -> Float64Array:
 
 
 # Remarks on results whose figures may surprise, each with its reason in the benchmark's rules.
-
 
 _MOST_CELLS = 4
 _NO_SIZE = -1.0

@@ -65,7 +65,6 @@ __all__ = ['OdometryScores', 'evaluate_odometry']
 
 # Opens the ground truth and the result of an evaluation, whose kinds are detected.
 
-
 _EXPECTED = 'a result is a poses file, a TUM file or a bag'
 
 
@@ -164,7 +163,6 @@ def _is_text(path: Path) -> bool:
 
 
 # Poses of a result and frames of a ground truth, matched by frame number or by stamp.
-
 
 _LONGEST_RELATIVE_NS = 100_000_000 * NS_PER_S
 """Stamps of the first three years after 1970 count from the start of a recording."""
@@ -510,7 +508,6 @@ def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
 # Draws a scored trajectory: the paths from above, and the errors.
 #
 # Axes are those of matplotlib.
-
 
 _INCHES = (10.0, 6.6)
 _RESULT = '#c8502b'

@@ -64,7 +64,6 @@ def tracking_values(scores: TrackingScores) -> dict[str, object]:
 # their numbers of segments and frames. TrackEval has rules of its own. An average precision does
 # not follow from those of parts.
 
-
 if TYPE_CHECKING:
     Values = Mapping[str, Any]
 

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 # The classes of results as KITTI's.
 
-
 CLASSES = ('Car', 'Van', 'Truck', 'Pedestrian', 'Person_sitting', 'Cyclist', 'Tram', 'Misc')
 """The classes of KITTI's labels; those of tracking have Person for Person_sitting."""
 
@@ -101,7 +100,6 @@ def _word(name: str) -> str:
 
 # The boxes of tracks that are compared: of label_02, of a tracker's files, or of a bag.
 
-
 SCORED = ('car', 'pedestrian')
 """The classes of KITTI's tracking benchmark."""
 
@@ -146,7 +144,7 @@ class TrackBoxes(NamedTuple):
         """Return the same with the boxes of some frames only; None is all."""
         if numbers is None:
             return self
-        return self._replace(boxes=[each for each in self.boxes if each.frame in numbers])
+        return self._replace(boxes=[box for box in self.boxes if box.frame in numbers])
 
 
 def read_truth(path: Path, length: int) -> TrackBoxes:
@@ -165,7 +163,7 @@ def read_truth(path: Path, length: int) -> TrackBoxes:
     regions = [_made(box, name) for _, box, name in found if name == _REGION]
     objects = [each for each in found if each[2] not in {'', _REGION}]
     kept, lost = _tracked(objects, path, 'ground truth', length)
-    inside = [each for each in regions if 0 <= each.frame < length]
+    inside = [region for region in regions if 0 <= region.frame < length]
     return TrackBoxes([*inside, *kept], (*losses, *lost))
 
 
@@ -345,7 +343,7 @@ def score_sequences(
         _write_tree(Path(folder), sequences)
         try:
             with redirect_stdout(StringIO()):
-                return _evaluate(Path(folder), [each.name for each in sequences], progress)
+                return _evaluate(Path(folder), [sequence.name for sequence in sequences], progress)
         except load_trackeval().utils.TrackEvalException as error:
             raise MissingDataError(f'TrackEval: {error}') from None
 
@@ -454,10 +452,12 @@ def _write_tree(root: Path, sequences: Sequence[TrackedSequence]) -> None:
     labels, tracks = root / 'label_02', root / _TRACKER / 'data'
     labels.mkdir(parents=True)
     tracks.mkdir(parents=True)
-    for each in sequences:
-        (labels / f'{each.name}.txt').write_text(_text(each.truth))
-        (tracks / f'{each.name}.txt').write_text(_text(each.tracks))
-    lengths = ''.join(f'{each.name} empty 000000 {each.length:06d}\n' for each in sequences)
+    for sequence in sequences:
+        (labels / f'{sequence.name}.txt').write_text(_text(sequence.truth))
+        (tracks / f'{sequence.name}.txt').write_text(_text(sequence.tracks))
+    lengths = ''.join(
+        f'{sequence.name} empty 000000 {sequence.length:06d}\n' for sequence in sequences
+    )
     (root / f'evaluate_tracking.seqmap.{_SPLIT}').write_text(lengths)
 
 
@@ -466,9 +466,9 @@ def _text(boxes: Sequence[TrackBox]) -> str:
 
     Tracks are numbered from 0, in the same order: TrackEval makes an array of the greatest id.
     """
-    ids = sorted({each.track_id for each in boxes if each.track_id >= 0})
+    ids = sorted({box.track_id for box in boxes if box.track_id >= 0})
     places = {track_id: place for place, track_id in enumerate(ids)}
-    return ''.join(f'{" ".join(_words(each, places))}\n' for each in boxes)
+    return ''.join(f'{" ".join(_words(box, places))}\n' for box in boxes)
 
 
 def _words(found: TrackBox, places: Mapping[int, int]) -> Iterable[str]:

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 # The sequences of tracking ground truth, and the files or the bag with a tracker's results.
 
-
 if TYPE_CHECKING:
     Lengths = Mapping[str, int]
 
@@ -113,10 +112,12 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
         )
     recordings = open_folders(folder, replace(own, layout=Layout.TRACKING))
     found = []
-    for each in recordings:
-        labels = each.path(Stream.LABELS, 0)
+    for recording in recordings:
+        labels = recording.path(Stream.LABELS, 0)
         if labels.is_file():
-            found.append(TruthSequence(each.name, labels, _length(each, labels), each))
+            found.append(
+                TruthSequence(recording.name, labels, _length(recording, labels), recording)
+            )
     if not found:
         raise UsageError(
             f'{path}: has no {TRACKING_LABELS}/{"0" * SEQUENCE_DIGITS}{TXT} (KITTI publishes no'
@@ -127,7 +128,7 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
 
 def _length(recording: KittiRecording, labels: Path) -> int:
     """Return the number of frames: of the files, or in the list of sequences of the devkit."""
-    length = max((int(each.numbers[-1]) + 1 for each in recording.streams.values()), default=0)
+    length = max((int(stream.numbers[-1]) + 1 for stream in recording.streams.values()), default=0)
     return max(length, _listed_length(recording.name, labels.parent))
 
 
@@ -349,8 +350,8 @@ def score_tracking(
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
         unknown += sum(
-            each.class_name in SCORED and each.box.occluded == UNKNOWN_OCCLUSION
-            for each in truth.boxes
+            box.class_name in SCORED and box.box.occluded == UNKNOWN_OCCLUSION
+            for box in truth.boxes
         )
         notes += [*_empty_frames(each, truth, tracks), *_short_tracks(each, tracks)]
         sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
@@ -362,7 +363,7 @@ def score_tracking(
     return TrackingScores(
         figures.combined,
         figures.by_sequence,
-        sum(_count(each.length, played) for each in sequences),
+        sum(_count(sequence.length, played) for sequence in sequences),
         (*losses, *classes.losses(str(results))),
         tuple(notes),
         figures.parts,
@@ -383,8 +384,8 @@ def _read(source: ResultSource, sequence: TruthSequence, classes: ClassMap) -> T
 
 def _empty_frames(sequence: TruthSequence, truth: TrackBoxes, tracks: TrackBoxes) -> Sequence[str]:
     """Return a note on the frames of a sequence that have labels and no tracks."""
-    labelled = {each.frame for each in truth.boxes if each.class_name in SCORED}
-    missing = sorted(labelled - {each.frame for each in tracks.boxes})
+    labelled = {box.frame for box in truth.boxes if box.class_name in SCORED}
+    missing = sorted(labelled - {box.frame for box in tracks.boxes})
     if not missing:
         return ()
     names = ' or '.join(SCORED)
@@ -394,7 +395,7 @@ def _empty_frames(sequence: TruthSequence, truth: TrackBoxes, tracks: TrackBoxes
 
 def _short_tracks(sequence: TruthSequence, tracks: TrackBoxes) -> Sequence[str]:
     """Return a note if each box is a track of its own, as of detections without ids."""
-    count = len({(each.class_name, each.track_id) for each in tracks.boxes})
+    count = len({(box.class_name, box.track_id) for box in tracks.boxes})
     if count < len(tracks.boxes) or count < 2:
         return ()
     return (

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 #   write the frame number before them, which is a line of thirteen.
 # - TUM: stamp in seconds, x y z, and the quaternion x y z w; lines that begin with # are comments.
 
-
 _FARTHEST_M = 1e9
 _QUATERNION = 1e-2
 """How far the length of a quaternion may be from 1, as in tf2."""
@@ -291,7 +290,6 @@ _FORMATS = {
 
 # The rectified camera 0 in any frame of the vehicle.
 
-
 CAMERA_0 = FrameNames(cameras=CAMERA_NAMES).camera(0)
 """The name of the rectified camera 0 in TF."""
 
@@ -361,7 +359,6 @@ def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Flo
 #
 # The devkit refuses a result that has not as many poses as the ground truth. Here a segment whose
 # first or last frame has no result is left out, and counted.
-
 
 LENGTHS_M = (100, 200, 300, 400, 500, 600, 700, 800)
 STEP = 10

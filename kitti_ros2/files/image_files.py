@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 # Sources: PNG (W3C, 3rd edition), sections 5.2 and 5.3; ITU T.81 (JPEG), B.1.1.3 and B.2.2; RFC
 # 9649 (WebP), sections 2.4 to 2.7 and 3.4; RFC 6386 (VP8), section 9.1.
 
-
 PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 JPEG_SIGNATURE = b'\xff\xd8\xff'
 _RIFF_HEAD = 8
@@ -150,7 +149,6 @@ def _wrong_checksum(kind: bytes, offset: int) -> ValueError:
 # error: OpenCV does not report it. So that output is read while a file is decoded. Source of the
 # warnings: jerror.h and jerror.c of libjpeg, where a file's first warning is printed as one line.
 
-
 _STDERR = 2
 _LOCK = Lock()  # one standard error for all threads
 _WARNING = re.compile(
@@ -232,7 +230,6 @@ def _warnings_of_libjpeg(found: list[str]) -> Iterator[None]:
 # so what they would find is found here, and chunks that do not change pixels are left out.
 # Formats: PNG (W3C, 3rd edition) sections 5.3, 8 and 11.2, zlib RFC 1950, deflate RFC 1951 section
 # 3.2.4.
-
 
 _LIBRARY: Any = zlib
 try:
@@ -452,7 +449,6 @@ def decode_png(image: Image) -> npt.NDArray[np.uint8 | np.uint16]:
 #
 # Formats: PNG (W3C, 3rd edition) sections 5.3, 9 and 11.2, zlib RFC 1950, deflate RFC 1951.
 
-
 _GREY, _RGB = 0, 2
 _SUB = 1
 _ZLIB_HEAD = b'\x78\x01'
@@ -549,7 +545,6 @@ def _deflated(data: npt.NDArray[np.uint8]) -> bytes:
 #
 # Source: the PNG specification (W3C, 3rd edition), sections 5.2 to 5.6 and 11.2.2.
 
-
 _SIGNED_HEADER = struct.Struct('>8s4s4sIIBB')
 _END = b'\x00\x00\x00\x00IEND\xaeB\x60\x82'
 TRAILING_BYTES = 64
@@ -628,7 +623,6 @@ def _name(kind: bytes) -> str:
 # Image files of a data set: KITTI's PNG, and the JPEG of sets of others in its folders.
 #
 # The kind is detected from the bytes: some programs give a JPEG the name of a PNG.
-
 
 _JPEG_END = b'\xff\xd9'
 

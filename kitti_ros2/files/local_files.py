@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # The checksums of zlib, many times faster where isal is installed.
 
-
 try:
     from isal.isal_zlib import adler32, crc32
 except ImportError:  # a workspace may do without
@@ -38,7 +37,6 @@ __all__ = ['adler32', 'crc32']
 # Files and folders written to the disk itself, where a power cut does not reach them.
 #
 # A file is on the disk after fsync of the file and, for its name, fsync of its folder (fsync(2)).
-
 
 _THREADS = 8
 """They wait for the disk, which writes the metadata of files that are synced at once together."""
@@ -199,7 +197,6 @@ def _sync_file_range() -> Any:  # noqa: ANN401 - a foreign function, or None
 # writeback at once all the same, so that a later fsync has little to do. Source: pwritev2(2),
 # RWF_DONTCACHE; 6.14 supports the flag, but could drop pages that were still in use.
 
-
 if TYPE_CHECKING:
     Buffers: TypeAlias = Sequence[bytes | bytearray | memoryview]
 
@@ -282,7 +279,6 @@ def without_end(buffers: Buffers, count: int) -> Buffers:
 
 # An unbuffered file that passes lists of buffers to the kernel without a copy.
 
-
 _MAX_BUFFERS = min(os.sysconf('SC_IOV_MAX'), 1024)
 
 
@@ -345,7 +341,6 @@ class VectoredFile:
 
 
 # Files of one folder tree placed in another: hard-linked, or copied where that is impossible.
-
 
 _NO_LINKS = {
     errno.EXDEV: 'they are on another file system',

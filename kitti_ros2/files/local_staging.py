@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 # Two names of a file system change places at once (Linux's renameat2).
 
-
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 # Of systems and file systems without it, such as NFS.

@@ -120,7 +120,6 @@ class FreeMemory:
 # A result is pickled by protocol 5: its large buffers go through the memory, the rest through a
 # pipe. The memory has no name, so nothing is left of it however the processes end.
 
-
 _SLOTS = 2  # one is filled while the other is read
 _SHARED_FROM = 16 * 2**10
 """Below this size in bytes, the pipe costs no more."""
@@ -205,7 +204,6 @@ class SharedSlots:
 # They are forked: a new interpreter would import numpy first, which takes 0.2 s. A fork copies the
 # calling thread only, and locks that other threads hold stay locked in the copy (POSIX, fork).
 
-
 T = TypeVar('T')
 R = TypeVar('R')
 
@@ -286,7 +284,7 @@ class _Fork(Generic[T, R]):
         context = multiprocessing.get_context('fork')
         self.connection, theirs = context.Pipe()
         self._slots = SharedSlots(slot_bytes) if slot_bytes else None
-        not_theirs = [*(each.connection for each in others), self.connection]
+        not_theirs = [*(other.connection for other in others), self.connection]
         self._process = context.Process(
             target=_work, args=(function, items, theirs, not_theirs, self._slots), daemon=True
         )

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 # Threads that wait for stores; what they have not begun is dropped when the process ends.
 
-
 THREADS = 16
 """Requests at the same time; they wait, most of the time."""
 
@@ -60,7 +59,6 @@ BACKGROUND = BackgroundReads()
 #
 # Whether a name exists, is a folder, and how long a file is, all come from the listing of its
 # folder.
-
 
 _HTTP = ('http', 'https')
 _SUFFIX = re.compile(r'\.[A-Za-z][A-Za-z0-9]{1,7}', re.ASCII)
@@ -122,7 +120,7 @@ def forget(path: UrlPath) -> None:
     """Forget what was listed at a path, below it, and in its folder: it may have changed."""
     files = filesystem_of(path)
     with _KNOWN.lock:
-        gone = {each for each in _KNOWN.folders if path in each.parents} | {path, path.parent}
+        gone = {folder for folder in _KNOWN.folders if path in folder.parents} | {path, path.parent}
         for each in gone:
             _KNOWN.folders.pop(each, None)
             if each.names:
@@ -186,7 +184,7 @@ def _entry_of(path: UrlPath) -> RemoteEntry | None:
                 return entry if above == path else None
         return _FOLDER
     if path not in _KNOWN.alone:
-        beside = any(each.parent == path.parent for each in _KNOWN.folders)
+        beside = any(folder.parent == path.parent for folder in _KNOWN.folders)
         if beside and path.parent not in _KNOWN.closed and not path.parameters:
             # More of the folder will be asked for: it is listed once.
             try:
@@ -199,7 +197,7 @@ def _entry_of(path: UrlPath) -> RemoteEntry | None:
 
 def _known_above(path: UrlPath) -> UrlPath | None:
     """Return the nearest folder above whose listing is known."""
-    return next((each for each in path.parents if each in _KNOWN.folders), None)
+    return next((parent for parent in path.parents if parent in _KNOWN.folders), None)
 
 
 def _missing(path: UrlPath) -> FileNotFoundError:
@@ -322,7 +320,6 @@ def _nanoseconds(changed: object) -> int:
 
 # Globs over the folders of stores, by one listing of each folder that a pattern can match in.
 
-
 _ALL_LEVELS = '**'
 
 
@@ -338,7 +335,7 @@ def matches_of(pattern: UrlPath) -> list[UrlPath]:
     found: Iterable[UrlPath] = [pattern.parents[-1]]
     for position, name in enumerate(names):
         if name == _ALL_LEVELS:
-            found = [each for folder in found for each in _levels(folder)]
+            found = [level for folder in found for level in _levels(folder)]
         elif has_magic(name):
             found = [folder / each for folder in found for each in _matching(folder, name)]
         else:
@@ -370,7 +367,6 @@ def _names(folder: UrlPath) -> dict[str, bool]:
 
 
 # Bytes of a file in a store by position: read ahead, neighbouring ranges in one request.
-
 
 _BLOCK = 1 << 16
 _MOST_REQUEST = 4 << 20
@@ -577,7 +573,6 @@ class RemoteFile(io.RawIOBase):
 
 # Whole files of a store, the next ones of a folder read ahead while they are read in order.
 
-
 MOST_BYTES = 64 << 20
 """Read ahead and not asked for yet, of all folders."""
 _MOST_FILES = 64
@@ -751,10 +746,10 @@ class FilesAhead:
 
     def _make_room(self) -> bool:
         """Drop what was read ahead in a folder that is not read any more; false without one."""
-        for each in self._folders.values():
-            if each.pending and self._reads - each.used > _IDLE_READS:
-                self._held -= each.drop()
-                each.window = 0
+        for folder in self._folders.values():
+            if folder.pending and self._reads - folder.used > _IDLE_READS:
+                self._held -= folder.drop()
+                folder.window = 0
                 return True
         return False
 

@@ -91,7 +91,6 @@ def key_of(path: UrlPath) -> str:
 # so that readers skip and count it. A store that fails again and again raises RemoteError, which
 # ends the run: all that follows would be lost, too.
 
-
 T = TypeVar('T')
 
 TRIES = 5
@@ -241,21 +240,21 @@ class _PassingError(Exception):
 def _failure(path: UrlPath, error: Exception) -> Exception:
     """Return what to raise for the error of a request: _PassingError if it may pass."""
     reason = _reason(error)
-    for each in _causes(error):
-        if isinstance(each, RemoteError):
-            return each
-        if type(each).__name__ in _CREDENTIALS:
+    for cause in _causes(error):
+        if isinstance(cause, RemoteError):
+            return cause
+        if type(cause).__name__ in _CREDENTIALS:
             return RemoteError(
                 path,
                 f'no credentials ({reason})',
                 'set those of the store in the environment, such as AWS_ACCESS_KEY_ID and'
                 ' AWS_SECRET_ACCESS_KEY',
             )
-        status = _status(each)
+        status = _status(cause)
         if status in _KINDS:
             return _os_error(_KINDS[status], path, reason)
-        if _may_pass(each, status):
-            return _PassingError(_reason(each))
+        if _may_pass(cause, status):
+            return _PassingError(_reason(cause))
     for kind in (PermissionError, FileNotFoundError, IsADirectoryError, NotADirectoryError):
         if isinstance(error, kind):
             return _os_error(kind, path, reason)
@@ -325,7 +324,6 @@ def _masked(text: str) -> str:
 
 
 # Objects of a store: asked for anew, written, removed; requests that fail are tried again.
-
 
 _ERRORS = (OSError, RemoteError)
 _READ_ONLY = ('http', 'https')

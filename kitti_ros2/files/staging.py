@@ -46,7 +46,7 @@ def json_text(values: object) -> str:
 
 def losses_json(losses: Iterable[Loss]) -> list[dict[str, object]]:
     """Return losses with their texts, for json_text."""
-    return [{'stream': each.stream, 'count': each.count, 'message': each.text()} for each in losses]
+    return [{'stream': loss.stream, 'count': loss.count, 'message': loss.text()} for loss in losses]
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
@@ -65,7 +65,6 @@ def _json_value(value: object) -> str:
 
 
 # Refusals for Staging: which existing outputs --overwrite may replace.
-
 
 _NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
 _IN_FILE = [each for each in CONTAINERS.values() if each.in_file]
@@ -99,7 +98,7 @@ def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Pa
         if path.is_file():
             with path.open('rb') as file:
                 head = file.read(max(map(len, beginnings))).lower()
-            if not head or any(head.startswith(each.lower()) for each in beginnings):
+            if not head or any(head.startswith(beginning.lower()) for beginning in beginnings):
                 return None
         return f'it is no {what}, so --overwrite does not touch it; choose another name'
 
@@ -131,7 +130,6 @@ def _looks_like_bag(path: Path) -> bool:
 
 
 # Outputs that exist either completely or not at all, local (local_staging) or in a store.
-
 
 __all__ = [
     'Staging',

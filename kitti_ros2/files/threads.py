@@ -100,7 +100,6 @@ def deferred_signals() -> Iterator[None]:
 # taken: the thread waits for it for ever, and so does who waits for the thread. What is shared here
 # are locks and a queue of C, which take a lock and note that they have it in one step.
 
-
 R = TypeVar('R')
 
 
@@ -232,7 +231,6 @@ def _work(tasks: SimpleQueue[ThreadTask[Any] | None]) -> None:
 
 
 # Threads whose results come in the order of the tasks, with a bounded number of them pending.
-
 
 if TYPE_CHECKING:
     P = ParamSpec('P')

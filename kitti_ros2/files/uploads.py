@@ -267,7 +267,6 @@ def _ask(target: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
 # ``.{name}.partial`` beside the output, which is sent first and removed last. Readers refuse an
 # output with its marker, and the next run replaces it.
 
-
 _LAST = 'metadata.yaml'
 """Makes files a bag: the last to be sent."""
 _VERIFICATIONS = 3
@@ -341,8 +340,8 @@ class UploadStaging:
         run = f'The upload of {self.path.name} is not complete. Run {secrets.token_hex(8)}.\n'
         write_object(self._marker, run.encode())
         try:
-            sent = self._send(each for each in uploads if each.target.name != _LAST)
-            sent |= self._send(each for each in uploads if each.target.name == _LAST)
+            sent = self._send(upload for upload in uploads if upload.target.name != _LAST)
+            sent |= self._send(upload for upload in uploads if upload.target.name == _LAST)
             names = {'/'.join(target.names[len(self.path.names) :]) for target in sent}
             stale = sorted(set(replaced) - names)
             remove_objects(self.path / name if name else self.path for name in stale)
@@ -370,7 +369,7 @@ class UploadStaging:
         files = sorted(
             Path(folder, name) for folder, _, names in os.walk(self.content) for name in names
         )
-        return [Upload(each, self.path / each.relative_to(self.content)) for each in files]
+        return [Upload(file, self.path / file.relative_to(self.content)) for file in files]
 
     @staticmethod
     def _send(uploads: Iterable[Upload]) -> dict[RemotePath, StoredObject]:
@@ -422,7 +421,6 @@ def _local_place(path: RemotePath) -> Path:
 #
 # Clocks of machines differ, so that a lease is not a time of day: a lock whose content stays the
 # same for the whole lease, as its observer measures it, is left over from a run that was killed.
-
 
 LEASE_S = 30.0
 _RENEWALS = 3  # within a lease

@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 # A set of layout object is a split named after its camera (training_CAM_BACK), and ImageSets lists
 # the frames that are whole in all of them. Another layout has a folder a camera (CAM_BACK).
 
-
 _CAMERA = 2
 _SCANS = frozenset({names.SCANS, names.RAW_SCANS, names.POINT_LABELS})
 
@@ -170,7 +169,7 @@ def frames_of_sets(
         }
     found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
     keys = {name: _keys(frames) for name, frames in found.items()}
-    kept = set.intersection(*(set(each.tolist()) for each in keys.values()))
+    kept = set.intersection(*(set(key.tolist()) for key in keys.values()))
     if not kept:
         raise UsageError(
             'no frame is whole in all cameras; widen tolerance_s of the plan, or remove cameras'
@@ -241,7 +240,6 @@ def _beside_each_other(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> No
 # of the scan were the optical axis of the camera (mmdetection3d v1.4.0,
 # mmdet3d/structures/ops/box_np_ops.py:66; OpenPCDet,
 # pcdet/datasets/kitti/kitti_dataset.py:167-168).
-
 
 _TURN_RAD = np.radians(5)
 """KITTI's own scans are turned by less than a degree."""
@@ -427,7 +425,6 @@ def convert_by_plan(
 
 # What a plan makes of the topics of a bag: by stream, and those that it passes over.
 
-
 _ORDER = (
     Stream.SCAN,
     Stream.IMAGE_0,
@@ -496,8 +493,11 @@ def overlook_plan(
     """
     streams = streams_of_topics(plan, survey)
     order = {stream.value: place for place, stream in enumerate(_ORDER)}
-    topics = [_planned(each, streams.get(each.name, ())) for each in _with_messages(survey)]
-    used = [each for each in topics if each.streams]
+    topics = [
+        _planned(with_message, streams.get(with_message.name, ()))
+        for with_message in _with_messages(survey)
+    ]
+    used = [topic for topic in topics if topic.streams]
     used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
     survey = clocked(survey, plan)
     motion, faults = PlannedMotion(), list[str]()
@@ -524,7 +524,7 @@ def overlook_plan(
     return PlanOverview(
         plan,
         tuple(used),
-        tuple(each for each in topics if not each.streams),
+        tuple(topic for topic in topics if not topic.streams),
         None if faults else len(sets[0]),
         tuple(dict.fromkeys(faults)),
         tuple(dict.fromkeys(notes)),
@@ -533,7 +533,7 @@ def overlook_plan(
 
 def streams_of_topics(plan: Plan, survey: Survey) -> dict[str, tuple[str, ...]]:
     """Return by topic of a bag the streams that a plan makes of it, of topics with messages."""
-    present = {each.name for each in _with_messages(survey)}
+    present = {with_message.name for with_message in _with_messages(survey)}
     found: dict[str, dict[str, None]] = {}
     for use in topic_uses(plan):
         if use.topic in present:

@@ -221,7 +221,6 @@ def _distorted(
 # the ground. A made frame is one more static link, so that points, calibration, labels and poses
 # agree.
 
-
 CAMERA = 'camera'
 """The value of scan.forward that turns the scans to camera 2."""
 
@@ -342,7 +341,6 @@ class PlannedRig:
 
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
 
-
 _UNIT_FRAME = 'imu_link'
 _AHEAD = 0.7  # cosine: KITTI's unit has the axes of the scanner, but for a degree
 
@@ -418,7 +416,7 @@ def _unit_frame(tree: FrameTree, scan_frame: str | None) -> str | None:
     """
     if scan_frame is None:
         return None
-    found = [each for each in tree.frames if each.rpartition('/')[2] == _UNIT_FRAME]
+    found = [frame for frame in tree.frames if frame.rpartition('/')[2] == _UNIT_FRAME]
     places = {each: place for each in found if (place := tree.find(scan_frame, each)) is not None}
     near = [each for each, place in places.items() if place.rotation.diagonal().min() > _AHEAD]
     return near[0] if len(places) == len(near) == 1 else None

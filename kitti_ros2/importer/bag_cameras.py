@@ -91,7 +91,6 @@ def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
 
 # The cameras of a bag: the best image topic of each, and its CameraInfo.
 
-
 _DEPTH = re.compile(r'depth|disparity|confidence|mask|segment|annotated', re.IGNORECASE)
 _GREY = re.compile(r'infra|mono|gr[ae]y', re.IGNORECASE)
 _LEFT = re.compile(r'(^|[/_])left([/_]|$)', re.IGNORECASE)
@@ -245,7 +244,7 @@ def _own_info(
 
 def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> TopicSurvey | None:
     """Return the only CameraInfo of an image's frame."""
-    same = [each for each in infos.values() if topic.frame and each.frame == topic.frame]
+    same = [info for info in infos.values() if topic.frame and info.frame == topic.frame]
     return same[0] if len(same) == 1 else None
 
 
@@ -274,7 +273,6 @@ def _base(topic: str) -> str:
 # Camera 2 is the one that looks most along the robot's forward. A pair (2 and 3, 0 and 1) is two
 # cameras that look the same way, the right one a baseline along x away from the left one: by static
 # transforms, or by the P of the right one (sensor_msgs/CameraInfo.msg).
-
 
 _ALIKE_RAD = np.radians(5)
 _SIDEWAYS = 0.2
@@ -320,7 +318,7 @@ def place_cameras(
     """Return cameras with frames of the bag's tree that are optical ones, and note changes."""
     tree = survey.tree
     placed = [
-        _with_optical(_with_known(each, tree, notes), tree, heading, notes) for each in cameras
+        _with_optical(_with_known(camera, tree, notes), tree, heading, notes) for camera in cameras
     ]
     links = [optical_link(each.bag_frame, each.forward) for each in placed if each.forward]
     return PlacedCameras(placed, survey.tree_with(links), heading)
@@ -387,7 +385,7 @@ def choose_cameras(rig: PlacedCameras) -> Choice:
         rig: At least one camera, those with a CameraInfo.
     """
     tree, cameras = rig.tree, rig.cameras
-    directions = {each.name: direction_of(rig, each) for each in cameras}
+    directions = {camera.name: direction_of(rig, camera) for camera in cameras}
     if len(cameras) > _MOST_COMPARED:
         cameras = sorted(cameras, key=lambda each: _angle(directions[each.name]))[:_MOST_COMPARED]
     rights = {
@@ -395,7 +393,7 @@ def choose_cameras(rig: PlacedCameras) -> Choice:
         for left, right in permutations(cameras, 2)
         if left.is_grey == right.is_grey and is_pair(tree, left, right)
     }
-    joined = [each for each in cameras if directions[each.name] is not None]
+    joined = [camera for camera in cameras if directions[camera.name] is not None]
     angles = {each.name: _angle(directions[each.name]) for each in joined}
     nearest = min(angles.values(), default=0.0)
     ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
@@ -405,14 +403,18 @@ def choose_cameras(rig: PlacedCameras) -> Choice:
         ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
     )
     chosen = {2: main}
-    mates = [each for each in cameras if is_pair(tree, main, each)]
-    mates = [each for each in mates if not _is_of_another(tree, main, each, cameras)]
+    mates = [camera for camera in cameras if is_pair(tree, main, camera)]
+    mates = [mate for mate in mates if not _is_of_another(tree, main, mate, cameras)]
     if not mates and not joined:
-        mates = [each for each in cameras if main.is_left_of(each) and each.frame == main.frame]
+        mates = [
+            camera for camera in cameras if main.is_left_of(camera) and camera.frame == main.frame
+        ]
     if mates:
         chosen[3] = min(mates, key=partial(_mate_rank, main))
     taken = {each.name for each in chosen.values()}
-    rest = [each for each in cameras if each.name not in taken and _looks_as(tree, main, each)]
+    rest = [
+        camera for camera in cameras if camera.name not in taken and _looks_as(tree, main, camera)
+    ]
     grey = [pair for pair in permutations(rest, 2) if is_pair(tree, *pair)]
     if grey:
         chosen[0], chosen[1] = grey[0]
@@ -425,7 +427,7 @@ def _is_of_another(
     """Whether a camera that no transform joins to a left one is by its name of another left one."""
     if tree.joins(left.frame, right.frame) or left.is_left_of(right):
         return False
-    return any(each.is_left_of(right) for each in cameras)
+    return any(camera.is_left_of(right) for camera in cameras)
 
 
 def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
@@ -486,7 +488,8 @@ def _camera_heading(
     A camera whose name says another side than front is no front camera.
     """
     turns = [
-        tree.transform(scan_frame, each.frame).rotation @ each.r.T @ AXES['z'] for each in cameras
+        tree.transform(scan_frame, camera.frame).rotation @ camera.r.T @ AXES['z']
+        for camera in cameras
     ]
     if not turns or any(angle_of(turns[0].T @ turn) > np.radians(30) for turn in turns):
         return None
@@ -528,8 +531,8 @@ def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) 
         scan_frame: That of the scans, None without scans.
     """
     joined = joined_cameras(rig, scan_frame)
-    taken = {each.name for each in choice.cameras.values()}
-    others = [each for each in rig.cameras if each.name not in taken]
+    taken = {camera.name for camera in choice.cameras.values()}
+    others = [camera for camera in rig.cameras if camera.name not in taken]
     notes = []
     if choice.by_name:
         main = choice.cameras[2].topic.name
@@ -537,16 +540,16 @@ def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) 
             f'camera 2 is {main} by its name: no static transform tells where the cameras look'
         )
     notes += describe_steep(rig, choice.cameras[2])
-    for each in others:
-        direction = direction_of(rig, each)
+    for other in others:
+        direction = direction_of(rig, other)
         looks = 'no static transform tells where it looks'
-        if scan_frame is not None and each not in joined:
-            looks = why_not_joined(rig.tree, each, scan_frame)
+        if scan_frame is not None and other not in joined:
+            looks = why_not_joined(rig.tree, other, scan_frame)
         elif direction is not None and rig.heading is not None:
             forward = rig.heading.source
             looks = f'it looks {describe_direction(direction)} (forward is {forward})'
-        notes.append(f'passed over: {each.topic.name}; {looks}')
-    if any(each in joined for each in others):
+        notes.append(f'passed over: {other.topic.name}; {looks}')
+    if any(other in joined for other in others):
         notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
     return notes
 
@@ -565,7 +568,6 @@ def describe_steep(rig: PlacedCameras, camera: RigCamera) -> list[str]:
 
 
 # Choice of cameras: KITTI's number of each, by geometry, else by names.
-
 
 _NOT_IN_NAMES = re.compile(r'[^A-Za-z0-9_-]+')
 
@@ -707,11 +709,11 @@ def _has_lens(camera: RigCamera) -> bool:
 def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
     """Return a note on the cameras whose lens is that of other images."""
     names = [
-        each.topic.name
-        for each in cameras
-        if each.info is not None
-        and _has_lens(each)
-        and _is_rectified(each.info.looks[0], each.topic)
+        camera.topic.name
+        for camera in cameras
+        if camera.info is not None
+        and _has_lens(camera)
+        and _is_rectified(camera.info.looks[0], camera.topic)
     ]
     if not names:
         return []
@@ -774,7 +776,6 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
 
 
 # Image and CompressedImage -> KITTI's images, rectified where the plan requests it.
-
 
 _DEPTH_BYTE = 24
 """The place of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""

@@ -69,7 +69,6 @@ if TYPE_CHECKING:
 
 # The frames that boxes in the pixels of a camera may name.
 
-
 _SAME_PLACE_M = 1e-3
 _CAMERA_TYPES = (types.IMAGE, types.COMPRESSED, types.CAMERA_INFO)
 
@@ -137,7 +136,7 @@ def guess_labels(
     objects = _of_labels(survey, types.TRACKED_OBJECTS) or _of_labels(
         survey, types.DETECTED_OBJECTS
     )
-    markers = [each for each in _of_labels(survey, types.MARKERS) if has_cubes(each)]
+    markers = [label for label in _of_labels(survey, types.MARKERS) if has_cubes(label)]
     kinds = [detections, *([markers, objects] if survey.calibrations else [objects, markers])]
     flat = _of_camera(survey, tree, cameras)
     solid = [each for kind in kinds for each in kind]
@@ -151,7 +150,7 @@ def guess_labels(
     # Of equal topics the first kind is taken.
     order = {each.name: -place for place, kind in enumerate(kinds) for each in kind}
     best = max(topics, key=lambda each: _rank(each, order, tracks=layout.traits.common_labels))
-    topics = [each for each in topics if each.msgtype == best.msgtype]
+    topics = [topic for topic in topics if topic.msgtype == best.msgtype]
     notes += pass_over('labels', best, topics)
     boxes_2d = ''
     if flat and best not in flat:
@@ -201,8 +200,8 @@ def _plausible(topic: TopicSurvey) -> tuple[bool, bool, int]:
             continue
         with suppress(ValueError):
             boxes = boxes_in(look)
-            sizes += [each.size_lwh for each in boxes]
-            names += [each.class_name for each in boxes]
+            sizes += [box.size_lwh for box in boxes]
+            names += [box.class_name for box in boxes]
     names = [*topic.classes.elements()] or names
     sane = sum(min(size) > _LEAST_M and bool((np.array(size) <= _MOST_M).all()) for size in sizes)
     known = sum(kitti_class(name) not in {None, OTHERS} for name in names)
@@ -325,7 +324,6 @@ class _Markers:
 
 
 # Messages with 3D boxes, or with label lines -> KITTI's labels.
-
 
 OTHER_CAMERA = 'in the pixels of another camera'
 LEANING = 'that lean by more than 45 degrees from the axis that labels turn about'
@@ -466,7 +464,7 @@ class BoxConversion:
         cuboids, left_out = self.all_cuboids(messages, times)
         if self._classes is not None:
             find = self._classes.find
-            cuboids = [replace(each, class_name=find(each.class_name)) for each in cuboids]
+            cuboids = [replace(cuboid, class_name=find(cuboid.class_name)) for cuboid in cuboids]
         cuboids = self._with_levels(cuboids, messages)
         lean = leans(cuboids, calibration, self.standing)
         cuboids = [cuboids[place] for place in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
@@ -484,7 +482,7 @@ class BoxConversion:
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
         boxes = self._joined(boxes, flat, size) if flat else boxes
-        self._occlusions.update(each.occluded for each in boxes)
+        self._occlusions.update(box.occluded for box in boxes)
         return boxes
 
     def _with_levels(self, cuboids: list[Cuboid], messages: Sequence[Any]) -> list[Cuboid]:
@@ -497,14 +495,14 @@ class BoxConversion:
         levels = not self._plan.layout.traits.frame_set
         known = self._tracklets.get(stamp_of_boxes(messages[0]), {})
         found = []
-        for each in cuboids:
-            own = _tracklet_of(each, known)
+        for cuboid in cuboids:
+            own = _tracklet_of(cuboid, known)
             if own is None:
-                found.append(each)
+                found.append(cuboid)
                 continue
             self._unset += own.occluded is None
             truncation = own.truncation if levels else None
-            found.append(replace(each, occluded=own.occluded, truncation=truncation))
+            found.append(replace(cuboid, occluded=own.occluded, truncation=truncation))
         return found
 
     def all_cuboids(
@@ -567,7 +565,7 @@ class BoxConversion:
         if self._classes is None or not self._plan.labels or not self._plan.labels.classes:
             return boxes
         find = self._classes.find
-        return [replace(each, class_name=find(each.class_name)) for each in boxes]
+        return [replace(box, class_name=find(box.class_name)) for box in boxes]
 
     def cuboids(
         self,

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 # Choice of the topic of the vehicle's poses, and of the frames they join.
 
-
 BODIES = ('base_link', 'base_footprint')
 _SHORT = 2
 _GLOBAL = tuple(frame for frame in FIXED_FRAMES if frame != 'odom')
@@ -74,8 +73,8 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
         return chain
     if found is not None:
         notes += [
-            f'passed over for poses: {each.name}, which joins {found.world} to {found.body}, too'
-            for each in moving_transforms(survey)
+            f'passed over for poses: {link.name}, which joins {found.world} to {found.body}, too'
+            for link in moving_transforms(survey)
             if (found.world, found.body) in survey.moving
         ]
     found = found or _link(survey) or _link_to_world(survey)
@@ -115,9 +114,9 @@ def _moves(topic: TopicSurvey) -> bool:
     """Whether the poses of a topic that were looked at have several positions."""
     found = set()
     for look in topic.looks:
-        poses = [each.pose for each in look.poses[-1:]] if hasattr(look, 'poses') else [look.pose]
-        for each in poses:
-            place = getattr(each, 'pose', each).position  # of a PoseWithCovariance, or of a Pose
+        poses = [pose.pose for pose in look.poses[-1:]] if hasattr(look, 'poses') else [look.pose]
+        for pose in poses:
+            place = getattr(pose, 'pose', pose).position  # of a PoseWithCovariance, or of a Pose
             found.add((round(place.x, 2), round(place.y, 2), round(place.z, 2)))
     return len(found) > 1
 
@@ -210,7 +209,6 @@ def _body(survey: Survey) -> str:
 
 
 # The moving links of bags, read in a pass of its own over the topics that a plan needs.
-
 
 _FARTHEST_M = 1e9
 _INVALID = 'a transform of NaN, of an impossible place or of an orientation of all zeros'
@@ -340,7 +338,7 @@ def read_tree(
     used = links_between(names, pairs)
     # The way from an Odometry's child to the root of its tree may move, too.
     wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
-    tf_topics = {each.name for each in moving_transforms(survey)}
+    tf_topics = {moving_transform.name for moving_transform in moving_transforms(survey)}
     links = LinkTracks(wanted)
     poses = {each.topic: StampedSeries() for each in used}
     with open_messages(bags, tf_topics | set(poses)) as messages:
@@ -381,7 +379,6 @@ def read_tree(
 #
 # They are world_T_body of the plan. A topic's own frames may be others: Odometry in odom of
 # base_footprint becomes that of base_link in map by the transforms at the same stamps.
-
 
 _SHOWN = 12
 
@@ -534,7 +531,6 @@ def _check_joined(target: str, source: str, names: NamedFrames) -> None:
 # A parabola is fitted to the places near each moment, so that a steady acceleration is met, also at
 # the ends. What a vehicle moves within the scatter of the places is no motion: a standing one has
 # the velocity 0.
-
 
 SLOWEST_FIX_M_S = 0.2
 """Places of a standing receiver wander by some 0.1 m a second."""
@@ -823,8 +819,8 @@ def _read(
                 continue
             if message.msgtype == types.PATH:
                 found.clear()  # each path repeats the earlier poses: the last one has all
-            for each in poses:
-                found.add(*each)
+            for pose in poses:
+                found.add(*pose)
     if not len(found):
         whose = f' of {plan.body}' if plan.body else ''
         raise NoPosesError(f'{topic.name}: holds no pose{whose}{reason}')
@@ -869,9 +865,9 @@ def _poses(
     poses_of_link(message, wanted[0])
     return [
         (
-            stamp_ns_of(each.header) or log_ns,
-            numbers_of(each.transform.translation, each.transform.rotation),
+            stamp_ns_of(transform.header) or log_ns,
+            numbers_of(transform.transform.translation, transform.transform.rotation),
         )
-        for each in message.transforms
-        if (plain(each.header.frame_id), plain(each.child_frame_id)) == wanted[0]
+        for transform in message.transforms
+        if (plain(transform.header.frame_id), plain(transform.child_frame_id)) == wanted[0]
     ]

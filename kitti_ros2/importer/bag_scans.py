@@ -196,7 +196,6 @@ def _every_type() -> set[str]:
 
 # Choice of the scans' topic; scan_frame chooses the frame that becomes KITTI's.
 
-
 _LIDAR = re.compile(
     r'velo|lidar|laser|ouster|(?:^|[/_])os\d?[/_]|hesai|pandar|robosense|livox|points_raw',
     re.IGNORECASE,
@@ -271,8 +270,8 @@ def _scan_of(
 ) -> ScanPlan:
     vehicle = _Vehicle(survey)
     if types.CLOUD in source.msgtypes:
-        first = max(_kind_rank(vehicle, each) for each in topics)
-        lidars = [each for each in topics if _kind_rank(vehicle, each) == first]
+        first = max(_kind_rank(vehicle, topic) for topic in topics)
+        lidars = [topic for topic in topics if _kind_rank(vehicle, topic) == first]
         best = max(_in_view(source, lidars, survey, rig, notes), key=_size_rank)
     elif source.needs_info:
         best = max(topics, key=lambda each: _depth_rank(survey, each))
@@ -302,9 +301,9 @@ def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
     """Return the CameraInfo of depth images: beside them, or the only one of their frame, or ''."""
     place = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
     infos = survey.of_type(types.CAMERA_INFO)
-    if any(each.name == f'{place}/camera_info' for each in infos):
+    if any(info.name == f'{place}/camera_info' for info in infos):
         return f'{place}/camera_info'
-    same = [each.name for each in infos if topic.frame and each.frame == topic.frame]
+    same = [info.name for info in infos if topic.frame and info.frame == topic.frame]
     return same[0] if len(same) == 1 else ''
 
 
@@ -391,10 +390,12 @@ def _in_view(
         return lidars
     seen = _points_seen(source, lidars, survey, rig)
     most = max(seen.values(), default=0)
-    found = [each for each in lidars if seen.get(each.name, 0) > _SHARED * most] if most else lidars
-    others = [each for each in lidars if each not in found]
+    found = (
+        [lidar for lidar in lidars if seen.get(lidar.name, 0) > _SHARED * most] if most else lidars
+    )
+    others = [lidar for lidar in lidars if lidar not in found]
     if others:
-        names = ', '.join(each.name for each in others)
+        names = ', '.join(other.name for other in others)
         notes.append(
             f'scans: the camera sees less than half as many points of {names} as of others'
         )
@@ -434,7 +435,6 @@ def _points_seen(
 
 
 # Clouds, packets, ranges or depth images -> KITTI's scans, in the frame of the plan.
-
 
 _SHOWN = 8
 
@@ -563,7 +563,7 @@ class ScanConversion:
         others = set(np.flatnonzero(self._classes).tolist()) - SEMANTIC_NAMES.keys()
         notes = [*self._notes, *([f'{topic}: {advice}'] if advice else [])]
         if others:
-            shown = some_of([str(each) for each in sorted(others)], _SHOWN)
+            shown = some_of([str(other) for other in sorted(others)], _SHOWN)
             notes.append(
                 f'{topic}: classes of points that SemanticKITTI does not have, written as they are:'
                 f' {shown}'

@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 # by the plan, since boxes have none. Tracklets have an occlusion and a level of truncation, which
 # are kept.
 
-
 T = TypeVar('T')
 
 OUT_OF_VIEW = 'out of view'
@@ -181,8 +180,8 @@ def leans(
     """
     frame_t_velo, up = standing.of(calibration)
     found = [
-        abs(frame_t_velo.rotation[1] @ _upright(each, up).velo_T_box.rotation[:, 2])
-        for each in cuboids
+        abs(frame_t_velo.rotation[1] @ _upright(cuboid, up).velo_T_box.rotation[:, 2])
+        for cuboid in cuboids
     ]
     return np.arccos(np.clip(np.array(found, np.float64), 0.0, 1.0))
 
@@ -304,7 +303,6 @@ def _four(values: Float64Array) -> tuple[float, float, float, float]:
 
 # The classes of a bag's boxes as those of KITTI's labels, by a plan.
 
-
 _SHOWN = 12
 
 
@@ -388,7 +386,6 @@ def others_of(names: Mapping[str, int]) -> dict[str, int]:
 # A 2D box belongs to the 3D box with its id, else to the one whose projection it covers best. What
 # is left becomes a label without a 3D box, as the readme.txt of the object devkit has it: size -1,
 # location -1000, angles -10.
-
 
 _LEAST_OVERLAP = 0.5
 _SIDES = np.linspace(0.0, 1.0, 9)
@@ -504,7 +501,6 @@ def overlap_of(one: Sequence[float], other: Sequence[float] | Float64Array) -> f
 # Several detectors may share a topic, and then each has boxes of its own. But recorders write
 # messages twice, trackers send a moment again, and detectors see one object where views overlap.
 
-
 if TYPE_CHECKING:
     _Box = TypeVar('_Box')
 
@@ -536,7 +532,7 @@ def _join(
     count = sum(map(len, messages))
     for boxes in messages:
         earlier = list(made)
-        made += [each for each in boxes if not any(is_same(one, each) for one in earlier)]
+        made += [box for box in boxes if not any(is_same(one, box) for one in earlier)]
     return made, [REPEATED] * (count - len(made))
 
 

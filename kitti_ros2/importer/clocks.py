@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 # The stamps that a plan asks for: offsets, log times, the middle of a turn.
 
-
 _EVEN_NS = 5_000_000
 """Turns of scanners, and their stamps, are uneven by a few milliseconds."""
 
@@ -100,7 +99,7 @@ def scan_middles_ns(survey: Survey, plan: Plan) -> Int64Array | None:
         return None
     cameras = (*plan.cameras.values(), *plan.camera_sets.values())
     images = (survey.topics.get(camera.topic) for camera in cameras)
-    if any(each is not None and share_stamps(topic, each) for each in images):
+    if any(image is not None and share_stamps(topic, image) for image in images):
         return None
     middles_ns: Int64Array = turns.sum(axis=1) // 2
     return middles_ns if np.abs(middles_ns).max() > _EVEN_NS else None
@@ -181,7 +180,6 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
 # A message is recorded within moments of its stamp. Messages that are recorded at the same time
 # have the same stamps if the clocks agree; otherwise their difference is the offset of the clocks,
 # up to the latencies of the drivers.
-
 
 _EXACT_NS = 150_000_000
 """Latencies that the estimate of an exact offset may have in it."""
@@ -358,7 +356,6 @@ def _seconds(nanoseconds: int) -> str:
 
 
 # How far apart the stamps of two streams are, and what to set in the plan.
-
 
 _MAX_UNIT_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 

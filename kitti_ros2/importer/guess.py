@@ -167,7 +167,7 @@ def _in_known_axes(
     if not has_place:
         return topics
     known = {'', fix, *joined}
-    return [each for each in topics if each.frame in known or is_fixed(each.frame)]
+    return [topic for topic in topics if topic.frame in known or is_fixed(topic.frame)]
 
 
 def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
@@ -189,8 +189,8 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
 def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, bool, int]:
     """Rank an Imu: in a joined frame, with an orientation, not raw, with values, of most."""
     oriented = any(map(has_orientation, topic.looks))
-    rates = (each.angular_velocity for each in topic.looks)
-    forces = (each.linear_acceleration for each in topic.looks)
+    rates = (look.angular_velocity for look in topic.looks)
+    forces = (look.linear_acceleration for look in topic.looks)
     measured = any(vector_of(each).any() for each in (*rates, *forces))
     return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
@@ -303,7 +303,6 @@ def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> s
 
 
 # Detection of the KITTI stream of each topic: by type, name, frame and neighbours.
-
 
 _DEFAULT_TOLERANCE_S = 0.05
 _MOST_SHOWN = 8
@@ -476,7 +475,7 @@ def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str
 
 def _nothing(survey: Survey, layout: Layout) -> str:
     """Describe the content of a bag that has no data that a layout requires."""
-    there = [f'{each.name} ({each.msgtype})' for each in survey.topics.values() if each.count]
+    there = [f'{topic.name} ({topic.msgtype})' for topic in survey.topics.values() if topic.count]
     reasons = [loss.text() for loss in _unreadable(survey, layout, scans=True)]
     reasons += [*survey.losses, *survey.notes]
     reason = f' ({reasons[0]})' if reasons else ''
@@ -524,7 +523,6 @@ def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
 
 
 # The topics of a bag that a plan does not use, and what could be done with each.
-
 
 _PACKETS = 'raw packets: play them through the driver, and record its PointCloud2'
 _RADAR = 'KITTI has no radar'

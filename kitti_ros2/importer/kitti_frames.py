@@ -82,7 +82,6 @@ def within(
 
 # Check of the message types of the topics that a plan names.
 
-
 _CHECKED = (IMAGES, LABELS, *UNIT)
 
 
@@ -105,7 +104,6 @@ def check_types(plan: Plan, survey: Survey) -> None:
 
 
 # The frames of a plan, and the sample of each stream in each.
-
 
 _MS = 1e6
 _NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
@@ -408,7 +406,6 @@ def _without(missing: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt
 
 
 # A few frames of a conversion: their choice, and the part of the bags that they are read from.
-
 
 _MARGIN_NS = 100_000_000
 """Read before and after each sample: messages of one moment are logged one after the other."""

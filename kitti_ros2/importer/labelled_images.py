@@ -122,7 +122,7 @@ class LabelledImages:
         times = BoxTimes(own_ns, own_ns if self._labels.by_log else image_ns)
         cuboids, _ = self._rigging.labels.cuboids(message, times)
         return FrameLabels(
-            cuboids=[replace(each, track_id=own_number(each.identity)) for each in cuboids]
+            cuboids=[replace(cuboid, track_id=own_number(cuboid.identity)) for cuboid in cuboids]
         )
 
 

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 # nearer; an orientation, or an altitude, that one alone has is taken from it. Places are linear in
 # degrees: in metres that is the straight line, to 1 mm in 200 m.
 
-
 _TURN_DEG, _HALF_TURN_DEG = 360.0, 180.0
 _NOWHERE = np.zeros(3)
 
@@ -133,7 +132,6 @@ def _vector(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - as ab
 # contain gravity, upwards at rest. Drivers with a north-east-down world, a yaw from the start of
 # the drive, or velocities along other axes name them nowhere. Nor do those that give accelerations
 # in g, such as Livox'.
-
 
 _GRAVITY = 9.81
 _NO_GRAVITY = 3.0
@@ -257,7 +255,6 @@ class UnitChecks:
 # origin on earth. Readers that bring oxts back to metres by KITTI's Mercator projection (pykitti,
 # the raw devkit) get the poses of the world frame, apart from their start.
 
-
 _THINNED_NS = 20_000_000  # of poses at hundreds of hertz some are enough for a velocity
 _FARTHEST_M = 200_000.0
 """Maps in UTM or MGRS coordinates are far from their origin: their first pose is put there."""
@@ -380,7 +377,6 @@ def as_velocity(message: Any) -> Any:  # noqa: ANN401 - of the bag's types
 
 
 # The oxts packets of a plan: one a frame, from the Imu, fix and velocity around its stamp.
-
 
 if TYPE_CHECKING:
     _Between: TypeAlias = Callable[[Any, Any, float], Any]
@@ -740,7 +736,9 @@ class PacketMaker:
     ) -> Any:  # noqa: ANN401 - of the bag
         """Return what lies between the two messages around a frame, or the only one."""
         stamps = self._stamps[topic]
-        known = sorted(((int(stamps[each[0]]), each[1]) for each in messages), key=itemgetter(0))
+        known = sorted(
+            ((int(stamps[message[0]]), message[1]) for message in messages), key=itemgetter(0)
+        )
         frame_ns = int(self._frames_ns[frame])
         (found_ns, found), (end_ns, last) = known[0], known[-1]
         if found_ns != end_ns:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 # The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
 
-
 X_FORWARD = 'x'
 """The value of forward of a camera whose frame has x forward, y left, z up."""
 
@@ -404,7 +403,6 @@ def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, s
 
 # Check of the numbers of a plan.
 
-
 _LONGEST_S = 4e9
 """127 years: header stamps, 32-bit seconds, plus that are still int64 nanoseconds."""
 
@@ -451,7 +449,6 @@ def check_numbers(values: Mapping[str, Any], place: str) -> None:
 
 
 # A plan as YAML: formatted, and parsed with the key of each error.
-
 
 _SET_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,99}')
 

@@ -238,7 +238,7 @@ class PlannedRecording:
             if reason in left_out
         ]
         missing = {'boxes': '; '.join(lost)} if lost else {}
-        return FrameLabels(cuboids=[_identified(each) for each in cuboids], missing=missing)
+        return FrameLabels(cuboids=[_identified(cuboid) for cuboid in cuboids], missing=missing)
 
     def _image(self, camera: int, number: int, message: Any) -> Image:  # noqa: ANN401 - as _scan
         return parse_png(self._rigging(number).images.png(camera, message), 'the message')

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # A plan's calibration, applied to samples: points, images, boxes and poses.
 
-
 _REPORTED_LEVER_M = 0.05
 
 
@@ -228,7 +227,6 @@ def _body_of(topic: TopicSurvey) -> str:
 # What is valid at a frame is the last CameraInfo of each camera and the last static transforms up
 # to its images; before the first, the first. Layouts with a calibration a frame are written so; the
 # others have one place, which gets the calibration of the first frame.
-
 
 _LATE_NS = 5_000_000
 """A CameraInfo may be stamped so much later than its image."""
@@ -431,7 +429,7 @@ def _info_topics(plan: Plan, survey: Survey) -> list[str]:
 def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
     """Return the contents of a CameraInfo topic, each with the stamp from which it is valid."""
     topic = survey.topics[name]
-    images = [each.topic for each in plan.cameras.values() if each.info == name]
+    images = [camera.topic for camera in plan.cameras.values() if camera.info == name]
     stamps = topic.stamps()[0] + (topic_of(survey, images[0]).offset_ns if images else 0)
     found = [(int(stamps[place]), look) for place, look in topic.contents if _is_valid(look)]
     found.sort(key=lambda entry: entry[0])

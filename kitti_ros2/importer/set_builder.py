@@ -99,7 +99,6 @@ def camera_poses(
 # points, the nearest where several fall in a pixel. Where the depth image is registered to the
 # camera's images, each pixel gets its own depth back.
 
-
 _PER_M = 256.0
 _DEEPEST = 65535
 
@@ -301,7 +300,6 @@ def times_of_boxes(plan: Plan, frames: Frames, frame: int) -> BoxTimes:
 # OpenPCDet concatenates the objects of each label file (pcdet/datasets/kitti/kitti_dataset.py,
 # get_infos); create_data.py of mmdetection3d takes the first frame of each of train, val and test
 # (tools/dataset_converters/update_infos_to_v2.py).
-
 
 _LISTS = {'val': '--split 0.8 fills val.txt', 'test': 'a bag converted with --name testing has it'}
 """By list of ImageSets that may be empty, what fills it."""
@@ -548,7 +546,6 @@ def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int6
 
 
 # Conversion of bags by a plan: one pass, each sample written when it is read.
-
 
 _LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
 

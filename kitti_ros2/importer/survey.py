@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 
 # The message types that a survey reads.
 
-
 SOLID = frozenset(LABELS.msgtypes)
 """Types with 3D boxes."""
 
@@ -386,7 +385,7 @@ class TopicSurvey:
 
 def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
     """Return a note of the topics that were not chosen for a stream; empty without any."""
-    others = ', '.join(f'{each.name} ({each.count})' for each in topics if each is not best)
+    others = ', '.join(f'{topic.name} ({topic.count})' for topic in topics if topic is not best)
     return [f'passed over for {what}: {others}'] if others else []
 
 
@@ -453,7 +452,9 @@ class Survey:
         return [each for each in self._of_type(msgtypes) if not each.is_readable]
 
     def _of_type(self, msgtypes: Sequence[str]) -> list[TopicSurvey]:
-        found = [each for each in self.topics.values() if each.msgtype in msgtypes and each.count]
+        found = [
+            topic for topic in self.topics.values() if topic.msgtype in msgtypes and topic.count
+        ]
         return sorted(found, key=lambda each: each.name)
 
 
@@ -712,5 +713,5 @@ def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of 
     if topic.msgtype in SOLID:
         with suppress(ValueError):
             boxes = boxes_in(look)
-            topic.classes.update(each.class_name for each in boxes)
-            topic.has_tracks |= any(each.identity for each in boxes)
+            topic.classes.update(box.class_name for box in boxes)
+            topic.has_tracks |= any(box.identity for box in boxes)

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 # What the names of topics and frames say.
 
-
 _FIXED = frozenset({*FIXED_FRAMES, 'enu', 'utm', 'local', 'local_origin'})
 _TRUTH = re.compile(r'ground_truth|groundtruth|\bgt\b', re.IGNORECASE)
 
@@ -159,7 +158,6 @@ def is_renamed(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> bool:
 # sensor_msgs/CameraInfo). Simulators and exporters often name the body of the camera; the optical
 # frame is one more static link then, so that calibration, labels and poses agree.
 
-
 LINK_T_OPTICAL = Transform(AXES['z'].T.copy(), np.zeros(3))
 """The optical frame in such a frame."""
 
@@ -190,12 +188,11 @@ def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
         UsageError: The plan names a missing topic.
     """
     cameras: Iterable[CameraPlan] = plan.cameras.values()
-    frames = {frame_of(each, survey) for each in cameras if each.forward and each.info}
+    frames = {frame_of(camera, survey) for camera in cameras if camera.forward and camera.info}
     return [optical_link(frame, X_FORWARD) for frame in sorted(frames)]
 
 
 # Frames with x forward, y left, z up, as KITTI's velodyne and imu frames are.
-
 
 _FORWARD = np.cos(np.radians(30))
 _LEVEL = np.cos(np.radians(3))

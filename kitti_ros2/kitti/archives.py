@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 # 5. folders of a split without the split, such as `label_2`: from that folder on.
 # 6. other files: without the folders that stand above all files of the rules 2 to 5.
 
-
 if TYPE_CHECKING:
     Parts = tuple[str, ...]
 
@@ -210,7 +209,7 @@ class Archive(NamedTuple):
         tops = {place.partition('/')[0] for place in places(known, path.name)}
         if not tops:
             return cls(path.parent, None)
-        if not all(is_top(each) for each in tops):
+        if not all(is_top(top) for top in tops):
             root = path.with_name(path.name.split('.')[0])
             return cls(root, root)
         return cls(path.parent, path.parent / tops.pop() if len(tops) == 1 else path.parent)
@@ -231,7 +230,6 @@ def _first_files_of_tar(path: Path) -> list[str]:
 
 
 # KITTI's archives of calibration files: which one has a missing file, and how it is extracted.
-
 
 CALIB_TIMES = {
     '09-Jan-2012 13:57:47': '2011_09_26',

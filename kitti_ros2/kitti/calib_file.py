@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 # of Delft's Tr_imu_to_velo) or a matrix of zeros (P0, P1, P3 of nuScenes' export_kitti.py). Their
 # keys count as absent.
 
-
 _MATRIX_SIZES = frozenset({0, 1, 9, 12})
 """How many zeros make a placeholder; vectors (T, D, S of 3, 5 and 2 numbers) may be zero."""
 

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 # (config/doc/kitti2bag/kitti2bag.py, save_imu_data_raw), which shifts every packet after a gap or a
 # repeat. Here each run of packets without a gap has its own offset, and all have the same period.
 
-
 _REPEATED_WITHIN = 100  # packets: a second
 _GAP_PERIODS = 1.5
 

@@ -197,7 +197,6 @@ def _is_sequence_name(name: str) -> bool:
 # A split of another name than training and testing becomes the root, since readers do not find it
 # below one.
 
-
 if TYPE_CHECKING:
     Part = tuple[Path, PurePosixPath]
 
@@ -261,7 +260,9 @@ def _(recording: RawRecording) -> RecordingTree:
 @tree_of.register
 def _(recording: ObjectRecording) -> RecordingTree:
     split, place = recording.split, _split_place(recording.split)
-    lists = [(each, _below_root(each, recording.root)) for each in recording.text_paths()]
+    lists = [
+        (text_path, _below_root(text_path, recording.root)) for text_path in recording.text_paths()
+    ]
     scans = split / names.SCANS
     return RecordingTree(
         place,
@@ -275,12 +276,12 @@ def _(recording: ObjectRecording) -> RecordingTree:
 def _(recording: OdometryRecording) -> RecordingTree:
     sequence = recording.sequence
     place = PurePosixPath(names.SEQUENCES) / recording.name
-    poses = [each for each in recording.text_paths() if sequence not in each.parents]
+    poses = [text_path for text_path in recording.text_paths() if sequence not in text_path.parents]
     folders = [sequence / name for name in STORE.names(sequence) if (sequence / name).is_dir()]
     scans = sequence / names.SCANS
     return RecordingTree(
         place,
-        ((sequence, place), *((each, _below_root(each, recording.root)) for each in poses)),
+        ((sequence, place), *((pose, _below_root(pose, recording.root)) for pose in poses)),
         scans,
         _list_scans(recording, scans),
         tuple(

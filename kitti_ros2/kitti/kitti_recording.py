@@ -58,7 +58,6 @@ if TYPE_CHECKING:
 
 # Poses of the vehicle: from oxts packets by Mercator projection, or from odometry's poses.
 
-
 _SCALE_ROUNDS = 12  # each adds a digit at least up to 500 km from the origin
 
 
@@ -158,7 +157,6 @@ def rect_from_imu(calibration: Calibration) -> Transform:
 
 
 # The poses of a recording, and what follows from them: its start, trajectories, trails.
-
 
 T = TypeVar('T')
 
@@ -538,7 +536,6 @@ def no_calibration(reason: str, files: tuple[TextFile, ...] = ()) -> Calibration
 
 
 # The size of a camera's images, from the calibration or from an image.
-
 
 _JPEG_BYTES = 1 << 16
 """The frame header of a JPEG comes after its tables and a thumbnail."""

@@ -68,7 +68,6 @@ if TYPE_CHECKING:
 # label_all of Waymo in KITTI's format has the camera of the 2D box where results have the score,
 # and maybe a name of the track behind it (source: save_label of mmdetection3d's converter, 1.1).
 
-
 EXPECTED = '15 or 16 columns (object), or 17 or 18 (tracking): type, numbers, maybe a score'
 EXPECTED_TRACKS = '17 or 18 columns: frame, track id, type, numbers, maybe a score'
 
@@ -300,7 +299,6 @@ class TrackFile:
 
 # Label files by frame, and result files of a detector or tracker in the same format.
 
-
 _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
 _NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
@@ -517,7 +515,6 @@ def _read_tracks(path: Path) -> TrackFile:
 # - state: 0 unset, 1 interpolated, 2 labelled; occlusion: -1 unset, 0 visible, 1 partly, 2 fully
 # - truncation: -1 unset, 0 in the image, 1 truncated, 2 out of the image, 99 behind it
 # - occlusion_kf and the amt_ fields are the annotation tool's own; -1 is unset
-
 
 MOST_BYTES = 256 << 20
 _EXPECTED = 'a tracklet_labels.xml of the raw data devkit'

@@ -370,7 +370,6 @@ def parse_sequence(name: str) -> int:
 # Object sets list frames by six digits, other layouts sequences or drives by their names. They are
 # no part of KITTI: training frameworks (SECOND, OpenPCDet, mmdet3d) expect them.
 
-
 _MARK = '\ufeff'
 _COUNTED = ('are ', 'repeat ', 'have not ')
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 # (from 0) is the line of object frame k. Both have 7481 entries; the testing frames have no
 # mapping. Source: readme.txt of the object devkit.
 
-
 MAPPING = 'train_mapping.txt'
 RAND = 'train_rand.txt'
 
@@ -193,7 +192,6 @@ def find_raw_root(root: Path, given: Path | None = None) -> Path:
 #
 # A scan has the stamp of velodyne_points of its drive, an image that of its camera, labels and
 # calibration that of the scan: the same as in a bag of the drive.
-
 
 REAL_TIME = 'real_time'
 """The key of the times in the description of a recording."""
@@ -387,7 +385,6 @@ def _stamps(path: Path) -> tuple[Lines[int] | None, str]:
 # ================================================================================
 #
 # A file of the journal is in the set if, and only if, it is missing in ``content/``.
-
 
 FOLDER = '.to-kitti-append'
 CONTENT = 'content'

@@ -325,7 +325,6 @@ def parts_of(source: Path, layout: Layout, sequence: str | None) -> list[Path]:
 
 # Data sets that --overwrite may replace: those of one recording, without files of others.
 
-
 _ENDINGS = (names.BIN, names.TXT, names.LABEL, '.xml')
 
 
@@ -395,7 +394,6 @@ def _is_of_data_set(path: PurePath) -> bool:
 # The data set around a folder or file, those below a folder, an archive, a name of similar
 # spelling. Nothing here runs for a path that can be opened; searches are limited, as the folder may
 # be anyone's home directory.
-
 
 _MOST_LEVELS = 4
 _MOST_FOLDERS = 300
@@ -491,7 +489,7 @@ def _explain_around(path: Path) -> NotKittiError | None:
     folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
     below = place.relative_to(found.folder)
     stems = {Path(part).stem for part in below.parts}
-    chosen = [each.name for each in found.recordings if each.name in stems]
+    chosen = [recording.name for recording in found.recordings if recording.name in stems]
     options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()
     is_file = not path.is_dir()
     frame = int(path.stem) if is_file and _is_frame(path.stem) else None
@@ -555,7 +553,7 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
         if data_set is not None:
             found.append(data_set)
         elif level < _MOST_LEVELS:
-            queue.extend((each, level + 1) for each in _subfolders(folder))
+            queue.extend((subfolder, level + 1) for subfolder in _subfolders(folder))
     return found, not queue
 
 
@@ -605,7 +603,7 @@ def _explain_formats(path: Path) -> NotKittiError | None:
     inside = {names.SCANS: names.BIN} | dict.fromkeys(names.OBJECT_IMAGES, names.PNG)
     for folder in (path, *(path / split for split in names.SPLITS)):
         for name, suffix in inside.items():
-            found = [each for each in _entries(folder / name) if not each.startswith('.')]
+            found = [entry for entry in _entries(folder / name) if not entry.startswith('.')]
             if found:
                 other = f'{folder / name} holds {some_of(found)}'
                 return NotKittiError(path, other, [], f'expected files like 000000{suffix} there')

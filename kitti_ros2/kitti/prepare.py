@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 #
 # Every moment of a turn must be within two turns (0.2 s) of a packet or pose.
 
-
 _REACH_TURNS = 2
 _FEWEST_POSES = 2  # which have no velocity, unlike a packet
 _FASTEST_M_S = 100.0
@@ -263,7 +262,6 @@ def _twists(poses: list[Pose], velo_t_imu: Float64Array) -> Float64Array | None:
 # Images of one file number are a pair; in a raw extract, whose cameras are numbered independently,
 # the nearest in time, at most 10 ms apart. An image without a partner keeps its stamp.
 
-
 LEFT_STREAM_OF = {IMAGE_STREAMS[right]: IMAGE_STREAMS[left] for right, left in LEFT_OF.items()}
 """The stream of the left images of a stream of right ones."""
 _NS_PER_MS = 1_000_000
@@ -359,7 +357,6 @@ def _first(index: StreamIndex) -> int:
 
 
 # Predictions of a detector or tracker as a stream of a recording.
-
 
 _STREAMS = (Stream.LABELS, *(each for each in FRAME_STREAMS if each is not Stream.LABELS))
 

@@ -248,7 +248,6 @@ class RawRecording(KittiRecording):
 # nominal, by file number; in real time they are those of the raw drives (see real_time.py), and
 # frames without one are left out. Scans are as measured, not compensated for motion.
 
-
 _KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB}
 
 

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 # Odometry scans do so only after x is moved by 0.8 m azimuth / 2 pi, the car having moved 0.86 m:
 # KITTI has compensated them for motion, and their points are all of one moment.
 
-
 _LONGEST_TURN_NS = 1_000_000_000  # an HDL-64E's slowest takes 0.2 s
 
 
@@ -115,7 +114,9 @@ class RecordingIndex:
     @property
     def file_names(self) -> FileNames:
         """How most streams name the files of a frame; for lists of frames."""
-        digits = [each.names.digits for each in self._listings.values() if len(each.numbers)]
+        digits = [
+            listing.names.digits for listing in self._listings.values() if len(listing.numbers)
+        ]
         return FileNames(digits[0] if digits else FRAME_DIGITS, stems=self.frames.stems)
 
     @property

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 # Waymo in KITTI's format (mmdetection3d, tools/dataset_converters/waymo_converter.py: x y z
 # intensity elongation timestamp); 7, radar of View-of-Delft (x y z RCS v_r v_r_compensated time).
 
-
 if TYPE_CHECKING:
     Values = npt.NDArray[np.floating[Any]]
 
@@ -257,7 +256,7 @@ def _doubles(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
         return None
     magnitude = np.abs(every)
     rows = _rows(doubles, _best(doubles, sizes))
-    lengths = np.concatenate([each[:, :3].ravel() for each in rows])
+    lengths = np.concatenate([row[:, :3].ravel() for row in rows])
     sane = (magnitude == 0) | ((magnitude > 1e-9) & (magnitude < 1e12)) | np.isnan(every)
     if not len(lengths) or sane.mean() < _MOST or (np.abs(lengths) < _FARTHEST_M).mean() < _MOST:
         return None
@@ -332,7 +331,7 @@ def _best(values: Sequence[Values], sizes: Sequence[int]) -> int:
     """Return the number of columns that explains values best, the smallest of equals."""
     width = values[0].itemsize
     possible = [n for n in _NUMBERS if all(size % (n * width) == 0 for size in sizes)]
-    kinds = [_kinds_of(each) for each in values]
+    kinds = [_kinds_of(value) for value in values]
     gains = {n: _information(kinds, n) for n in {*possible, _COLUMNS}}
     best = max(gains.values())
     chosen = min((n for n in possible if gains[n] >= best - _NEARLY), default=_COLUMNS)
@@ -352,9 +351,9 @@ def _kinds_of(values: Values) -> npt.NDArray[np.intp]:
 def _information(kinds: Sequence[npt.NDArray[np.intp]], columns: int) -> float:
     """Return the mutual information of column and kind, nats a value, without that of chance."""
     table = np.zeros(columns * _KINDS)
-    for each in kinds:
-        column = np.arange(len(each)) % columns
-        table += np.bincount(column * _KINDS + each, minlength=columns * _KINDS)
+    for kind in kinds:
+        column = np.arange(len(kind)) % columns
+        table += np.bincount(column * _KINDS + kind, minlength=columns * _KINDS)
     counts = table.reshape(columns, _KINDS)
     total = counts.sum()
     expected = counts.sum(1, keepdims=True) * counts.sum(0, keepdims=True) / total
@@ -366,7 +365,7 @@ def _information(kinds: Sequence[npt.NDArray[np.intp]], columns: int) -> float:
 
 def _rows(values: Sequence[Values], columns: int) -> list[Values]:
     """Return (N, columns) rows of each scan."""
-    return [each[: len(each) // columns * columns].reshape(-1, columns) for each in values]
+    return [value[: len(value) // columns * columns].reshape(-1, columns) for value in values]
 
 
 def _is_proved(values: Sequence[Values], columns: int) -> bool:

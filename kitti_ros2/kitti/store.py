@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 # Listings of folders, read once while a recording is looked for and opened.
 
-
 S = TypeVar('S')
 
 _KEPT: ContextVar[dict[Path, list[str]] | None] = ContextVar('listings', default=None)

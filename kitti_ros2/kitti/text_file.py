@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 # Parsing of KITTI's line-based text files: an invalid line becomes an error with its number.
 
-
 T = TypeVar('T')
 
 _MOST_INVALID = 1000
@@ -146,7 +145,6 @@ def parse_numbers(words: list[str], count: int) -> list[float]:
 # Raw: ``2011-09-26 13:02:25.951199337``, taken as UTC, nine digits. Odometry: seconds from the
 # start of the sequence, ``1.037359e-01``. Source: readme.txt of the raw and odometry devkits.
 
-
 _AS_IN_KITTI = re.compile(r'((19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{9}\n)+', re.ASCII)
 
 
@@ -212,7 +210,6 @@ def _parse_pose(line: str) -> Float64Array:
 # Columns: lat lon alt roll pitch yaw vn ve vf vl vu ax ay az af al au wx wy wz wf wl wu
 # pos_accuracy vel_accuracy navstat numsats posmode velmode orimode; for units and axes see
 # samples.OxtsPacket. The dataset's own dataformat.txt lists ay twice: the second is az.
-
 
 COLUMNS: tuple[str, ...] = tuple(
     field.name for field in fields(OxtsPacket) if field.name != 'source'

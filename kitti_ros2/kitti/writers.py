@@ -183,7 +183,6 @@ def require_next(path: Path, noun: str, expected: int, number: int) -> None:
 
 # Writer of the raw layout: DATE/DATE_drive_NNNN_sync (or extract), calibration in DATE.
 
-
 KINDS = ('sync', 'extract')
 _MOST_OCCLUDED = 2
 _COLOUR_CAMERAS = (2, 3)
@@ -429,7 +428,6 @@ def fill_stamps(stamps: Mapping[int, int]) -> list[int]:
 #
 # Files of a frame: calib/NNNNNN.txt, velodyne/NNNNNN.bin, image_C/NNNNNN.png, label_2/NNNNNN.txt.
 
-
 _COLOUR_CAMERA = 2
 
 
@@ -591,7 +589,6 @@ class OdometryWriter(LayoutWriter):
 #
 # Files of a sequence: calib/SSSS.txt, oxts/SSSS.txt, label_02/SSSS.txt, velodyne/SSSS/NNNNNN.bin
 # and image_0C/SSSS/NNNNNN.png.
-
 
 PARTLY_TRUNCATED = 0.15
 LARGELY_TRUNCATED = 0.5

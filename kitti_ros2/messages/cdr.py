@@ -174,7 +174,6 @@ def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any 
 # those of rosbags. Format: CDR little endian as in DDS (OMG formal/2008-01-09, 15.3): every number
 # is aligned to its size, counted from the end of the four bytes of encapsulation.
 
-
 _ENCAPSULATION = b'\x00\x01\x00\x00'
 _PADDING = tuple(bytes(count) for count in range(8))
 _UINT32 = struct.Struct('<I')
@@ -266,7 +265,6 @@ class CdrWriter:
 
 
 # The small types common to all messages: Time, Header, points, quaternions, poses.
-
 
 _ENCAPSULATION_SIZE = 4
 _HEADER_HEAD = 12

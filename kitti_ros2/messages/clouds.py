@@ -472,7 +472,6 @@ def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArr
 # The points of a CustomMsg have nanoseconds from its timebase, which is its stamp; the packets of a
 # VelodyneScan each have a stamp; a LaserScan has that of its first ray, and seconds between rays.
 
-
 _FIELDS = (
     't',
     'time',
@@ -600,7 +599,7 @@ def livox_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of 
 
     None if they are not those of a turn.
     """
-    times = [each.offset_time for each in message.points if each.x or each.y or each.z]
+    times = [point.offset_time for point in message.points if point.x or point.y or point.z]
     if not times:
         return None
     later = int(message.timebase) - stamp_ns_of(message.header)
@@ -616,7 +615,8 @@ def packet_span_ns(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of
     """
     scan_ns = stamp_ns_of(message.header)
     times = [
-        from_sec_nanosec(each.stamp.sec, each.stamp.nanosec) - scan_ns for each in message.packets
+        from_sec_nanosec(packet.stamp.sec, packet.stamp.nanosec) - scan_ns
+        for packet in message.packets
     ]
     return _near(min(times, default=0), max(times, default=0))
 

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 # A detection's id is the track id, or the box's place in its file; the same box has the same id in
 # both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
 
-
 ABSURD = 'without a possible size, place or score'
 UNPLACED = 'in a frame that nothing joins to the scans'
 
@@ -174,7 +173,8 @@ def boxes_of_detections_2d(message: Any) -> tuple[list[ImageBox], list[str]]:  #
 def frames_of_detections(message: Any) -> set[str]:  # noqa: ANN401 - of the bag's types
     """Return the frames of the detections of an array, without leading slashes."""
     return {
-        (each.header.frame_id or message.header.frame_id).lstrip('/') for each in message.detections
+        (detection.header.frame_id or message.header.frame_id).lstrip('/')
+        for detection in message.detections
     }
 
 
@@ -229,9 +229,9 @@ def placed(
         ValueError: They all are.
     """
     made, faults = [], []
-    for each in boxes:
+    for box in boxes:
         try:
-            made.append(make(each))
+            made.append(make(box))
         except ValueError as error:
             faults.append(error)
     if faults and not made:
@@ -243,11 +243,11 @@ def placed(
 def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
     """Return the boxes with a possible size, place and score, and ABSURD for each of the others."""
     kept = [
-        each
-        for each in cuboids
-        if (np.abs([*each.velo_T_box.matrix().ravel(), *each.size_lwh]) < _FARTHEST_M).all()
-        and min(each.size_lwh) > 0
-        and (each.score is None or np.isfinite(each.score))
+        cuboid
+        for cuboid in cuboids
+        if (np.abs([*cuboid.velo_T_box.matrix().ravel(), *cuboid.size_lwh]) < _FARTHEST_M).all()
+        and min(cuboid.size_lwh) > 0
+        and (cuboid.score is None or np.isfinite(cuboid.score))
     ]
     return kept, [ABSURD] * (len(cuboids) - len(kept))
 
@@ -271,7 +271,6 @@ def _class(result: Any) -> str:  # noqa: ANN401 - of the bag's types
 # labels have no covariance, velocity or acceleration: these are zero, and marked as unknown where
 # there is a field for it. An object_id is a UUID of version 8 (RFC 9562) that ends with the track
 # id.
-
 
 _BOUNDING_BOX, _CYLINDER, _POLYGON = range(3)
 _ORIENTATION_AVAILABLE = 2
@@ -426,7 +425,6 @@ def _identity(each: Any) -> str:  # noqa: ANN401 - as above
 # The cubes of any visualization_msgs/MarkerArray -> boxes in velo_link.
 #
 # Markers are drawn for people: the class of a box is in a caption, in a namespace, or missing.
-
 
 AS_LINES = 'drawn as lines or lists of cubes'
 

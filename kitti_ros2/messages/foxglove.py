@@ -90,8 +90,8 @@ def encode_cloud(cloud: Fields, log_ns: int) -> PointCloud2:
     if rest:
         raise ValueError(f'its data has {len(data)} bytes, no multiple of point_stride, {stride}')
     fields, names, formats, offsets = [], [], [], []
-    for each in cloud.children('fields'):
-        name, offset, kind = each.text('name'), each.integer('offset'), each.integer('type')
+    for child in cloud.children('fields'):
+        name, offset, kind = child.text('name'), child.integer('offset'), child.integer('type')
         if kind not in _TYPES:
             raise ValueError(f'its field {name} is of the unknown type {kind}')
         datatype, form = _TYPES[kind]
@@ -139,7 +139,6 @@ def _moved(
 #
 # A missing field has its default value, as in protobuf: older versions of a schema have fewer
 # fields.
-
 
 _SECONDS = ('sec', 'seconds')
 _NANOSECONDS = ('nsec', 'nanos', 'nanosec')
@@ -325,7 +324,6 @@ def _shown(value: object) -> str:
 # cubes that are drawn as pairs of points become line lists. Spheres, arrows, models and other
 # shapes are no boxes and are not converted.
 
-
 CLASS_KEYS = (
     'class',
     'category',
@@ -363,7 +361,7 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
     Raises:
         ValueError: A value is of a wrong type.
     """
-    markers = [_deletion(each, log_ns) for each in scene.children('deletions')]
+    markers = [_deletion(child, log_ns) for child in scene.children('deletions')]
     for entity in scene.children('entities'):
         place = _Entity(
             entity.stamp_ns('timestamp', log_ns), entity.text('frame_id'), entity.text('id')
@@ -379,7 +377,7 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
             markers.append(marker)
         if not cubes:
             lines = entity.children('lines')
-            pairs = [each for each in lines if each.integer('type') == _LINE_LIST]
+            pairs = [line for line in lines if line.integer('type') == _LINE_LIST]
             markers += [_lines(place, number, each) for number, each in enumerate(pairs)]
     return TYPESTORE.types[MARKERS](markers)
 
@@ -387,10 +385,10 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
 def _caption(entity: Fields) -> str:
     """Return class, texts and score of an entity, a line each; the first is the class if known."""
     metadata = {
-        each.text('key').lower(): each.text('value') for each in entity.children('metadata')
+        child.text('key').lower(): child.text('value') for child in entity.children('metadata')
     }
     lines = [metadata[key] for key in CLASS_KEYS if metadata.get(key)][:1]
-    lines += [each.text('text') for each in entity.children('texts')]
+    lines += [child.text('text') for child in entity.children('texts')]
     lines += [metadata[key] for key in _SCORE_KEYS if metadata.get(key)][:1]
     return '\n'.join(line for line in lines if line)
 
@@ -405,8 +403,8 @@ def _deletion(deletion: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
 
 def _lines(place: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - a rosbags class
     points = [
-        Point(each.number('x'), each.number('y'), each.number('z'))
-        for each in line.children('points')
+        Point(child.number('x'), child.number('y'), child.number('z'))
+        for child in line.children('points')
     ]
     indices = line.numbers('indices')
     if len(indices):
@@ -457,7 +455,6 @@ def _paint(marker: Any, shape: Fields) -> None:  # noqa: ANN401 - a rosbags clas
 #
 # Source: https://docs.foxglove.dev/docs/sdk/schemas, and the files of foxglove-schemas-protobuf
 # 0.4. Coordinates, angles and units are those of ROS. A message without a time has its log time.
-
 
 if TYPE_CHECKING:
     Encode: TypeAlias = Callable[[Fields, int], Any]
@@ -547,7 +544,7 @@ def _transform(fields: Fields, log_ns: int) -> TransformStamped:
 
 
 def _transforms(fields: Fields, log_ns: int) -> TFMessage:
-    return TFMessage([_transform(each, log_ns) for each in fields.children('transforms')])
+    return TFMessage([_transform(child, log_ns) for child in fields.children('transforms')])
 
 
 def _pose(fields: Fields, log_ns: int) -> PoseStamped:
@@ -560,8 +557,8 @@ def _poses(fields: Fields, log_ns: int) -> bytes:
     cdr.header(fields.stamp_ns('timestamp', log_ns), fields.text('frame_id'))
     poses = fields.children('poses')
     cdr.uint32(len(poses))
-    for each in poses:
-        cdr.float64((*each.xyz('position'), *each.xyzw('orientation')))
+    for pose in poses:
+        cdr.float64((*pose.xyz('position'), *pose.xyzw('orientation')))
     return cdr.finish()
 
 

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 # compressed_image_transport, whose format is "ENCODING; png compressed ..." where others write just
 # "png".
 
-
 if TYPE_CHECKING:
     Pixels: TypeAlias = npt.NDArray[np.uint8 | np.uint16]
 
@@ -311,7 +310,6 @@ def _mosaic(format_: str) -> str:
 
 
 # Image <-> sensor_msgs/CompressedImage (the file's own bytes) and sensor_msgs/Image (pixels).
-
 
 _GREY = {'uint8': 'mono8', 'uint16': 'mono16'}
 _FROM_BGR = {ColorEncoding.RGB8: 'COLOR_BGR2RGB', ColorEncoding.MONO8: 'COLOR_BGR2GRAY'}

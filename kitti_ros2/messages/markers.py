@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # A visualization_msgs/MarkerArray, written marker by marker.
 
-
 _NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _WHITE = (1.0, 1.0, 1.0)
 OBJECT_PARTS = ('box', 'edges', 'heading', 'text')
@@ -262,7 +261,6 @@ def _caption(cuboid: Cuboid) -> str:
 # namespace prediction. Each object has box, edges, heading and text (class, track, score, result,
 # IoU, distance), as those of labels in markers.py.
 
-
 _NAMESPACES = {
     Verdict.TRUE_POSITIVE: 'true_positive',
     Verdict.FALSE_POSITIVE: 'false_positive',
@@ -286,7 +284,7 @@ def encode_prediction_markers(
         frame_id: Name of velo_link.
         options: Sizes of markers.
     """
-    missed = [each for each in labels if is_missed(each)]
+    missed = [label for label in labels if is_missed(label)]
     shown = [each for each in (*predictions, *missed) if each.cuboid is not None]
     drawing = MarkerDrawing(1 + len(OBJECT_PARTS) * len(shown), options, stamp_ns)
     drawing.clear(frame_id)
@@ -322,7 +320,6 @@ def _look(each: LabelledObject) -> tuple[str, tuple[int, int, int]]:
 #
 # Foxglove's coordinates begin at the corner of the first pixel (PointsAnnotation.msg), KITTI's at
 # its centre.
-
 
 _LINE_LOOP = 2
 _TO_CORNER = 0.5

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 # Poses of one frame in another over time, interpolated.
 
-
 MAX_GAP_NS = NS_PER_S + NS_PER_S // 2
 """Poses once a second, unevenly, still make a track. Further apart they say little of what was
 between: in a bend of 0.2 rad/s at 10 m/s the straight line of these 1.5 s is 0.6 m off."""

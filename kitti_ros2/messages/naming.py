@@ -215,7 +215,6 @@ def place_trajectory(trajectory: Trajectory, map_t_world: Transform) -> Trajecto
 
 # The context of a conversion between a sample and its messages.
 
-
 LABELLED_CAMERA = 2
 """The camera of KITTI's labels: the left colour camera."""
 
@@ -308,7 +307,6 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
 #
 # The first line of the string is the file's name relative to the recording's root; the rest is the
 # file's text, or the part of it that belongs to the frame.
-
 
 RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'

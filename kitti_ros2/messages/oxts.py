@@ -105,7 +105,6 @@ if TYPE_CHECKING:
 # a variance below 1e-9 for 1e-9 (src/ekf.cpp, Ekf::correct): with zeros its filter follows that
 # sensor alone.
 
-
 ORIENTATION_SIGMA = float(np.radians(0.1))
 ANGULAR_VELOCITY_SIGMA = float(np.radians(0.01))
 ACCELERATION_SIGMA = 0.01
@@ -425,7 +424,6 @@ def _named(names: tuple[str, str, str], values: Float64Array) -> dict[str, float
 #
 # The poses of any Odometry, PoseStamped, Path or TFMessage are read with their stamps.
 
-
 _FARTHEST_M = 1e9
 
 
@@ -541,7 +539,6 @@ def _sigma(covariance: Float64Array) -> float | None:
 
 
 # The numbers of a serialised tf2_msgs/TFMessage, without objects: /tf may have 1000 a second.
-
 
 _BASE = 4  # the encapsulation header, after which alignment counts
 

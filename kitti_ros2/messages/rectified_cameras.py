@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 # the pixels. Sources: sensor_msgs/CameraInfo.msg and distortion_models.hpp; OpenCV's calib3d
 # (plumb_bob and rational_polynomial) and its fisheye (equidistant, Kannala and Brandt 2006).
 
-
 _OF_OPENCV = (4, 5, 8, 12, 14)
 _COUNTS = {PLUMB_BOB: _OF_OPENCV, RATIONAL: _OF_OPENCV, EQUIDISTANT: (4,)}
 """Numbers of D; image_geometry of ROS, too, passes those of both pinhole models on to OpenCV."""
@@ -220,7 +219,6 @@ def _maps(camera: CameraModel, *, fixed: bool = True) -> tuple[npt.NDArray[Any],
 # It is detected for a single camera, too, where D is 0 and K is that of P: K describes the images
 # in the camera's frame, and P the rectified ones, so that frame is the rectified one, and its own.
 
-
 _PARALLEL_RAD = 1e-5
 _EXACT_M = 1e-4
 _INEXACT_M = 1e-3
@@ -267,7 +265,7 @@ def viewpoints(
     }
     found, notes = {}, []
     for reason in (_NO_LENS, _PARALLEL, _SAME_BASELINE):
-        frames = dict.fromkeys(cameras[each].frame for each in cameras if why[each] == reason)
+        frames = dict.fromkeys(cameras[camera].frame for camera in cameras if why[camera] == reason)
         if frames:
             notes.append(f'{", ".join(frames)}: taken as rectified frames, for {reason}')
     for index, model in sorted(cameras.items()):

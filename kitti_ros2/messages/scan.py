@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 # Organised clouds: a row for each laser, the highest first, and columns of time.
 
-
 COLUMNS = 2176
 """Columns of a grid: the most returns of a laser in KITTI's samples are 2165, and 17 * 128 fits."""
 
@@ -73,7 +72,6 @@ def place(
 
 
 # The values of a scan's points for the fields of clouds: lasers, times, angles, labels.
-
 
 LASERS = 64
 MOST_LASERS = 128

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 # sensor_msgs/LaserScan -> points: one ring in the plane z = 0 of its frame.
 
-
 OUT_OF_RANGE = 'not finite, or not within range_min to range_max'
 _MOST_RAYS = 10**6
 _MOST_TURNS = 2
@@ -92,7 +91,6 @@ def peak_of_scans(messages: Iterable[Any]) -> float:
 # return. Sources: livox_ros_driver/msg and livox_ros_driver2/msg, CustomMsg.msg and
 # CustomPoint.msg.
 
-
 NO_RETURN = 'x y z 0 0 0, or not finite'
 MISSING = 'points that point_num counts, and that the message does not have'
 
@@ -103,7 +101,8 @@ def decode_livox(
 ) -> ScanPoints:
     """Decode a message; points that it declares and does not have are lost."""
     values = np.array(
-        [(each.x, each.y, each.z, each.reflectivity) for each in message.points], dtype=np.float64
+        [(point.x, point.y, point.z, point.reflectivity) for point in message.points],
+        dtype=np.float64,
     ).reshape(-1, 4)
     xyz = values[:, :3]
     is_return = np.isfinite(xyz).all(axis=1) & xyz.any(axis=1)
@@ -121,7 +120,6 @@ def decode_livox(
 # with 12 bytes, little-endian: format (int32), depth quantisation A and B (float32). Then follows a
 # PNG of 16 bits: millimetres, or for 32FC1 the inverse depth, depth = A / (value - B). Source:
 # image_transport_plugins, compressed_depth_image_transport, codec and compression_common.h.
-
 
 DEPTH_ENCODINGS = frozenset({'16UC1', 'mono16', '32FC1'})
 NO_DEPTH = 'depth 0 or not finite'
@@ -242,7 +240,6 @@ def _only_returns(metres: Float64Array) -> Float64Array:
 # Sources: the user manuals VLP-16 (63-9243), VLP-32C (63-9325) and HDL-32E (63-9277), compared with
 # the calibration files VLP16db.yaml, VeloView-VLP-32C.yaml and 32db.yaml of the ROS driver. A
 # HDL-64E has no table that holds for all: each unit is measured, see parse_lasers.
-
 
 HDL_64E = 'HDL-64E'
 
@@ -447,7 +444,6 @@ def _number(value: Any) -> float:  # noqa: ANN401 - of any YAML
 # manuals), not for the HDL-64E, as in the ROS driver. Points are x forward, y left, z up, as the
 # driver has them. Sources: the manuals named in velodyne_models; 63-HDL64ES3.
 
-
 _PACKET_BYTES = 1206
 _BLOCKS = 12
 _VALUES = 32
@@ -487,7 +483,7 @@ def find_model(message: Any) -> VelodyneModel:  # noqa: ANN401 - of the bag's ty
     products = set(packets['id'].tolist())
     found = [each for each in MODELS.values() if each.product in products]
     if len(found) != 1 or len(products) != 1:
-        named = ', '.join(f'0x{each:02X}' for each in sorted(products))
+        named = ', '.join(f'0x{product:02X}' for product in sorted(products))
         raise ValueError(f'packets of product {named}, which names no supported model')
     return found[0]
 
@@ -542,8 +538,8 @@ def decode_packets(
 
 def _packets(message: Any) -> tuple[npt.NDArray[np.void], int]:  # noqa: ANN401
     """Return the valid packets, (P,), and the number of the others."""
-    datas = [np.asarray(each.data, dtype=np.uint8).tobytes() for each in message.packets]
-    whole = [each for each in datas if len(each) == _PACKET_BYTES]
+    datas = [np.asarray(packet.data, dtype=np.uint8).tobytes() for packet in message.packets]
+    whole = [data for data in datas if len(data) == _PACKET_BYTES]
     packets: npt.NDArray[np.void] = np.frombuffer(b''.join(whole), _PACKET)
     flags = packets['blocks']['flag']
     valid = ((flags == _UPPER) | (flags == _LOWER)).all(axis=1)

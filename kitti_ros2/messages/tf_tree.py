@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 #
 # As in tf2, every frame has one parent, and ROS 1's leading slash is not part of a frame's name.
 
-
 Link: TypeAlias = 'tuple[str, str, Transform]'
 """Parent, child, parent_T_child."""
 
@@ -392,7 +391,6 @@ def _is_rigid(link: Transform) -> bool:
 # 105). Lidars have any axes: x of Ouster's os_lidar looks to the cable, backward in os_sensor
 # (ouster-ros, "Coordinate Frames"), and x of nuScenes' LIDAR_TOP looks right.
 
-
 AXES: dict[str, Float64Array] = {
     'x': np.eye(3),
     '-x': np.diag([-1.0, -1.0, 1.0]),
@@ -504,7 +502,6 @@ def describe_direction(direction: Float64Array) -> str:
 
 
 # Transforms of a bag as links: which stay as they are, and which move.
-
 
 _STILL_M = 1e-6
 _JITTER_M = 5e-4

@@ -149,7 +149,7 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
     patterns, excluded = selection.topics, selection.exclude_topics
     selected = [name for name in names if not patterns or _matches(name, patterns)]
     if not selected and patterns:
-        hints = [_close_topics(each, names) for each in patterns]
+        hints = [_close_topics(pattern, names) for pattern in patterns]
         hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
         raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
     kept = [name for name in selected if not _matches(name, excluded)]
@@ -159,7 +159,7 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
 
 
 def _matches(name: str, patterns: tuple[str, ...]) -> bool:
-    return any(fnmatchcase(name, each) for each in patterns)
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
@@ -176,8 +176,8 @@ def _close_topics(pattern: str, names: Sequence[str]) -> str:
     known = list(names)
     if '*' in pattern:
         words = [name.split('/') for name in names]
-        known = [f'{"/".join(each[:at])}/*' for each in words for at in range(1, len(each))]
-        known += [f'*/{"/".join(each[at:])}' for each in words for at in range(1, len(each))]
+        known = [f'{"/".join(word[:at])}/*' for word in words for at in range(1, len(word))]
+        known += [f'*/{"/".join(word[at:])}' for word in words for at in range(1, len(word))]
     return did_you_mean(pattern, known)
 
 
@@ -343,7 +343,7 @@ def make_detected_objects(labels: FrameLabels, moment: Moment) -> object:
 def make_tracked_objects(labels: FrameLabels, moment: Moment) -> object | None:
     """Make the TrackedObjects of a frame's labels or predictions; None without tracks."""
     cuboids = _cuboids(labels, moment)
-    tracked = any(each.track_id is not None for each in cuboids)
+    tracked = any(cuboid.track_id is not None for cuboid in cuboids)
     if not (tracked or (moment.rig.tracked and not cuboids)):
         return None
     return encode_tracked_objects(cuboids, moment.stamp_ns, _object_frame(moment))

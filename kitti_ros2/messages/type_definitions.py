@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 #
 # rosbags reads every text that ROS does, at 0.25 MB/s; these are read ten times as fast.
 
-
 _INTEGERS = {'byte', 'char'} | {f'{sign}int{n}' for sign in ('', 'u') for n in (8, 16, 32, 64)}
 _BASES = {'bool', 'float32', 'float64', 'string', *_INTEGERS}
 _WITHOUT_PACKAGE = {
@@ -118,7 +117,6 @@ def _full_name(name: str, package: str) -> str:
 
 
 # Definitions of message types, of short texts and the files in definitions/; what is in them.
-
 
 _FOLDER = Path(__file__).with_name('definitions')
 _TYPE = '\nMSG: '
@@ -272,7 +270,6 @@ def lazy_typestore(types: Typesdict, lazy: Typesdict) -> LazyTypestore:
 
 
 # How much a message type holds at least: definitions of a few lines may hold 2^60 fields.
-
 
 _MOST_FIELDS = 1_000_000
 _MOST_LEVELS = 100

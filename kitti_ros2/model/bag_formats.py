@@ -97,7 +97,6 @@ def container_of(suffix: str) -> str | None:
 
 # The names of ROS message types, in ROS 2's spelling.
 
-
 ANNOTATIONS = 'foxglove_msgs/msg/ImageAnnotations'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOCK = 'rosgraph_msgs/msg/Clock'
@@ -129,7 +128,6 @@ VELODYNE = 'velodyne_msgs/msg/VelodyneScan'
 
 
 # Channels: topics with message type and QoS, whether played, written or stored.
-
 
 PICTURES = frozenset({COMPRESSED, IMAGE})
 """Types of images."""

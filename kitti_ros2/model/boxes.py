@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 # Corner order, (8, 3): the bottom face first, then the top face; each from front left, front right,
 # rear right to rear left, seen in the box's own frame. Corner i + 4 is above corner i.
 
-
 OCCLUSIONS = ('visible', 'partly occluded', 'largely occluded', 'unknown')
 """Indexed by the number in a label file (readme.txt of the object devkit)."""
 
@@ -134,9 +133,9 @@ def unit_corners() -> Float64Array:
 
 def cuboid_corners(cuboids: Sequence[Cuboid]) -> Float64Array:
     """Return the (N, 8, 3) corners of cuboids in velo_link, metres."""
-    rotations = np.array([each.velo_T_box.rotation for each in cuboids]).reshape(-1, 3, 3)
-    middles = np.array([each.velo_T_box.translation for each in cuboids]).reshape(-1, 1, 3)
-    sizes = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 1, 3)
+    rotations = np.array([cuboid.velo_T_box.rotation for cuboid in cuboids]).reshape(-1, 3, 3)
+    middles = np.array([cuboid.velo_T_box.translation for cuboid in cuboids]).reshape(-1, 1, 3)
+    sizes = np.array([cuboid.size_lwh for cuboid in cuboids], np.float64).reshape(-1, 1, 3)
     corners: Float64Array = (_SIGNS / 2 * sizes) @ np.swapaxes(rotations, 1, 2) + middles
     return corners
 
@@ -302,7 +301,6 @@ def box_to_rect(
 #
 # Empty boxes, and numbers that are not finite, overlap nothing.
 
-
 if TYPE_CHECKING:
     Places: TypeAlias = npt.NDArray[np.intp]
     Mask: TypeAlias = npt.NDArray[np.bool_]
@@ -354,10 +352,10 @@ class BoxTable:
         self._is_solid = np.array([each.cuboid is not None for each in objects], bool)
         cuboids = [each.cuboid or _NO_CUBOID for each in objects]
         self._bottoms = cuboid_corners(cuboids)[:, :4]
-        self._sizes = np.array([each.size_lwh for each in cuboids], float).reshape(-1, 3)
-        poses = [each.velo_T_box for each in cuboids]
-        self._middles = np.array([each.translation for each in poses]).reshape(-1, 3)
-        self._rotations = np.array([each.rotation for each in poses]).reshape(-1, 3, 3)
+        self._sizes = np.array([cuboid.size_lwh for cuboid in cuboids], float).reshape(-1, 3)
+        poses = [cuboid.velo_T_box for cuboid in cuboids]
+        self._middles = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        self._rotations = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         self._reaches = np.linalg.norm(self._sizes, axis=1) / 2
 
     def overlaps(self, others: BoxTable, rows: Places, compared: Mask) -> OverlappingPairs:
@@ -484,7 +482,6 @@ def _mean_within(start: Float64Array, end: Float64Array, limit: Float64Array) ->
 # Other than there, predictions choose by descending score, classes that KITTI does not evaluate
 # count when they are predicted, and neither size nor occlusion makes a label too hard to count.
 
-
 NEIGHBOURS = {
     'car': frozenset({'van'}),
     'pedestrian': frozenset({'person_sitting', 'person (sitting)'}),
@@ -554,8 +551,8 @@ def match(
         predictions: Of any classes; one without a score is the surest.
         overlaps: The IoU above which a prediction finds a label.
     """
-    predicted = {each.class_name.lower() for each in predictions}
-    names = [each.class_name.lower() for each in labels]
+    predicted = {prediction.class_name.lower() for prediction in predictions}
+    names = [label.class_name.lower() for label in labels]
     of_labels = [
         Match(None if _is_uncounted(name, predicted) else Verdict.FALSE_NEGATIVE) for name in names
     ]

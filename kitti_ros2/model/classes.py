@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 #
 # Numbers have no default: 1 is a car of Autoware, a person of COCO, and a vehicle of Waymo.
 
-
 KITTI_CLASSES = (
     'Car',
     'Van',
@@ -176,7 +175,6 @@ def check_labels(given: Mapping[str, str]) -> None:
 
 
 # The overlap that a true positive needs, by class.
-
 
 _VEHICLES = frozenset({'car', 'van', 'truck', 'tram'})
 _VEHICLE_OVERLAP, _OTHER_OVERLAP = 0.7, 0.5

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 # Text for people: safe single lines, and quantities with their units.
 
-
 _LONGEST, _END = 2000, 400  # of a line, and of its end where the middle is left out
 _SHORT = Repr()
 _SHORT.maxlevel = 3
@@ -92,7 +91,6 @@ def some_of(names: Sequence[str], most: int = 3) -> str:
 
 
 # The exceptions: each message contains what, where, what was expected, and what to do.
-
 
 _UNHELD_LOCK = ('release unlocked lock', 'cannot release un-acquired lock')
 
@@ -385,7 +383,6 @@ def describe_error(error: Exception) -> str:
 
 
 # Suggestions for misspelt names, and the error for a value that is none of several.
-
 
 _LEAST_RATIO = 0.75
 _LEAST_RATIO_SHORT_WORD = 0.66  # one letter of three

@@ -189,7 +189,6 @@ def _any_numbers() -> np.errstate:
 #
 # Source: the calibration files of 2011-09-26 and the sensor setup on KITTI's web page.
 
-
 NOMINAL_VELO_T_IMU = Transform.from_translation((-0.81, 0.32, -0.80))
 """imu_link in velo_link."""
 

@@ -199,7 +199,6 @@ class ReadableRecording(MovingRecording, Protocol):
 
 # The time of samples, with the whole turns of their scans.
 
-
 MARGIN_NS = 100_000_000
 """Time before and after samples in which packets of an unsynchronised drive are taken, too.
 
@@ -262,7 +261,6 @@ def numbers_around(numbers: Int64Array, taken: Int64Array) -> tuple[int, int]:
 
 
 # Motion compensation: the points of a turn of the scanner, moved to one moment, and back.
-
 
 _ORDER = 3  # of the terms in time; see _LARGEST_ANGLE of scanner_motion.py
 _PRECISE = 1e-7  # of a turn: 10 ns, in which a car drives less than a micrometre
@@ -451,9 +449,9 @@ def _polynomial(
     factors: list[list[float]], place: Sequence[Float32Array], seconds: Float32Array
 ) -> Float32Array:
     total = _affine(factors[-1], place)
-    for each in factors[-2::-1]:
+    for factor in factors[-2::-1]:
         total *= seconds
-        total += _affine(each, place)
+        total += _affine(factor, place)
     return total
 
 
@@ -476,7 +474,6 @@ def _columns(points: Float32Array) -> list[Float32Array]:
 # at 15 m/s, 30 deg/s and 0.1 s).
 # A twist is a (4, 4) matrix [W v; 0 0] per second in the scanner's own axes, W the cross product of
 # the angular velocity, so that a_T_b = exp(twist * seconds).
-
 
 _LARGEST_ANGLE = 0.06
 """Most radians that a piece of the motion turns: 4 um error at 120 m with terms up to the third."""
@@ -616,7 +613,6 @@ def _angular_speed(twist: Float64Array) -> float:
 
 # The route of the vehicle: positions, length, speed, yaw and turn rate.
 
-
 _STEP_LIMIT_M_S = 100.0
 
 
@@ -668,7 +664,9 @@ def route_of(
     """Make the route through poses in map; None for less than two finite positions."""
     stamps = np.array(stamps_ns, dtype=np.int64)
     transforms = [pose.world_T_imu for pose in poses]
-    places = np.array([each.translation for each in transforms], np.float64).reshape(-1, 3)
+    places = np.array([transform.translation for transform in transforms], np.float64).reshape(
+        -1, 3
+    )
     good = np.isfinite(places).all(axis=1)
     order = np.flatnonzero(good)[np.argsort(stamps[good], kind='stable')]
     if len(order) < 2:

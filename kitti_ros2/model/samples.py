@@ -288,7 +288,6 @@ class FrameLabels:
 
 # The places of KITTI's rectified cameras relative to each other.
 
-
 LEFT_OF = {1: 0, 3: 2}
 """The left camera of each right camera's stereo pair."""
 
@@ -401,7 +400,6 @@ def nearest_stamps(known_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Ar
 
 
 # Assignment of the samples of each stream to frames, by their stamps alone.
-
 
 _Key = TypeVar('_Key')
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 # listing. OXTS_EXTRACT, the packets of the unsynchronised drive beside a synchronised one, has
 # numbers of its own, and is paired by time.
 
-
 CAMERA_COUNT = 5
 CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
 """KITTI's cameras by index, as in topics and frames."""
@@ -224,7 +223,6 @@ _TRAITS = {
 # seconds such as ``1.037359e-01`` (odometry). Nothing here passes through float or datetime
 # microseconds: float64 resolves 2011 only to 238 ns.
 
-
 NS_PER_S = 1_000_000_000
 LAST_NS = 2**31 * NS_PER_S - 1
 """The latest value of builtin_interfaces/Time, in 2038: its seconds are an int32."""
@@ -306,7 +304,6 @@ def from_sec_nanosec(sec: int, nanosec: int) -> int:
 #
 # Written as in `--columns 'x y z intensity - ring time:f8'`: names in the order of the file, - for
 # a column that is skipped, :f8 for float64 instead of float32; all little-endian.
-
 
 _COLUMN = re.compile(r'(-|[A-Za-z]\w{0,30})(?::(f[48]))?', re.ASCII)
 _MOST = 64
@@ -440,7 +437,6 @@ def _common(name: str) -> str:
 
 
 # A place on earth that local poses are put at.
-
 
 EARTH_RADIUS_M = 6378137.0
 """Of KITTI's sphere: latlonToMercator.m of the raw devkit."""

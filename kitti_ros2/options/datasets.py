@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 # Options of cutting the scans of a data set.
 
-
 Span: TypeAlias = tuple[float, float]
 """Lowest and highest value, both included; an open end is infinite."""
 
@@ -211,11 +210,10 @@ class CropOptions:
     def cuts(self) -> bool:
         """Whether any option selects points."""
         limits = (self.view, self.range_m, self.height_m, self.lasers, self.voxel_m)
-        return bool(self.boxes) or any(each is not None for each in limits)
+        return bool(self.boxes) or any(limit is not None for limit in limits)
 
 
 # Options of dividing a data set into lists of frames or sequences.
-
 
 _NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_.-]*', re.ASCII)
 _NAMES = ('train', 'val')
@@ -477,7 +475,6 @@ class StatisticsOptions:
 
 
 # The options of the commands for whole data sets, and their values by name.
-
 
 EXTRACT = options_of(ExtractOptions)
 DOWNLOAD = (

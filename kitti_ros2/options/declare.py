@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 #
 # Each function takes the option's name and the value, and raises UsageError if it is invalid.
 
-
 Parser: TypeAlias = Callable[[str, object], Any]
 E = TypeVar('E', bound=Enum)
 P = TypeVar('P', bound=Parser)
@@ -147,7 +146,6 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
 
 
 # Parsers of quantities: sizes, times, lengths in metres, shares; see parsers.py.
-
 
 _SIZE = re.compile(r'(\d{1,100}(?:\.\d{1,100})?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
@@ -385,7 +383,6 @@ def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
 # Declaration of an option, once, on the field of the options object that it fills.
 #
 # The command line, YAML files, ROS parameters and the reference's tables take it from there.
-
 
 T = TypeVar('T')
 

@@ -90,7 +90,6 @@ class BagResultsOptions:
 
 # Options of scoring detections.
 
-
 BENCHMARK_CLASSES = {'car': 0.7, 'pedestrian': 0.5, 'cyclist': 0.5}
 """By class of the object benchmark the overlap above which a detection matches (MIN_OVERLAP)."""
 
@@ -260,7 +259,6 @@ class OdometryOptions:
 
 # Options of the evaluation of a running stack.
 
-
 _TOPIC = re.compile(r'(/[A-Za-z_]\w*)+', re.ASCII)
 _BOXES = ('detection', 'tracking')
 _POSES = ('odometry',)
@@ -407,7 +405,6 @@ class LiveOptions:
 
 
 # The options of the evaluations, and their values by name.
-
 
 DETECTION = (
     *options_of(DetectionOptions),

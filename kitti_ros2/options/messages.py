@@ -112,7 +112,6 @@ class MarkerOptions:
 
 # Options of a TF tree of the ground truth alone.
 
-
 _MAP, _BASE = 'map_gt', 'base_link_gt'
 
 

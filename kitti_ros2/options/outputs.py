@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 # Options of a written bag: storage, compression, splitting.
 
-
 _COMPRESSIONS = tuple(
     dict.fromkeys(name for each in CONTAINERS.values() for name in each.compressions)
 )

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 # Options of reading a KITTI folder: layout, sequence, time of recordings without stamps.
 
-
 T = TypeVar('T')
 
 DEFAULT_EPOCH_NS = 1_316_995_200_000_000_000

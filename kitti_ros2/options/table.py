@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 # Settings of to-bag, the player and view: the options objects of each part, and their own.
 
-
 FPS = (0.1, 240.0)
 
 
@@ -349,7 +348,6 @@ PLAY_OPTIONS = tuple(each.name for each in PLAY)
 
 
 # Options of commands that take whole collections.
-
 
 LOCAL = 'local'
 """The value of `scheduler` that starts a cluster on this machine."""

@@ -138,7 +138,6 @@ class Remarks:
 
 # Notes on scans whose turn of the scanner is nominal, or has no length.
 
-
 _WITHOUT_TIME = 'points have ring but no time'
 
 

@@ -271,8 +271,8 @@ class NumberedBag(NamedTuple):
     def by_stream(self) -> dict[Stream, Int64Array]:
         """Return by stream (N,) the file numbers of its topics, ascending."""
         found: dict[Stream, list[Int64Array]] = {}
-        for each in self.topics.values():
-            found.setdefault(each.stream, []).append(each.numbers[each.numbers != UNKNOWN])
+        for topic in self.topics.values():
+            found.setdefault(topic.stream, []).append(topic.numbers[topic.numbers != UNKNOWN])
         return {stream: np.unique(np.concatenate(parts)) for stream, parts in found.items()}
 
 
@@ -333,7 +333,7 @@ def number_bag(
 
 
 def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
-    return any(each.stream in FRAME_STREAMS and each.is_numbered for each in topics.values())
+    return any(topic.stream in FRAME_STREAMS and topic.is_numbered for topic in topics.values())
 
 
 def _by_log(

@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 # Folders of numbered files, and validation of the paths in a bag.
 
-
 _SHOWN = 80
 
 
@@ -113,7 +112,6 @@ def is_inside(name: str) -> bool:
 # The description in a bag written by to-bag: layout, folders, and the files the bag contains.
 #
 # It is untrusted: a bag may be damaged or forged.
-
 
 _MOST_FILES = 1_000_000  # of all streams: a day of frames; every one takes its memory
 _EARLIER_PERIOD_NS = 100_000_000  # of bags whose description has no period
@@ -511,7 +509,6 @@ def _of_tracking(
 
 
 # The text files in a bag, validated and written: none may overwrite another file.
-
 
 TEXT_FILE = 'text file'
 """The name of such a file in losses."""

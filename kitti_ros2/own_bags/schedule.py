@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 # The streams that a selection names.
 
-
 _CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
 _PACKETS = {Stream.OXTS, Stream.OXTS_EXTRACT}
 
@@ -73,7 +72,6 @@ def _numbered(name: str) -> str:
 
 
 # The window of a selection: the file numbers and stamps from its start to its end.
-
 
 UNLIMITED = (np.iinfo(np.int64).min, np.iinfo(np.int64).max)
 
@@ -187,7 +185,6 @@ def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) ->
 
 
 # The schedule of a recording: the selected samples in chronological order.
-
 
 _Row: TypeAlias = 'tuple[Stream, Int64Array, Int64Array]'
 """A stream, and the numbers and stamps of its samples."""

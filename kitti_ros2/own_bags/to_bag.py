@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 # long the recording is. What depends on order stays with the one who takes the messages: which of
 # them repeat the last one, and where a chunk or a file of the bag ends.
 
-
 if TYPE_CHECKING:
     Outcome: TypeAlias = tuple[list[Message], list[Loss]]
 
@@ -167,7 +166,6 @@ def _buffers(parts: Parts) -> Parts:
 
 
 # Conversion of KITTI to a bag: one chronological pass, each sample read when due.
-
 
 ShowProgress: TypeAlias = 'Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]'
 

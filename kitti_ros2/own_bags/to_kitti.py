@@ -115,7 +115,6 @@ def format_sample(
 # Images stored as pixels become PNG files of the same pixels; the text scans of raw extract get the
 # same numbers.
 
-
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
 """Streams that some layouts store as lines of one file."""
 
@@ -493,7 +492,7 @@ class Conversion:
             reports = convert(self.bags, plan, survey, self.out, options, show)
         reported |= {loss.text() for loss in losses}
         for place, report in enumerate(reports):
-            notes = tuple(each for each in report.notes if each not in reported)
+            notes = tuple(note for note in report.notes if note not in reported)
             before = losses if place == 0 else ()
             reports[place] = replace(report, losses=(*before, *report.losses), notes=notes)
         return reports

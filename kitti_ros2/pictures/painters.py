@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 # Access to the parts of a frame for drawing, with an error for a missing part.
 
-
 _CALIBRATION = Stream.CALIBRATION.value
 
 
@@ -133,7 +132,9 @@ def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     return replace(
         frame,
         objects=[each for each in frame.objects if each.class_name.lower() in kept],
-        predictions=[each for each in frame.predictions if each.class_name.lower() in kept],
+        predictions=[
+            prediction for prediction in frame.predictions if prediction.class_name.lower() in kept
+        ],
     )
 
 
@@ -235,7 +236,6 @@ def draw_bird(frame: FrameData, options: PictureOptions) -> Pixels:
 
 
 # Predictions of frames, compared with labels.
-
 
 _NAME = Stream.PREDICTIONS.value
 

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 # direction. For a recording without images the view from above is on the left, larger, and the path
 # so far is in its place.
 
-
 SIZE = (1920, 1080)
 """(width, height) of the page, pixels."""
 
@@ -147,7 +146,6 @@ def parts_of(frame: FrameData) -> PanelParts:
 
 # The texts and numbers of a panel: the facts of a frame, and its objects by class.
 
-
 _SCALE = 0.45
 _LINE = 22
 _VALUES = 100
@@ -183,7 +181,10 @@ def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]
 
 def _compared(frame: FrameData) -> list[tuple[str, str]]:
     """Return the number of predictions that are right and wrong, and of labels that none finds."""
-    matches = [each.match for each in frame.objects], [each.match for each in frame.predictions]
+    matches = (
+        [each.match for each in frame.objects],
+        [prediction.match for prediction in frame.predictions],
+    )
     missed, found = (Counter(match.verdict for match in some if match) for some in matches)
     if not missed and not found:
         return []
@@ -229,7 +230,7 @@ def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
 def draw_classes(window: Pixels, frame: FrameData) -> None:
     """Draw the number of objects of each class with bars, and below them the predictions."""
     counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
-    found = Counter(each.class_name for each in frame.predictions)
+    found = Counter(prediction.class_name for prediction in frame.predictions)
     most = max([*counts.values(), *found.values()], default=0)
     classes = sorted(
         {*counts, *found},

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 #
 # Where points cannot be shown on an image, there is a bird's-eye view.
 
-
 _CAMERAS = (2, 3, 0, 1, 4)
 """Cameras by preference: that of the labels, then its partner to the right."""
 _MOST_CAMERAS = 2

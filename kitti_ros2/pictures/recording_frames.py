@@ -61,7 +61,6 @@ if TYPE_CHECKING:
 
 # One decoded frame of a recording or a bag, the input of all pictures.
 
-
 POINT_LABELS = 'point_labels'
 """The name of labels of points among missing data."""
 

@@ -192,7 +192,6 @@ def rate_of(source: RecordingFrames, numbers: Sequence[int]) -> float:
 # PyAV (the extra video) encodes H.264, which every player and browser supports; without it OpenCV
 # encodes MPEG-4 Part 2, which players support and browsers do not.
 
-
 NO_H264 = (
     'the film is MPEG-4 Part 2, which browsers do not show, as PyAV is not installed; for H.264 run'
     " pip install 'kitti_ros2[video]'"

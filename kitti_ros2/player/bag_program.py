@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 
 # Selection of the topics of a bag to play, and of the image topics made from them.
 
-
 _OF_IMAGE = (IMAGE, HEADER, 'builtin_interfaces/msg/Time')
 _DEPTH = 10
 
@@ -176,7 +175,6 @@ def define_images(typestore: Typestore) -> None:
 
 
 # The program of a bag.
-
 
 _OF_CAMERA = frozenset({IMAGE, COMPRESSED, CAMERA_INFO})
 
@@ -394,7 +392,7 @@ def _frames_by_position(
     Scans written by to-bag and stamped at their start count as half-way to facing forward.
     """
     with open_messages(bag) as messages:
-        channels = [each for each in messages.channels if len(stamps.get(each[0], ()))]
+        channels = [channel for channel in messages.channels if len(stamps.get(channel[0], ()))]
     scans = [topic for topic, msgtype in channels if msgtype == CLOUD]
     cameras = [topic for topic, msgtype in channels if msgtype in _OF_CAMERA]
     candidates = scans[:1] or cameras or [topic for topic, _ in channels]
@@ -433,7 +431,6 @@ def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tupl
 #
 # By the convention of image_transport, IMAGE/compressed is the CompressedImage of the Image IMAGE.
 # A topic with another name is decoded to TOPIC/raw.
-
 
 _SUFFIX = '/compressed'
 _DEPTH_SUFFIX = '/compressedDepth'
@@ -528,7 +525,6 @@ def _annotated_name(topic: str) -> str:
 
 
 # Opens the source of a player: a KITTI folder or a bag.
-
 
 CLOCK = '/clock'
 STATE = '/kitti_player/state'

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 # member names. A test reads the types of an installed package through them, to detect a changed
 # layout.
 
-
 C_IDENTIFIER = b'rosidl_typesupport_c'
 FASTRTPS_IDENTIFIER = b'rosidl_typesupport_fastrtps_c'
 INTROSPECTION_IDENTIFIER = b'rosidl_typesupport_introspection_c'
@@ -191,7 +190,6 @@ def unwrap_pointer(capsule: object) -> int:
 # The fields of a message type, from the typestore's definition, with the type numbers of ROS 2.
 #
 # And their hash as defined by REP-2011.
-
 
 HASH_PREFIX = 'RIHS01_'
 
@@ -394,7 +392,6 @@ def _parse(msgtype: str, name: str, node: Any, rest: Any) -> MessageField:  # no
 # Such a type is for serialised messages only. It gives the middleware its name, hash, fields and
 # description, and the memory layout of a message; but no message is ever in memory, and the
 # functions that would convert one report failure.
-
 
 _DEPENDENCY_RULE = '=' * 80  # in a generated definition, precedes each dependency
 _ENCAPSULATION_SIZE = 4

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 # What the libraries of ROS write to stderr while they start, held back: an error is one line.
 
-
 TOO_MANY = 'too many open files; raise the limit (ulimit -n)'
 
 
@@ -123,7 +122,7 @@ def settings_variable() -> str:
     """Return the environment variable with the middleware's settings; empty if unknown."""
     variables = {_FAST: _PROFILE_VARIABLE, _CYCLONE: _CYCLONE_VARIABLE}
     name = middleware()
-    return next((variables[each] for each in variables if name.startswith(each)), '')
+    return next((variables[variable] for variable in variables if name.startswith(variable)), '')
 
 
 def _use_profile() -> None:
@@ -152,7 +151,6 @@ def cyclone_settings(given: str) -> str:
 
 
 # Creates a node; if the middleware fails, its own message becomes the error.
-
 
 T = TypeVar('T')
 
@@ -210,7 +208,6 @@ def _last_message(lines: Sequence[str]) -> str:
 #
 # A reliable writer of Cyclone DDS and its deletion block while a subscriber does not acknowledge:
 # seconds for each topic.
-
 
 EXIT_S = 1.8
 """Time for closing, of the 2 s for an exit; the interpreter needs the rest."""

@@ -59,7 +59,6 @@ if TYPE_CHECKING:
 #   true; nothing remains then, so that its playback ends or loops. Before the first stamp both go
 #   to the beginning.
 
-
 Act: TypeAlias = 'Callable[[Any, Any], object]'
 """A handler of a request, which fills in the response."""
 
@@ -176,7 +175,6 @@ def _succeeds(act: Callable[[], None]) -> bool:
 # Any node of the domain may call its services, with any request. rclpy raises the error of a
 # callback in the thread of the executor: a parameter of an unknown type is such an error.
 
-
 Handler: TypeAlias = 'Callable[[Any, Any], Any]'
 """A callback of a service: request and response in, response out."""
 
@@ -213,8 +211,8 @@ def _each_parameter(handler: Handler) -> Handler:
 
     def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
         results = []
-        for each in request.parameters:
-            alone = SetParameters.Request(parameters=[each])
+        for parameter in request.parameters:
+            alone = SetParameters.Request(parameters=[parameter])
             try:
                 results += handler(alone, SetParameters.Response()).results
             except Exception as error:  # noqa: BLE001 - see the docstring of the module
@@ -270,7 +268,6 @@ class Executor(SingleThreadedExecutor):  # type: ignore[misc] # rclpy has no typ
 
 
 # ROS parameters of the player, from the declared options.
-
 
 Value: TypeAlias = 'str | float | bool | list[str]'
 
@@ -633,7 +630,11 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
 
     def _changes(self, parameters: list[Parameter]) -> dict[str, Any]:
         """Return values by name, without the parameters of publishers (qos_overrides)."""
-        return {each.name: each.value for each in parameters if each.name in self._values}
+        return {
+            parameter.name: parameter.value
+            for parameter in parameters
+            if parameter.name in self._values
+        }
 
     def _seek(self, text: str) -> None:
         bound = Bound.parse(text)

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 # Flow control: a publisher waits for acknowledgements before its queue overwrites a message.
 
-
 _SLOW_NS = 1_000_000_000
 _STALLED_NS = 5_000_000_000
 _SAY_EVERY_S = 10.0
@@ -128,7 +127,6 @@ class FlowControl:
 # releases it: rcl_publish_serialized_message of rcl/publisher.h, with rcl_serialized_message_t,
 # which is rcutils_uint8_array_t of rcutils/types/uint8_array.h.
 
-
 _OK = 0
 
 
@@ -181,7 +179,6 @@ def byte_publisher(publisher: Publisher) -> Callable[[bytes], None]:
 
 
 # Quality of service: the defaults, and rosbag2's file of overrides.
-
 
 QosOverride: TypeAlias = 'dict[str, Any]'
 """The QoS of a topic in a file: values by their names in QoSProfile."""

@@ -79,7 +79,6 @@ class SteadyClock:
 
 # The schedule of a playback: which event is due when. No ROS, no disk.
 
-
 _SECOND = 1_000_000_000
 _LONG_WAIT_NS = 4_000_000
 _IDLE_EVERY_NS = 50_000_000
@@ -505,7 +504,6 @@ class Playback(PlaybackSchedule):
 # that of the queue. Here the next frame is sent when the one before is answered. A node may answer
 # later than that (a synchroniser that waits for the next message) or skip frames: if no answer
 # comes for some time, one more frame may be on its way.
-
 
 MOST_ON_THE_WAY = 10
 """Frames on their way at once, at most: the depth of the usual queue."""

@@ -208,7 +208,6 @@ def _by_reason(losses: Iterable[Loss]) -> dict[str, Loss]:
 
 # Prefetches messages on a pool of threads, so that publishing does not wait for them.
 
-
 if TYPE_CHECKING:
     Fetched = tuple[list[Message], list[Loss]]
 

@@ -30,7 +30,9 @@ def check_installed() -> None:
             " 'kitti_ros2[ros]'"
         )
     name = middleware()
-    if find_spec(name) is not None or any((each / f'lib{name}.so').exists() for each in _places()):
+    if find_spec(name) is not None or any(
+        (place / f'lib{name}.so').exists() for place in _places()
+    ):
         return
     package = 'ros-jazzy-' + name.replace('_', '-')
     if 'RMW_IMPLEMENTATION' in os.environ:
@@ -48,6 +50,6 @@ def _places() -> list[Path]:
     workspaces = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     libraries = os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
     return [
-        *(Path(each) / 'lib' for each in workspaces if each),
+        *(Path(workspace) / 'lib' for workspace in workspaces if workspace),
         *map(Path, filter(None, libraries)),
     ]

@@ -124,7 +124,6 @@ def _end_spin(executor: Executor, stop: threading.Event, thread: threading.Threa
 
 # The player of a stack under test: it sends a frame when the one before is answered.
 
-
 _TRANSFORMS = frozenset({'/tf', '/tf_static'})
 
 

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 # The interface between a session and its middleware or server, and statistics of subscribers.
 
-
 SETTLED_NS = 1_000_000_000
 """How long the subscriptions must stay unchanged before playback begins.
 
@@ -490,7 +489,6 @@ class Session:
 
 
 # A state in words -> diagnostic_msgs/DiagnosticArray, which viewers display.
-
 
 OK = 0
 WARN = 1

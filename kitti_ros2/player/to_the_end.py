@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 # Keyboard input in a terminal; the keys are those of `ros2 bag play`.
 
-
 HELP = 'keys: space pause, right next frame, left the one before, up/down rate, q quit'
 
 
@@ -221,7 +220,6 @@ def in_foreground(terminal: int) -> bool:
 
 # The key bindings of a player.
 
-
 _RATE_STEP = 0.1
 
 
@@ -286,7 +284,6 @@ def player_keyboard(
 
 
 # The status line of a player in a terminal, and its summary at the end.
-
 
 _REFRESH_S = 0.2
 _ERASE = '\r\x1b[K'

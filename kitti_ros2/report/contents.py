@@ -355,7 +355,6 @@ def spread(count: int, most: int) -> list[int]:
 
 # Rate, jitter and gaps of a stream, and whether its numbers match another stream's in time.
 
-
 GAP_PERIODS = 1.5
 """A distance of more periods than this is a gap; one lost sample makes it 2."""
 

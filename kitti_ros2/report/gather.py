@@ -68,7 +68,6 @@ if TYPE_CHECKING:
 
 # Pictures of a few frames of a recording.
 
-
 _QUALITY = 80
 _MOST_WIDTH = 1920
 _MOST_CAMERAS = 4
@@ -195,7 +194,6 @@ def _picture(
 
 
 # Facts and findings of the streams of a recording and the topics of a bag.
-
 
 _BIN = '.bin'
 _DIAGNOSED_MOST = 5

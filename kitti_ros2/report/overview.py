@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 # The cameras and static transforms of a recording or a bag, as numbers for people.
 
-
 _MOST_TF = 200
 
 

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 
 # The values of the section of a detector's scores; None without results.
 
-
 _ROWS = {'2d': '2D', 'aos': 'Orientation', 'bev': "Bird's-eye view", '3d': '3D'}
 _PLOTTED = '3d'
 _NONE = '\N{EN DASH}'
@@ -109,7 +108,6 @@ def _plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
 
 
 # The values of the sections of frames, route, objects and calibration; None without data.
-
 
 _EDGES_M = tuple(range(0, 100, 10))
 _MOST_HISTOGRAMS = 9
@@ -275,10 +273,14 @@ def _camera_table(cameras: Sequence[CameraGlance]) -> Table:
     columns = [('Camera', TEXT), ('Size', NUMBER)]
     columns += [(name, NUMBER) for name in ('fx', 'fy', 'cx', 'cy', 'Field of view', 'Baseline m')]
     rows = []
-    for each in cameras:
-        name, *pixels, baseline = each.cells()
-        size = f'{each.width} \N{MULTIPLICATION SIGN} {each.height}' if each.width else 'by image'
-        rows.append([name, size, *pixels, _field_of_view(each), baseline])
+    for camera in cameras:
+        name, *pixels, baseline = camera.cells()
+        size = (
+            f'{camera.width} \N{MULTIPLICATION SIGN} {camera.height}'
+            if camera.width
+            else 'by image'
+        )
+        rows.append([name, size, *pixels, _field_of_view(camera), baseline])
     return Table('Intrinsics of the rectified cameras, in pixels', columns, rows)
 
 
@@ -290,7 +292,6 @@ def _field_of_view(camera: CameraGlance) -> str:
 
 
 # The values of the section of streams: times, counts, rates, jitter, gaps and sizes.
-
 
 _MOST_PLOTS = 9
 _FEWEST_SAMPLES = 3
@@ -360,7 +361,7 @@ def _streams_table(report: Report, shown: Sequence[StreamFacts]) -> Table:
     rows = [[cell(each) for _, cell in columns] for each in shown]
     totals = {
         columns[0][0]: 'All',
-        columns[1][0]: f'{sum(len(each.timing) for each in report.streams):,}',
+        columns[1][0]: f'{sum(len(stream.timing) for stream in report.streams):,}',
         ('Size', NUMBER): format_bytes(report.overview.size_bytes),
     }
     total = [totals.get(heading, '') for heading, _ in columns]
@@ -414,9 +415,9 @@ def _value(value: float | None, unit: float) -> str:
 def _extent(report: Report) -> tuple[int, int]:
     """Return the first and the last time of all samples, 0 without any."""
     spans = [
-        each.timing.stamps_ns[[0, -1]] + each.clock_offset_ns
-        for each in report.streams
-        if len(each.timing)
+        stream.timing.stamps_ns[[0, -1]] + stream.clock_offset_ns
+        for stream in report.streams
+        if len(stream.timing)
     ]
     bounds = (report.overview.start_ns, report.overview.end_ns)
     times = [bound for bound in bounds if bound is not None]
@@ -430,9 +431,9 @@ def _intervals(streams: Sequence[StreamFacts]) -> list[tuple[str, str, str]]:
     Series with gaps come first.
     """
     alike: dict[bytes, list[StreamFacts]] = {}
-    for each in streams:
-        if len(each.timing) > _FEWEST_SAMPLES and each.timing.period_ns:
-            alike.setdefault(each.timing.stamps_ns.tobytes(), []).append(each)
+    for stream in streams:
+        if len(stream.timing) > _FEWEST_SAMPLES and stream.timing.period_ns:
+            alike.setdefault(stream.timing.stamps_ns.tobytes(), []).append(stream)
     found = []
     for place, group in enumerate(sorted(alike.values(), key=lambda some: not some[0].timing.gaps)):
         names, timing = ', '.join(each.name for each in group), group[0].timing
@@ -575,13 +576,13 @@ def _findings_section(report: Report) -> dict[str, object]:
     """Return the verdict and the findings, without the path of the folder: the footer has it."""
     folder = str(report.overview.path.absolute())
     findings = [
-        replace(each, text=each.text.replace(f'{folder}/', '').removeprefix(f'{folder}: '))
-        for each in report.findings
+        replace(finding, text=finding.text.replace(f'{folder}/', '').removeprefix(f'{folder}: '))
+        for finding in report.findings
     ]
     return {
         'verdict': f'{report.verdict[:1].upper()}{report.verdict[1:]}.',
-        'serious': [each for each in findings if each.severity is not Severity.NOTE],
-        'notes': [each for each in findings if each.severity is Severity.NOTE],
+        'serious': [finding for finding in findings if finding.severity is not Severity.NOTE],
+        'notes': [finding for finding in findings if finding.severity is Severity.NOTE],
     }
 
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 # Each plot is drawn 400 units wide and shown between 300 and 560 pixels wide, so its text stays
 # legible on a phone.
 
-
 WIDTH = 400
 
 
@@ -136,7 +135,6 @@ def scale_bar(scale: float, height: float) -> str:
 
 
 # Plots of streams and of labels.
-
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46, 10, 14, 30
 _INTERVAL_HEIGHT = 150
@@ -415,7 +413,6 @@ def shares_bar(shares: Sequence[int]) -> str:
 
 # The plot of the sensors: their frames with axes, from above and from the side.
 
-
 MOST_FRAMES = 16
 """Maximum number of frames that can be distinguished in a drawing."""
 
@@ -608,7 +605,6 @@ def _badge(spot: Float64Array, place: int) -> str:
 
 
 # The plot of a route from above.
-
 
 _ROUTE_MARGIN = 34.0
 _LEAST_ROUTE_M = 1.0

@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 # middle. Options make scans that take the time of a turn, and packets of their own time
 # (SyntheticOptions).
 
-
 START_NS = 1_317_042_000_123_456_789
 PERIOD_NS = 100_000_000
 LABEL_CAMERA = 2
@@ -224,7 +223,6 @@ class SyntheticDrive:
 
 
 # Writing of the synthetic recording to disk, in any layout.
-
 
 DATE = '2011_09_26'
 

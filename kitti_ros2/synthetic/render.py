@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 # A texture is a pyramid of uint8 BGR pictures, each half the size of the one before, drawn once.
 # Textures are seen from outside: left to right, top to bottom.
 
-
 Picture: TypeAlias = npt.NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]
 
@@ -270,7 +269,6 @@ _PAINTERS: dict[str, Callable[[int, tuple[float, float, float]], Sequence[Pictur
 # behind the camera, and G3 is the inverse depth: all four are planes over the image. A pixel's ray
 # goes through its centre, which has whole coordinates as KITTI's P has it.
 
-
 SUN = np.array([-0.45, 0.6, 0.66])
 """Towards the sun in velo_link: fixed to the car, so that the lit sides face the cameras."""
 
@@ -510,7 +508,6 @@ def draw_solids(
 
 # Backgrounds of the synthetic images: the winding road on the ground, and the sky.
 
-
 _PER_METRE = 32
 _ROAD_PERIOD = 24.0
 _ROAD_HALF_WIDTH = 16.0
@@ -695,7 +692,6 @@ def _along(start: float, end: float, per_metre: int) -> slice:
 
 
 # The synthetic cameras: their textures, and their images as PNG files.
-
 
 GREY_CAMERAS = (0, 1)
 _PNG_LEVEL = 1

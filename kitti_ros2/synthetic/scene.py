@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 # roll, pitch and height change along the way although the car is level on its road and every box
 # upright beside it.
 
-
 _Float = TypeVar('_Float', np.float32, np.float64)
 
 GRAVITY = 9.81
@@ -202,7 +201,6 @@ def _geodetic(position: Float64Array) -> tuple[float, float, float]:
 
 # Options of the synthetic recording.
 
-
 MAX_FRAMES = 10_000
 FULL_SIZE = (1242, 375)
 
@@ -272,7 +270,6 @@ class SyntheticOptions:
 # rectified cameras' y axis is exactly parallel to the scanner's z: so upright boxes are exact as
 # labels (yaw about the camera's y) and as tracklets (yaw about the scanner's z). The unrectified
 # camera 0 and the unit are tilted, so no part of the chain is an identity.
-
 
 SCANNER_HEIGHT = 1.73
 """Height of the scanner above the ground, metres."""
@@ -351,7 +348,6 @@ def _rounded(values: Float64Array) -> Float64Array:
 #
 # A lane is the ego lane shifted in y: negative to the right. Objects of one lane have the same
 # speed, so they never collide.
-
 
 ROAD_CENTRE = 1.75
 ROAD_RIGHT, ROAD_LEFT = -4.5, 7.6

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 # range. So a box's four walls depend on the column alone and its top and bottom on the
 # row alone, so the slab test is one line a column and one comparison a ray.
 
-
 ELEVATIONS = np.radians(
     np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.8, 32)])
 )
@@ -176,7 +175,6 @@ def _cast_walls(one: PlacedSolid, azimuths: Float64Array) -> tuple[Float64Array,
 # the moment at which the moving scanner faces it: clockwise seen from above, from the rear to the
 # rear.
 
-
 _KNOTS = 201
 _ROUNDS = 40
 _SETTLED_S = 1e-9
@@ -235,7 +233,6 @@ def _pose(course: Course, time: float) -> tuple[float, float, float]:
 # and seldom milliseconds late. Some packets are missing, and some come twice, with the same stamps;
 # see kitti/extract_oxts.py for those of KITTI.
 
-
 PERIOD_NS = 10_000_000
 BEFORE_AND_AFTER_NS = 500_000_000
 """How long the unsynchronised drive begins before the first frame, and ends after the last."""
@@ -290,7 +287,6 @@ def _order_of_arrival(rng: np.random.Generator, count: int) -> Int64Array:
 
 
 # Labels of the objects that the synthetic cameras see, in the manner of KITTI's annotators.
-
 
 FARTHEST = 80.0
 LEAST_VISIBLE = 0.05

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
 # What the metadata.yaml of a bag says of its topics and times, against its files.
 
-
 _ROUNDED_NS = NS_PER_S // 1000
 
 
@@ -85,7 +84,10 @@ def _of_times(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
     stamps = [piece for pieces in index.stamps.values() for piece in pieces if len(piece)]
     if not stamps:
         return
-    first, last = min(int(each.min()) for each in stamps), max(int(each.max()) for each in stamps)
+    first, last = (
+        min(int(stamp.min()) for stamp in stamps),
+        max(int(stamp.max()) for stamp in stamps),
+    )
     start = int(information['starting_time']['nanoseconds_since_epoch'])
     duration = int(information['duration']['nanoseconds'])
     if abs(start - first) > _ROUNDED_NS:
@@ -140,7 +142,7 @@ class _BagPass:
                     each for each in messages.losses if each not in self._facts.left_out
                 ]
                 self._facts.notes = [
-                    each for each in messages.findings if each not in messages.losses
+                    finding for finding in messages.findings if finding not in messages.losses
                 ]
         except BadBagError as error:  # none of its messages can be read
             self._facts.left_out = [str(error)]
@@ -148,7 +150,7 @@ class _BagPass:
         known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [
             *self._facts.notes,
-            *(each for each in index.findings if each not in known),
+            *(finding for finding in index.findings if finding not in known),
             *find_differences(self._bag.path, index),
         ]
         self._facts.messages = index.total

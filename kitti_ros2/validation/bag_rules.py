@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 
 # Rules about a whole bag: container, metadata, schemas, frames, cameras and their images.
 
-
 Size = tuple[int, int]
 _MOST_UNPAIRED = 64
 """Sizes that are kept of a topic, to be compared with the other one of the same stamp."""
@@ -286,7 +285,6 @@ def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
 
 # Rules about single messages of a bag: CameraInfo, PointCloud2, Image, transforms.
 
-
 HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
 """Types of sensors and poses, which begin with a header."""
 _READ_TYPES = frozenset(
@@ -471,19 +469,18 @@ def _find_bad_pixels(message: CheckedMessage) -> Iterator[Breach]:
 def _find_bad_transforms(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype not in TF_TYPES or message.value is None:
         return
-    for each in message.value.transforms:
-        q, t = each.transform.rotation, each.transform.translation
-        link = f'{each.header.frame_id} -> {each.child_frame_id}'
+    for transform in message.value.transforms:
+        q, t = transform.transform.rotation, transform.transform.translation
+        link = f'{transform.header.frame_id} -> {transform.child_frame_id}'
         norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w  # ** raises where * is inf
         if not np.isfinite((t.x, t.y, t.z)).all() or not abs(norm - 1) < _NORM_OFF:
             numbers = f'{t.x:g} {t.y:g} {t.z:g}, {q.x:g} {q.y:g} {q.z:g} {q.w:g}'
             yield Breach(f'{message.topic}: {link} is {numbers}', message.bag)
-        if not each.header.frame_id or not each.child_frame_id:
+        if not transform.header.frame_id or not transform.child_frame_id:
             yield Breach(f'{message.topic}: {link} has a frame without a name', message.bag)
 
 
 # Rules about the stamps and the QoS of a topic in a bag.
-
 
 _EARLIEST_NS = 946_684_800 * NS_PER_S
 """2000-01-01 UTC: the clock of a simulation begins at 0."""

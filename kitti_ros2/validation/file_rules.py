@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 # Rules about one file: it can be opened, has a possible size, and can be parsed.
 
-
 _MOST_TEXT = 16 << 20  # the largest text file of KITTI has 1 MB
 _COPY = 'copy or download the file again'
 _CORRECT = 'correct the line, or label the object again'
@@ -166,7 +165,6 @@ FILE_RULES.add('text-file', ERROR, 'Text files are UTF-8; tracklets are whole XM
 #
 # Limits, from tracking 0000 (1089 rows) and object 000000..2: objects are up to 13 m long, tracks
 # move at most 0.9 m a frame relative to the car, so 15 m is far beyond oncoming traffic.
-
 
 CLASSES = frozenset(
     {'Car', 'Van', 'Truck', 'Pedestrian', 'Person_sitting', 'Cyclist', 'Tram', 'Misc', DONT_CARE}
@@ -413,7 +411,6 @@ def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
 # cameras are 0.53 to 0.54 m to the right of the left ones, P_rect and R, T differ by 0.3 mm,
 # rectified cameras are parallel to 1.4e-7, the scanner is 0.3 m from camera 0 and looks where it
 # looks.
-
 
 _ORTHONORMAL = 1e-5
 _FOCAL_RATIO = 1.1

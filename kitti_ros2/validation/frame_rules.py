@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # Places of 3D boxes in a scan, and which boxes have no point of it inside.
 
-
 _SAMPLED = 16
 _MARGIN_M = 0.05
 """Labels have two decimals, and annotators draw boxes close to the points."""
@@ -77,15 +76,15 @@ def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> l
 
 def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[BoxInScan]:
     """Return the places of tracklets."""
-    rotation, middle = _stacked([each.velo_T_box for each in cuboids])
-    half = np.array([each.size_lwh for each in cuboids], np.float64).reshape(-1, 3) / 2
+    rotation, middle = _stacked([cuboid.velo_T_box for cuboid in cuboids])
+    half = np.array([cuboid.size_lwh for cuboid in cuboids], np.float64).reshape(-1, 3) / 2
     return _places(middle, rotation, half)
 
 
 def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Array]:
     """Return (N, 3, 3) rotations and (N, 3) translations."""
-    rotations = np.array([each.rotation for each in transforms], np.float64)
-    translations = np.array([each.translation for each in transforms], np.float64)
+    rotations = np.array([transform.rotation for transform in transforms], np.float64)
+    translations = np.array([transform.translation for transform in transforms], np.float64)
     return rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
 
 
@@ -124,7 +123,6 @@ def _has_point(xyz: Float32Array, place: BoxInScan) -> bool:
 # their 2D boxes with an IoU of 0.52 at least, alpha is within 0.09 rad of rotation_y and the ray,
 # 2D boxes are inside the image. KITTI's principal points are within 4 % of the image's middle.
 
-
 Size = tuple[int, int]
 _LEAST_IOU = 0.3
 _ALPHA_RAD = 0.2
@@ -160,11 +158,11 @@ class FrameFiles:
     def solid(self) -> list[LabelLine]:
         """The labels with a valid 3D box."""
         return [
-            each
-            for each in self.lines
-            if has_cuboid(each.box)
-            and min(each.box.size_hwl) > 0
-            and max(map(abs, (*each.box.location, *each.box.size_hwl))) < _FARTHEST_LABEL_M
+            line
+            for line in self.lines
+            if has_cuboid(line.box)
+            and min(line.box.size_hwl) > 0
+            and max(map(abs, (*line.box.location, *line.box.size_hwl))) < _FARTHEST_LABEL_M
         ]
 
     @property
@@ -211,7 +209,7 @@ def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
         for each in frame.solid
         if each.box.occluded <= 0
     ]
-    cuboids = [(frame.number, each) for frame, _ in known for each in frame.cuboids]
+    cuboids = [(frame.number, cuboid) for frame, _ in known for cuboid in frame.cuboids]
     named: list[tuple[int, str, int | None]] = [
         *((number, box.class_name, line) for number, (line, box), _ in labels),
         *((number, f'{each.class_name} {each.identity}', None) for number, each in cuboids),
@@ -336,7 +334,7 @@ SCAN_FRAME_RULES = RuleTable[LabelledScan](RuleScope.FRAME)
     'usual for some objects; if most are listed, check the calibration',
 )
 def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
-    for index in places_without_points(scan.points, [each.place for each in scan.boxes]):
+    for index in places_without_points(scan.points, [box.place for box in scan.boxes]):
         name, line, place = scan.boxes[index]
         text = f'frame {scan.frame.number}: {name} at {place.distance:.0f} m'
         yield Breach(f'{text}: no point of the scan is inside', scan.frame.label_path, line)
@@ -415,7 +413,6 @@ def _find_blank(file: ImageFile) -> Iterator[Breach]:
 #
 # Limits, from KITTI's scans (object 000000..2, raw 0052, odometry 00, semantickitti): coordinates
 # are within 80 m, reflectances 0..0.99, no point is at the origin. Scanners of others reach 250 m.
-
 
 _FARTHEST_POINT_M = 250.0
 _NOT_METRES = 10_000.0

@@ -74,7 +74,6 @@ if TYPE_CHECKING:
 
 # Checks of the files of one frame: each is read once, and checked alone and with the others.
 
-
 T = TypeVar('T')
 _MOST_KNOWN = 64
 """Calibrations that are kept for frames with equal files."""
@@ -350,7 +349,7 @@ class SequenceChecks:
                 self.found += find_breaches(POSE_RULES, PosesFile(path, poses))
             elif path.parent.name == names.TRACKING_LABELS:
                 self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
-                self._report({each.line: each for each in self.labels.errors})
+                self._report({error.line: error for error in self.labels.errors})
                 self.found += find_breaches(LABEL_RULES, self.labels)
         if self._recording.layout.traits.line_streams >= {Stream.OXTS}:
             self._read_packets()

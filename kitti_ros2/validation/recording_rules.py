@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 # Rules about a recording: its folders, numbers, and what its files have in common.
 
-
 _FEW_POINTS = 0.5  # of the median; KITTI's scans have 113,000 to 127,000 points
 _LEAST_SCANS = 3
 _MOST_UNKNOWN = 0.5
@@ -268,7 +267,6 @@ def _find_no_stamps(facts: RecordingFacts) -> Iterator[Breach]:
 # Limits, from raw drives 0001 and 0005: periods are 0.099 to 0.111 s, cameras and oxts come 9 to 24
 # ms after the scan of the same number, turns take 0.102 to 0.105 s.
 
-
 _EARLIEST_NS = 946_684_800 * NS_PER_S
 """2000-01-01 UTC: clocks that were not set begin in 1970 or 1980."""
 _DAY_NS = 86_400 * NS_PER_S
@@ -425,7 +423,6 @@ def _ms(nanoseconds: float) -> str:
 # rad/s, vf and ve, vn by 0.003 m/s; the mean of az is 9.80 m/s^2, roll and pitch are below 0.05
 # rad; poses are at most 1.34 m apart, and orthonormal to 2.4e-7.
 
-
 _SPEED_OFF = (3.0, 0.3)  # m/s, and as a part of the speed
 _YAW_OFF = 0.2
 _FORWARD_OFF = 0.1
@@ -462,7 +459,7 @@ class PacketTrack:
 
     def column(self, name: str) -> Float64Array:
         """Return a column of all packets."""
-        return np.array([getattr(each, name) for each in self.packets], np.float64)
+        return np.array([getattr(packet, name) for packet in self.packets], np.float64)
 
     @cached_property
     def steps_s(self) -> Float64Array:
@@ -485,7 +482,7 @@ def _find_position(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
     world = MercatorWorld.at(track.packets[0])
-    places = np.array([world.pose(each).translation[:2] for each in track.packets])
+    places = np.array([world.pose(packet).translation[:2] for packet in track.packets])
     measured = np.stack([track.column('ve'), track.column('vn')], axis=1)
     measured = (measured[1:] + measured[:-1]) / 2
     moved = np.diff(places, axis=0) / track.steps_s[:, None]

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 # A rule and its findings: what is checked, how bad a breach is, and what to do.
 
-
 S = TypeVar('S')
 
 _PLACE = re.compile(r'(?P<path>.+?)(?::(?P<line>\d+))?: (?P<text>.+)', re.DOTALL)
@@ -265,7 +264,7 @@ class ValidationReport:
     @property
     def findings(self) -> tuple[ValidationFinding, ...]:
         """The findings of all rules, at most 1000 of each, errors first."""
-        return tuple(each for group in self.rules for each in group.findings)
+        return tuple(finding for group in self.rules for finding in group.findings)
 
 
 @dataclass
@@ -299,7 +298,7 @@ class FindingTally:
         )
         groups = tuple(map(self._group, found))
         totals = {
-            severity: sum(each.count for each in groups if each.severity == severity.value)
+            severity: sum(group.count for group in groups if group.severity == severity.value)
             for severity in order
         }
         return ValidationReport(tuple(sources), groups, *totals.values())

@@ -129,7 +129,6 @@ def _bags_in(folder: Path) -> Iterator[Path]:
 
 # Rules about the lists of frames of an object set, ImageSets/*.txt.
 
-
 _DISJOINT = frozenset({'train', 'val', 'test'})
 _WHOLE = 'trainval'
 _TEST = 'test'
@@ -287,7 +286,6 @@ def _find_unlike_whole(splits: SplitLists) -> Iterator[Breach]:
 
 # All rules, in the order of the documentation.
 
-
 FOLDER_RULES: tuple[Rule[Any], ...] = (
     *SOURCE_RULES,
     *FILE_RULES,
@@ -315,7 +313,7 @@ def rules_by_id(*, bags: bool) -> dict[str, Rule[Any]]:
         from .bag_rules import BAG_RULES, MESSAGE_RULES, TOPIC_RULES  # noqa: PLC0415 - see above
 
         rules = (*FOLDER_RULES, *BAG_RULES, *TOPIC_RULES, *MESSAGE_RULES)
-    return {each.id: each for each in rules}
+    return {rule.id: rule for rule in rules}
 
 
 if TYPE_CHECKING:
@@ -403,6 +401,8 @@ def _check_data_set(
             frames[candidate.name] = frozenset(numbers)
         yield source
     if frames:
-        folders = [each.folder for each in data_set.recordings if each.folder is not None]
+        folders = [
+            recording.folder for recording in data_set.recordings if recording.folder is not None
+        ]
         splits = SplitLists.read(folders[0].parent, frames, known)
         tally.add(find_breaches(SET_RULES, splits))

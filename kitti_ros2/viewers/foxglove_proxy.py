@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 # Messages that wait for one viewer, bounded: its oldest are dropped, never a control.
 
-
 MESSAGE_LIMIT = 8 << 20
 """Bytes of messages that wait for one viewer: more than a frame of a drive with all topics."""
 
@@ -124,7 +123,6 @@ def _has_opcode(data: Data, opcode: bytes) -> bool:
 
 
 # The connection of one viewer, with bounds that websockets leaves to its user.
-
 
 VIEWERS = 8
 """Connected viewers."""

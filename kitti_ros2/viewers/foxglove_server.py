@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 #
 # Latched messages are kept and sent to each new subscriber, like a transient local publisher does.
 
-
 _RENEW_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
 
@@ -81,7 +80,9 @@ class ViewerChannels(Transport):
         super().__init__([*program.channels, state])
         self._tell_time = tell_time
         self._tell_jump = tell_jump
-        self._channels = [_open(each, program.typestore, context) for each in program.channels]
+        self._channels = [
+            _open(channel, program.typestore, context) for channel in program.channels
+        ]
         self._channels.append(_open(state, TYPESTORE, context))
         self._state = len(program.channels)
         self._index = {each.topic: index for index, each in enumerate(self.channels)}
@@ -442,7 +443,6 @@ def _open_proxy(
 #
 # The SDK logs by Python's logging, a line for each message that it does not understand. A client
 # may send thousands.
-
 
 LEVEL_VARIABLE = 'FOXGLOVE_LOG_LEVEL'
 """Of the SDK: who sets it gets all lines of that level."""

@@ -105,7 +105,6 @@ def height_colors(points: Float32Array) -> npt.NDArray[np.uint32]:
 
 # Rerun entities: updates of their components, their converters, and their paths.
 
-
 TIME = 'time'
 FRAME = 'frame'
 
@@ -187,7 +186,6 @@ def image_frame(image: str) -> str:
 #
 # vision_msgs before version 4 has other names for some fields; both are supported.
 
-
 _DONT_CARE_RGB = (120, 120, 120)
 
 
@@ -196,12 +194,12 @@ class Box3DConverter(Converter):
 
     def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield one update, also without boxes: it removes those of the last message."""
-        boxes = [each.bbox for each in message.detections]
-        names = [_class_and_score(each) for each in message.detections]
+        boxes = [detection.bbox for detection in message.detections]
+        names = [_class_and_score(detection) for detection in message.detections]
         components = rr.Boxes3D(
-            centers=rows_of(each.center.position for each in boxes),
-            sizes=rows_of(each.size for each in boxes),
-            quaternions=unit_quaternions(each.center.orientation for each in boxes),
+            centers=rows_of(box.center.position for box in boxes),
+            sizes=rows_of(box.size for box in boxes),
+            quaternions=unit_quaternions(box.center.orientation for box in boxes),
             colors=_class_colors(self.topic, names),
             labels=_labels(message.detections, names),
             fill_mode=rr.components.FillMode.MajorWireframe,
@@ -215,9 +213,9 @@ class Box2DConverter(Converter):
     def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
         """Yield one update for each of those images, or a single one if there is none."""
         survey = self.context.survey
-        boxes = [each.bbox for each in message.detections]
-        centers = [getattr(each.center, 'position', each.center) for each in boxes]
-        names = [_class_and_score(each) for each in message.detections]
+        boxes = [detection.bbox for detection in message.detections]
+        centers = [getattr(box.center, 'position', box.center) for box in boxes]
+        names = [_class_and_score(detection) for detection in message.detections]
         components = rr.Boxes2D(
             centers=rows_of(centers, ('x', 'y')),
             sizes=rows_of(boxes, ('size_x', 'size_y')),
@@ -237,7 +235,7 @@ class Box2DConverter(Converter):
 
 def rows_of(messages: Iterable[Any], fields: Sequence[str] = ('x', 'y', 'z')) -> Float64Array:
     """Return (N, len(fields)) numbers of N messages with these fields."""
-    rows = [[getattr(each, name) for name in fields] for each in messages]
+    rows = [[getattr(message, name) for name in fields] for message in messages]
     return np.array(rows, np.float64).reshape(-1, len(fields))
 
 
@@ -251,13 +249,13 @@ def unit_quaternions(turns: Iterable[Any]) -> list[rr.Quaternion]:
 
 def _frame_of(message: Any) -> str:  # noqa: ANN401 - a rosbags class
     """Return the frame of an array, or if it is empty that of the first detection."""
-    headers = [message.header, *(each.header for each in message.detections[:1])]
-    return next((name for each in headers if (name := frame_name(each.frame_id))), '')
+    headers = [message.header, *(detection.header for detection in message.detections[:1])]
+    return next((name for header in headers if (name := frame_name(header.frame_id))), '')
 
 
 def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a rosbags class
     """Return those of the best hypothesis, the first of equals; ('', 1) without any."""
-    hypotheses = [getattr(each, 'hypothesis', each) for each in detection.results]
+    hypotheses = [getattr(result, 'hypothesis', result) for result in detection.results]
     if not hypotheses:
         return '', 1.0
     best = max(hypotheses, key=lambda each: each.score)
@@ -286,7 +284,6 @@ def _class_colors(topic: str, names: list[tuple[str, float]]) -> list[tuple[int,
 # P, after R, projects points of header.frame_id, and a pinhole has neither a rotation nor an
 # offset: if there is one, the pinhole gets a frame of its own.
 
-
 _IMAGE_PLANE_M = 3.0
 _SAME = 1e-9
 
@@ -302,7 +299,11 @@ class PinholeConverter(Converter):
     def convert(self, message: CameraInfo) -> Iterator[EntityUpdate]:
         """Yield nothing if nothing changed, or if the camera is not calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
-        key = (*(each.tobytes() for each in matrices), str(message.roi), message.header.frame_id)
+        key = (
+            *(matrix.tobytes() for matrix in matrices),
+            str(message.roi),
+            message.header.frame_id,
+        )
         if key == self._last:
             return
         self._last = key
@@ -377,7 +378,6 @@ def projection_of(
 #
 # As in RViz, markers stay until they are replaced, deleted, or their lifetime has expired; each
 # message of a topic updates all its remaining markers.
-
 
 _KINDS = {
     Marker.CUBE: 'boxes',

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 # The initial layout of the viewer: space, two cameras with boxes, the map, curves.
 
-
 _MARKERS = (MARKERS, 'visualization_msgs/msg/Marker')
 _FIX = (FIX,)
 _MOST_CAMERAS = 2
@@ -287,5 +286,5 @@ class _StreamLogger:
                 rr.TimeColumn(TIME, timestamp=np.array(stamps, 'datetime64[ns]')),
                 rr.TimeColumn(FRAME, sequence=frames),
             ],
-            columns=columns.partition([len(each) for each in values]),
+            columns=columns.partition([len(value) for value in values]),
         )

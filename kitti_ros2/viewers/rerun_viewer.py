@@ -214,7 +214,6 @@ def _free_port(preferred: int) -> int:
 # The SDK's own file writer does not report errors and may then block forever. So it writes to a
 # named pipe, and a thread here writes the file.
 
-
 _BLOCK_BYTES = 1 << 20
 
 
