@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
-from s3_server import Fault
+from remote.s3_server import Fault
 
 from kitti_ros2.cli import main
 from kitti_ros2.model.streams import Layout

@@ -14,7 +14,7 @@ pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 import boto3
 import botocore.exceptions as errors
 from botocore.config import Config
-from s3_server import Fault
+from remote.s3_server import Fault
 
 from waiting import PATIENCE_S  # isort: skip
 

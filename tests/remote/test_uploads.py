@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
-from s3_server import Fault
+from remote.s3_server import Fault
 
 from kitti_ros2.files import remote_requests, uploads
 from kitti_ros2.files.remote import as_path, marker_of

@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 import fsspec.config
-from s3_server import AT_ONCE, Fault
+from remote.s3_server import AT_ONCE, Fault
 from test_uploads import (
     ALWAYS,
     FILES,
