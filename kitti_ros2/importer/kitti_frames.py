@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..kitti.prepare import within
 from ..messages.moving_tree import MAX_GAP_NS
 from ..messages.naming import LABEL_LINES
 from ..model.bag_formats import TF_TYPES
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 
-# The frames that a selection takes: by their numbers, seconds from the first, or stamps.
+# The frames that a selection takes.
 
 
 def span_of(
@@ -54,29 +55,6 @@ def span_of(
             f'the selection takes no frame; there are frames 0 to {numbers[-1]},'
             f' seconds 0s to {seconds:.3f}s'
         )
-    return chosen
-
-
-def within(
-    selection: SelectionOptions, numbers: Int64Array, stamps_ns: Int64Array
-) -> npt.NDArray[np.bool_]:
-    """Return (N,) which frames are between the start and the end of a selection, both included.
-
-    Args:
-        selection: Its seconds count from the first frame.
-        numbers: (N,) of the frames.
-        stamps_ns: (N,) of the frames.
-    """
-    chosen = np.ones(len(numbers), dtype=np.bool_)
-    for bound, compare in ((selection.start, np.greater_equal), (selection.end, np.less_equal)):
-        if bound is None:
-            continue
-        if bound.frame is not None:
-            chosen &= compare(numbers, bound.frame)
-        elif bound.offset_ns is not None:
-            chosen &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
-        else:
-            chosen &= compare(stamps_ns, bound.stamp_ns or 0)
     return chosen
 
 

@@ -36,9 +36,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    import numpy.typing as npt
+
     from ..model.geometry import Float64Array
     from ..model.recording import MovingRecording
     from ..model.samples import Int64Array, Pose, Scan, Turn
+    from ..options.read import SelectionOptions
     from .kitti_recording import KittiRecording
 
 
@@ -406,3 +409,29 @@ def _frame_stamps(recording: KittiRecording) -> dict[int, int]:
     for index in reversed(present if recording.common_numbers else present[:1]):
         found |= zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True)
     return found
+
+
+# The frames that a selection takes: by their numbers, seconds from the first, or stamps.
+
+
+def within(
+    selection: SelectionOptions, numbers: Int64Array, stamps_ns: Int64Array
+) -> npt.NDArray[np.bool_]:
+    """Return (N,) which frames are between the start and the end of a selection, both included.
+
+    Args:
+        selection: Its seconds count from the first frame.
+        numbers: (N,) of the frames.
+        stamps_ns: (N,) of the frames.
+    """
+    chosen = np.ones(len(numbers), dtype=np.bool_)
+    for bound, compare in ((selection.start, np.greater_equal), (selection.end, np.less_equal)):
+        if bound is None:
+            continue
+        if bound.frame is not None:
+            chosen &= compare(numbers, bound.frame)
+        elif bound.offset_ns is not None:
+            chosen &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
+        else:
+            chosen &= compare(stamps_ns, bound.stamp_ns or 0)
+    return chosen

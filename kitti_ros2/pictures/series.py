@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files.staging import keep_all_but_files
 from ..files.threads import ordered_map, worker_count
-from ..importer.kitti_frames import within
+from ..kitti.prepare import within
 from ..model.errors import KittiRos2Error, Loss, MissingDataError, UsageError, describe_frames
 from ..model.streams import NS_PER_S, Stream
 from ..options.read import NOMINAL_PERIOD_NS
