@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from ..bags.open_source import open_folder
 from ..files.local_staging import Staging
 from ..files.remote import as_path
-from ..files.staging import keep_all, keep_all_but_files, staged_file
+from ..files.replaceable import keep_all, keep_all_but_files
+from ..files.staging import staged_file
 from ..kitti.extract_oxts import add_extract
 from ..model.streams import Stream
 from ..options.stack_catalogue import Node

@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING
 
 from ..files.local_staging import Staging, output_error
 from ..files.remote import is_remote
-from ..files.staging import keep_all, keep_all_but_bags, open_staging
+from ..files.replaceable import keep_all, keep_all_but_bags
+from ..files.staging import open_staging
 from ..files.threads import SignalHold, worker_count
 from ..model.bag_formats import CONTAINERS, container_of
 from ..model.errors import OutputError, UsageError, add_note, format_count, not_one_of

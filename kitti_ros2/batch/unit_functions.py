@@ -15,14 +15,14 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.staging import (
+from ..files.replaceable import (
     KEEP_ALL_BUT_JSON,
     KEEP_ALL_BUT_PAGES,
     json_text,
     keep_all,
     losses_json,
-    staged_file,
 )
+from ..files.staging import staged_file
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import KittiRos2Error, UsageError, describe_error, interruption_of
 from .pool import UnitResult

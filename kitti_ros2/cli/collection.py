@@ -38,7 +38,8 @@ from ..datasets.set_statistics import SetStatistics, plain_values, read_values, 
 from ..evaluation.score_values import combined_odometry, combined_tracking
 from ..evaluation.track_metrics import check_trackeval
 from ..evaluation.trajectories import check_evo
-from ..files.staging import KEEP_ALL_BUT_PAGES, staged_file
+from ..files.replaceable import KEEP_ALL_BUT_PAGES
+from ..files.staging import staged_file
 from ..model.boxes import Difficulty
 from ..model.errors import BadFileError, UsageError, format_bytes, format_count, format_duration
 from ..options.datasets import make_statistics_options

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from ..files.processes import keep_imports
-from ..files.staging import losses_json
+from ..files.replaceable import losses_json
 from ..model.boxes import Difficulty
 from ..model.errors import format_count
 from ..options.evaluation import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from ..files.processes import keep_imports
-from ..files.staging import KEEP_ALL_BUT_PAGES, keep_all
+from ..files.replaceable import KEEP_ALL_BUT_PAGES, keep_all
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.evaluation import DetectionOptions
 from ..options.table import make_settings, split_batch_options
