@@ -34,9 +34,15 @@ def count(event, args):
 
 sys.addaudithook(count)
 from kitti_ros2.__main__ import main
-sys.exit(main())
+code = main()
+if left[0] > 0:
+    print(moment - left[0])
+sys.exit(code)
 """
-"""Interrupts itself at the n-th import after the first line of the program's own module."""
+"""Interrupts itself at the n-th import after the first line of the program's own module.
+
+A start that is not interrupted prints how many imports it had.
+"""
 
 
 def interrupted(moment, *words):
@@ -49,11 +55,14 @@ def interrupted(moment, *words):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize('moment', [1, 2, 4, 8, 16, 32, 48, 64, 96, 128])
 @pytest.mark.parametrize('command', ['info', 'to-bag'])
-def test_ctrl_c_while_a_command_starts_is_one_line(moment, command, tmp_path):
+def test_ctrl_c_while_a_command_starts_is_one_line(command, tmp_path):
     words = [command, str(tmp_path / 'nothing')]
-    assert interrupted(moment, *words) == (EXIT_INTERRUPTED, '', SAID)
+    _, output, _ = interrupted(10**6, *words)
+    imports = int(output)
+    assert imports > 50
+    for moment in {1, 2, 4, 8, 16, *(imports * part // 6 for part in range(1, 6))}:
+        assert interrupted(moment, *words) == (EXIT_INTERRUPTED, '', SAID), moment
 
 
 @pytest.mark.one_in(3)
