@@ -16,15 +16,15 @@ from ..files.processes import keep_imports
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.datasets import make_download_options, make_extract_options
 from .command import JsonOption, QuietOption, takes
-from .exits import EXIT_INTERRUPTED, EXIT_LOSSES, EXIT_OK
+from .exits import EXIT_INTERRUPTED, EXIT_OK
 from .output import (
     bytes_progress,
     complain,
     format_path,
     print_json,
+    put_result,
     report_values,
     say,
-    show_losses,
 )
 
 if TYPE_CHECKING:
@@ -199,12 +199,9 @@ def download(
     except KeyboardInterrupt:
         complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
         sys.exit(EXIT_INTERRUPTED)
-    show_losses(report.losses)
-    if json:
-        print_json(report_values(report))
-    elif not quiet:
-        _say(report)
-    return EXIT_LOSSES if report.losses else EXIT_OK
+    return put_result(
+        lambda: report_values(report), lambda: _say(report), report.losses, json=json, quiet=quiet
+    )
 
 
 @takes('EXTRACT', of='datasets')
@@ -242,9 +239,10 @@ def extract(
     options = make_extract_options(given)
     with bytes_progress('extracting', show=not quiet) as (progress,):
         report = extract_all(archives, root, options, progress)
-    show_losses(report.losses)
-    if json:
-        print_json(report_values(report))
-    elif not quiet:
-        say_extracted(report)
-    return EXIT_LOSSES if report.losses else EXIT_OK
+    return put_result(
+        lambda: report_values(report),
+        lambda: say_extracted(report),
+        report.losses,
+        json=json,
+        quiet=quiet,
+    )
