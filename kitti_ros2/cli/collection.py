@@ -4,79 +4,27 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 import time
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..bags.locate import is_bag_name
-from ..batch.collection import Collection, Progress
+from ..batch.collection import Progress
 from ..batch.manifest import DONE, FAILED, MANIFEST
-from ..batch.unit_functions import (
-    run_detection_unit,
-    run_odometry_unit,
-    run_report_unit,
-    run_statistics_unit,
-    run_tracking_unit,
-)
-from ..batch.units import (
-    DETECTION,
-    ODOMETRY,
-    TRACKING,
-    FolderSearch,
-    common_folder,
-    find_all_roots,
-    find_pairs,
-    find_roots,
-    find_source_units,
-    refuse_within,
-)
-from ..datasets.set_statistics import SetStatistics, plain_values, read_values, write_csv
-from ..evaluation.score_values import combined_odometry, combined_tracking
-from ..evaluation.track_metrics import check_trackeval
-from ..evaluation.trajectories import check_evo
-from ..files.replaceable import KEEP_ALL_BUT_PAGES
-from ..files.staging import staged_file
-from ..model.boxes import Difficulty
-from ..model.errors import BadFileError, UsageError, format_bytes, format_count, format_duration
-from ..options.datasets import make_statistics_options
-from ..options.evaluation import (
-    make_detection_options,
-    make_odometry_options,
-    make_tracking_options,
-)
-from ..options.table import make_settings
-from ..report.page import IndexEntry, make_index
+from ..batch.units import FolderSearch, refuse_within
+from ..model.errors import UsageError, format_bytes, format_count, format_duration
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import (
-    ENDINGS,
-    PLOTS,
-    cell,
-    complain,
-    figure_cells,
-    format_path,
-    number_cell,
-    open_page,
-    plain_table,
-    print_json,
-    say,
-)
-from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets
+from .output import cell, complain, format_path, plain_table, print_json, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..batch.collection import CollectionReport
+    from ..batch.collection import Collection, CollectionReport
     from ..batch.manifest import Pace, UnitRecord
-    from ..batch.pool import RunUnit
-    from ..batch.units import PairKind, WorkUnit
+    from ..batch.units import WorkUnit
     from ..options.read import ReadOptions
-    from ..options.table import BatchOptions
-    from .output import ResultOutput
 
 
 # The progress of a collection: a bar for all units, and one for each that is running.
@@ -224,33 +172,35 @@ if TYPE_CHECKING:
     Combine = Callable[[Sequence[tuple[UnitRecord, Path]]], 'Combined']
 
 
+@dataclass(frozen=True)
 class Combined:
-    """What the outputs of all units together give; this one is nothing."""
+    """What the outputs of all units give together; nothing by default.
 
-    def values(self) -> dict[str, object]:
-        """Return it for print_json."""
-        return {}
+    Attributes:
+        values: Returns it for print_json.
+        show: Prints it.
+    """
 
-    def show(self) -> None:
-        """Print it."""
+    values: Callable[[], Mapping[str, object]] = dict
+    show: Callable[[], None] = lambda: None
 
 
 def run_collection(
     collection: Collection,
     find: FindUnits,
-    *,
-    quiet: bool,
-    json: bool = False,
     combine: Combine = lambda _: Combined(),
+    *,
+    json: bool = False,
+    quiet: bool,
 ) -> int:
     """Run a command over a collection and print a summary.
 
     Args:
         collection: The command, with its output.
         find: Returns the units of a search.
-        quiet: Print only failed units and skipped data.
-        json: Whether to print the summary as JSON.
         combine: Makes what is common to all units, from those that are done and their outputs.
+        json: Whether to print the summary as JSON.
+        quiet: Print only failed units and skipped data.
 
     Returns:
         The exit code: 1 with failed units or skipped data.
@@ -340,350 +290,3 @@ def _summarize(report: CollectionReport, command: str, elapsed: float) -> None:
     )
     if groups['failed before']:
         say('units that failed before are not run again; --retry does it')
-
-
-# kitti-ros2 eval ... --all: scores of many results, a row for each, and of all together.
-
-if TYPE_CHECKING:
-    Values = Mapping[str, Any]
-    Rows = Iterator[tuple[str, Sequence[str]]]
-
-_TRACKED = ('HOTA', 'DetA', 'AssA', 'MOTA', 'MOTP', 'IDF1', 'IDSW')
-_DETECTED = ('2d', 'aos', 'bev', '3d')
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """An evaluation of a collection.
-
-    Attributes:
-        name: The word after eval.
-        kind: What it compares.
-        run: Runs a unit.
-        read: Returns the options that choose among the ground truth, from values by name.
-        columns: Headings of the table of results.
-        rows: The rows of a result: a class, or nothing, and the cells.
-        combine: Returns the figures of all results together, as the JSON of a result; None if they
-            do not follow from those of each.
-        check: Raises an error if a library is missing.
-    """
-
-    name: str
-    kind: PairKind
-    run: RunUnit
-    read: Callable[[Mapping[str, object]], ReadOptions]
-    columns: Sequence[str]
-    rows: Callable[[Values], Rows]
-    combine: Callable[[Sequence[Values]], dict[str, Any]] | None = None
-    check: Callable[[], None] = lambda: None
-
-
-def run_eval_collection(
-    evaluation: Evaluation,
-    paths: tuple[Path, Path],
-    given: Mapping[str, object],
-    batch: BatchOptions,
-    output: ResultOutput,
-) -> int:
-    """Score each result of a collection, and print the figures of each.
-
-    Args:
-        evaluation: What is scored.
-        paths: Ground truth and results: roots, globs or lists.
-        given: The options of a unit by name.
-        batch: How the collection is run.
-        output: Where and how the scores are put.
-
-    Returns:
-        The exit code.
-    """
-    read = evaluation.read(given)
-    refuse_sequence(read)
-    folder = need_folder(output.out, PLOTS)
-    evaluation.check()
-    truth, results = paths
-    chosen = {**given, 'overwrite': output.overwrite}
-    collection = Collection(
-        f'eval {evaluation.name}', folder, '.json', chosen, batch, evaluation.run
-    )
-    return run_collection(
-        collection,
-        lambda search: find_pairs(truth, results, evaluation.kind, read.layout, search),
-        quiet=output.quiet,
-        json=output.json,
-        combine=lambda done: _Scores(evaluation, done),
-    )
-
-
-class _Scores(Combined):
-    """The scores of all units, and those of all together."""
-
-    def __init__(self, evaluation: Evaluation, done: Sequence[tuple[UnitRecord, Path]]) -> None:
-        self._evaluation = evaluation
-        self._done = done
-
-    @cached_property
-    def _found(self) -> dict[str, Values]:
-        return {record.name: _read_scores(path) for record, path in self._done}
-
-    @cached_property
-    def _together(self) -> dict[str, Any]:
-        """The figures of all together; empty if a ground truth is used twice."""
-        found = [*self._found.values()]
-        truths = {(each['ground_truth'], each['sequence']) for each in found}
-        combine = self._evaluation.combine
-        if combine is None or len(found) < 2 or len(truths) < len(found):
-            return {}
-        return combine(found)
-
-    def values(self) -> dict[str, Any]:
-        """Return the scores of each and of all together for print_json."""
-        kept = {
-            name: {key: value for key, value in each.items() if key != 'parts'}
-            for name, each in self._found.items()
-        }
-        return {'scores': kept, 'combined': self._together or None}
-
-    def show(self) -> None:
-        """Print a table with a row for each result."""
-        from rich.console import Console
-
-        if not self._found:
-            return
-        table = plain_table('result', self._evaluation.columns)
-        shown = [*self._found.items(), *([('all', self._together)] if self._together else [])]
-        for name, values in shown:
-            for part, cells in self._evaluation.rows(values):
-                table.add_row(cell(f'{name} {part}'.rstrip()), *cells)
-        Console(highlight=False).print(table)
-
-
-def _read_scores(path: Path) -> Values:
-    try:
-        values: dict[str, Any] = json_module.loads(path.read_text('utf-8'))
-    except ValueError as error:
-        raise BadFileError(
-            path, f'{error}', 'the scores of a result', remedy='remove it, and run again'
-        ) from None
-    return values
-
-
-def _odometry_rows(values: Values) -> Rows:
-    for each in values['odometry'].values():
-        yield (
-            '',
-            (
-                f'{each["segments"]}',
-                number_cell(each['t_err_percent'], 4),
-                number_cell(each['r_err_deg_per_m'], 6),
-                number_cell(each['ape_m'], 4),
-                number_cell(each['rpe_m'], 4),
-            ),
-        )
-
-
-def _tracking_rows(values: Values) -> Rows:
-    for class_name, each in values['tracking'].items():
-        yield class_name, figure_cells(each, _TRACKED)
-
-
-def _detection_rows(values: Values) -> Rows:
-    for class_name, metrics in values['detection'].items():
-        levels = [metrics.get(name, {}).get(Difficulty.MODERATE.value, {}) for name in _DETECTED]
-        yield class_name, [number_cell(level.get('R40')) for level in levels]
-
-
-EVAL_DETECTION = Evaluation(
-    'detection',
-    DETECTION,
-    run_detection_unit,
-    lambda given: make_detection_options(given)[0],
-    _DETECTED,
-    _detection_rows,
-)
-EVAL_TRACKING = Evaluation(
-    'tracking',
-    TRACKING,
-    run_tracking_unit,
-    lambda given: make_tracking_options(given)[0],
-    (*_TRACKED[:-1], 'IDs'),
-    _tracking_rows,
-    lambda found: {'tracking': combined_tracking(found)},
-    check_trackeval,
-)
-EVAL_ODOMETRY = Evaluation(
-    'odometry',
-    ODOMETRY,
-    run_odometry_unit,
-    lambda given: make_odometry_options(given)[0],
-    ('segments', 't_err %', 'r_err deg/m', 'APE m', 'RPE m'),
-    _odometry_rows,
-    lambda found: {'odometry': {'all': combined_odometry(found)}},
-    check_evo,
-)
-
-
-# kitti-ros2 report --all: a page for each recording and bag, and an index.
-
-_SUFFIX = '.html'
-_INDEX = 'index'
-
-
-def run_report_collection(
-    src: Path,
-    out: Path,
-    given: Mapping[str, object],
-    batch: BatchOptions,
-    *,
-    results: Path | None,
-    quiet: bool,
-    show: bool,
-) -> int:
-    """Write a page for each unit of a collection, and an index of them.
-
-    Args:
-        src: A root, a glob or a list.
-        out: The folder of pages.
-        given: The options of a unit by name, with overwrite.
-        batch: How the collection is run.
-        results: As given; not for a collection.
-        quiet: Print only losses.
-        show: Whether to open the index in the browser.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        UsageError: An option is not for a collection.
-    """
-    read = make_settings({n: v for n, v in given.items() if n != 'overwrite'}).read
-    refuse_sequence(read)
-    if results is not None:
-        raise UsageError(f'{results}: --results scores one recording; leave out --all')
-    folder = need_folder(out, ENDINGS)
-    roots = find_roots(src, is_bag_name)
-    index = folder / f'{_INDEX}{_SUFFIX}'
-
-    def find(search: FolderSearch) -> list[WorkUnit]:
-        units = find_source_units(roots, read.layout, search)
-        taken = [unit.source for unit in units if unit.name == _INDEX]
-        if taken:
-            raise UsageError(f'{taken[0]}: its page would be {index}, that of all; rename it')
-        return units
-
-    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> _Index:
-        entries = [
-            IndexEntry(each.name, path.relative_to(folder), each.counts.get('frames', 0), each.bad)
-            for each, path in done
-        ]
-        with staged_file(index, KEEP_ALL_BUT_PAGES) as path:
-            path.write_bytes(make_index(str(common_folder(roots)), entries).encode())
-        return _Index(index)
-
-    collection = Collection('report', folder, _SUFFIX, given, batch, run_report_unit)
-    code = run_collection(collection, find, quiet=quiet, combine=combine)
-    if show:
-        open_page(index)
-    return code
-
-
-class _Index(Combined):
-    """The index of the pages."""
-
-    def __init__(self, page: Path) -> None:
-        self._page = page
-
-    def show(self) -> None:
-        """Print its path."""
-        say(format_path(self._page))
-
-
-# kitti-ros2 stats --all: each recording and bag, and all together.
-
-
-def run_statistics_collection(
-    paths: Sequence[Path],
-    given: Mapping[str, object],
-    batch: BatchOptions,
-    output: ResultOutput,
-) -> int:
-    """Count what is in each unit of a collection; print all together, and write their table.
-
-    Args:
-        paths: Roots, globs or lists.
-        given: The options of a unit by name.
-        batch: How the collection is run.
-        output: Where and how the statistics are put.
-
-    Returns:
-        The exit code.
-    """
-    read, options = make_statistics_options(given)
-    refuse_sequence(read)
-    folder = need_folder(output.out, PLOTS)
-    roots = find_all_roots(paths, is_bag_name)
-
-    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> _Together:
-        found = _Together(common_folder(roots), done, folder / TABLE, points=options.points)
-        found.write()
-        return found
-
-    chosen = {**given, 'overwrite': output.overwrite}
-    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_unit)
-    return run_collection(
-        collection,
-        lambda search: find_source_units(roots, read.layout, search),
-        quiet=output.quiet,
-        json=output.json,
-        combine=combine,
-    )
-
-
-class _Together(Combined):
-    """The statistics of all units together."""
-
-    def __init__(
-        self,
-        root: Path,
-        done: Sequence[tuple[UnitRecord, Path]],
-        table: Path,
-        *,
-        points: bool,
-    ) -> None:
-        self._root = root
-        self._done = done
-        self._table = table
-        self._points = points
-
-    @cached_property
-    def _sets(self) -> list[SetStatistics]:
-        recordings = [
-            replace(recording, name=record.name)
-            for record, path in self._done
-            for recording in _read_statistics(path).recordings
-        ]
-        return [SetStatistics(self._root, tuple(recordings))] if recordings else []
-
-    def write(self) -> None:
-        """Write the table; one of an earlier run is replaced."""
-        with staged_file(self._table, KEEP_ALL_BUT_TABLES) as path:
-            write_csv(path, self._sets)
-
-    def values(self) -> dict[str, Any]:
-        """Return the total for print_json."""
-        return {'total': plain_values(self._sets[0])['total']} if self._sets else {}
-
-    def show(self) -> None:
-        """Print the tables of the total."""
-        if self._sets:
-            print_sets(self._sets, points=self._points)
-        say(format_path(self._table))
-
-
-def _read_statistics(path: Path) -> SetStatistics:
-    try:
-        return read_values(json_module.loads(path.read_text('utf-8')))
-    except (ValueError, TypeError, KeyError) as error:
-        raise BadFileError(
-            path, f'{error}', 'the statistics of a unit', remedy='remove it, and run again'
-        ) from None

@@ -17,11 +17,19 @@ from ..options.evaluation import DetectionOptions
 from ..options.table import make_settings, split_batch_options
 from .command import OverwriteOption, QuietOption, argument, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import ENDINGS, complain, format_path, open_page, say, step_progress
+from .output import ENDINGS, ResultOutput, complain, format_path, open_page, say, step_progress
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from ..batch.manifest import UnitRecord
+    from ..batch.units import FolderSearch, WorkUnit
     from ..evaluation.detection import DetectionScores
     from ..options.read import ReadOptions
+    from ..options.table import BatchOptions
+
+_SUFFIX = '.html'
+_INDEX = 'index'
 
 
 def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
@@ -29,6 +37,56 @@ def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
     from ..options.evaluation import BagResultsOptions
 
     return score_detection(src, results, options, DetectionOptions(), BagResultsOptions())
+
+
+def _run_whole(
+    src: Path,
+    given: Mapping[str, object],
+    batch: BatchOptions,
+    output: ResultOutput,
+    *,
+    results: Path | None,
+    show: bool,
+) -> int:
+    """Write a page for each recording and bag of a collection, and an index of them."""
+    from ..bags.locate import is_bag_name
+    from ..batch.collection import Collection
+    from ..batch.unit_functions import run_report_unit
+    from ..batch.units import common_folder, find_roots, find_source_units
+    from ..files.staging import staged_file
+    from ..report.page import IndexEntry, make_index
+    from .collection import Combined, need_folder, refuse_sequence, run_collection
+
+    read = make_settings(given).read
+    refuse_sequence(read)
+    if results is not None:
+        raise UsageError(f'{results}: --results scores one recording; leave out --all')
+    folder = need_folder(output.out, ENDINGS)
+    roots = find_roots(src, is_bag_name)
+    index = folder / f'{_INDEX}{_SUFFIX}'
+
+    def find(search: FolderSearch) -> list[WorkUnit]:
+        units = find_source_units(roots, read.layout, search)
+        hidden = [unit.source for unit in units if unit.name == _INDEX]
+        if hidden:
+            raise UsageError(f'{hidden[0]}: its page would be {index}, that of all; rename it')
+        return units
+
+    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> Combined:
+        entries = [
+            IndexEntry(unit.name, path.relative_to(folder), unit.counts.get('frames', 0), unit.bad)
+            for unit, path in done
+        ]
+        with staged_file(index, KEEP_ALL_BUT_PAGES) as path:
+            path.write_bytes(make_index(str(common_folder(roots)), entries).encode())
+        return Combined(show=lambda: say(format_path(index)))
+
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('report', folder, _SUFFIX, chosen, batch, run_report_unit)
+    code = run_collection(collection, find, combine, quiet=output.quiet)
+    if show:
+        open_page(index)
+    return code
 
 
 @takes('REPORT_ALL')
@@ -66,12 +124,8 @@ def report(
     started = time.monotonic()
     batch, given = split_batch_options(given)
     if batch.whole:
-        from .collection import run_report_collection
-
-        given = {**given, 'overwrite': overwrite}
-        return run_report_collection(
-            src, out, given, batch, results=results, quiet=quiet, show=show
-        )
+        output = ResultOutput(out, overwrite, json=False, quiet=quiet)
+        return _run_whole(src, given, batch, output, results=results, show=show)
     options = make_settings(given).read
     if out.suffix.lower() not in ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')

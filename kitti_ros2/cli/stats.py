@@ -4,17 +4,20 @@
 
 from __future__ import annotations
 
+import json as json_module
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
 from ..files.processes import keep_imports
-from ..model.errors import UsageError
+from ..model.errors import BadFileError, UsageError
 from ..options.datasets import make_statistics_options
 from ..options.table import split_batch_options
 from .command import JsonOption, QuietOption, argument, out_option, takes
 from .output import (
+    PLOTS,
     ResultOutput,
     check_output,
     check_plot,
@@ -23,6 +26,77 @@ from .output import (
     say,
     step_progress,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from ..batch.manifest import UnitRecord
+    from ..datasets.set_statistics import SetStatistics
+    from ..options.table import BatchOptions
+
+
+def _run_whole(
+    paths: Sequence[Path],
+    given: Mapping[str, object],
+    batch: BatchOptions,
+    output: ResultOutput,
+) -> int:
+    """Count what is in each unit of a collection; print all together, and write their table."""
+    from ..bags.locate import is_bag_name
+    from ..batch.collection import Collection
+    from ..batch.unit_functions import run_statistics_unit
+    from ..batch.units import common_folder, find_all_roots, find_source_units
+    from ..datasets.set_statistics import SetStatistics, plain_values, write_csv
+    from ..files.staging import staged_file
+    from .collection import Combined, need_folder, refuse_sequence, run_collection
+    from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets
+
+    read, options = make_statistics_options(given)
+    refuse_sequence(read)
+    folder = need_folder(output.out, PLOTS)
+    roots = find_all_roots(paths, is_bag_name)
+    table = folder / TABLE
+
+    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> Combined:
+        recordings = tuple(
+            replace(recording, name=record.name)
+            for record, path in done
+            for recording in _read_statistics(path).recordings
+        )
+        sets = [SetStatistics(common_folder(roots), recordings)] if recordings else []
+        with staged_file(table, KEEP_ALL_BUT_TABLES) as path:  # that of an earlier run is replaced
+            write_csv(path, sets)
+
+        def show() -> None:
+            if sets:
+                print_sets(sets, points=options.points)
+            say(format_path(table))
+
+        return Combined(
+            lambda: {'total': plain_values(sets[0])['total']} if sets else {},
+            show,
+        )
+
+    chosen = {**given, 'overwrite': output.overwrite}
+    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_unit)
+    return run_collection(
+        collection,
+        lambda search: find_source_units(roots, read.layout, search),
+        combine,
+        json=output.json,
+        quiet=output.quiet,
+    )
+
+
+def _read_statistics(path: Path) -> SetStatistics:
+    from ..datasets.set_statistics import read_values
+
+    try:
+        return read_values(json_module.loads(path.read_text('utf-8')))
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadFileError(
+            path, f'{error}', 'the statistics of a unit', remedy='remove it, and run again'
+        ) from None
 
 
 @takes('STATS_ALL', of='datasets')
@@ -62,12 +136,10 @@ def stats(
     batch, given = split_batch_options(given)
     read, options = make_statistics_options(given)
     if batch.whole:
-        from .collection import run_statistics_collection
-
         if csv is not None:
             raise UsageError(f'{csv}: with --all the table is OUT/{TABLE}; leave --csv out')
         output = ResultOutput(out, overwrite, json, quiet)
-        return run_statistics_collection(paths, given, batch, output)
+        return _run_whole(paths, given, batch, output)
     write_table = check_output(csv, paths, KEEP_ALL_BUT_TABLES, overwrite=overwrite)
     draw = check_plot(out, paths, overwrite=overwrite)
     sources = [find_sources(path, read) for path in paths]
