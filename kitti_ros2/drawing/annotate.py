@@ -83,23 +83,23 @@ def draw_boxes_2d(
     """
     shown = objects_to_draw(picture, objects, predictions)
     size, scale = size_of(picture), scale_of(picture)
-    bounds = object_bounds([each for each, _ in shown], projection, size, labelled=labelled)
+    bounds = object_bounds([obj for obj, _ in shown], projection, size, labelled=labelled)
     cut, _ = clip_bounds(bounds, size)
     sides, origins = cut_segments(rectangle_segments(np.rint(bounds)), size)
     sides_at = slices_of(origins // 4, len(shown))
     tags = []
-    for place in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
-        each, predicted = shown[place]
-        if each.class_name == DONT_CARE:
-            _shade(picture, cut[place])
+    for index in reversed(np.flatnonzero(~np.isnan(cut[:, 0])).tolist()):
+        obj, predicted = shown[index]
+        if obj.class_name == DONT_CARE:
+            _shade(picture, cut[index])
             continue
-        color, seen = box_color(each, predicted=predicted), tuple(cut[place].tolist())
-        mine = sides[sides_at[place]]
+        color, seen = box_color(obj, predicted=predicted), tuple(cut[index].tolist())
+        mine = sides[sides_at[index]]
         if predicted:
             draw_segments(picture, dashes(mine, scale), color)
         else:
-            draw_segments(picture, mine, color, line_width(each, seen, scale))
-        tags.append(Tag(caption_2d(each), seen, color, predicted))
+            draw_segments(picture, mine, color, line_width(obj, seen, scale))
+        tags.append(Tag(caption_2d(obj), seen, color, predicted))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
 
@@ -118,15 +118,15 @@ def object_bounds(
     """
     bounds = np.full((len(objects), 4), np.nan)
     solid: list[tuple[int, Cuboid]] = []
-    for place, each in enumerate(objects):
-        if labelled and each.box_2d is not None:
-            left, top, right, bottom = each.box_2d
-            bounds[place] = each.box_2d if right >= left and bottom >= top else np.nan
-        elif each.cuboid is not None:
-            solid.append((place, each.cuboid))
+    for index, obj in enumerate(objects):
+        if labelled and obj.box_2d is not None:
+            left, top, right, bottom = obj.box_2d
+            bounds[index] = obj.box_2d if right >= left and bottom >= top else np.nan
+        elif obj.cuboid is not None:
+            solid.append((index, obj.cuboid))
     if projection is not None and solid:
-        found = projected_bounds(cuboid_corners([cuboid for _, cuboid in solid]), projection)
-        bounds[[place for place, _ in solid]], _ = clip_bounds(found, size)
+        projected = projected_bounds(cuboid_corners([cuboid for _, cuboid in solid]), projection)
+        bounds[[index for index, _ in solid]], _ = clip_bounds(projected, size)
     return bounds
 
 
@@ -135,13 +135,13 @@ def projected_bounds(corners: Float64Array, projection: Projection) -> Float64Ar
 
     As boxes.project_corners, and also for edges that the lens bends.
     """
-    pieces, lines = projection.segments(corners[:, EDGES].reshape(-1, 2, 3))
+    segments, lines = projection.segments(corners[:, EDGES].reshape(-1, 2, 3))
     owners = lines // len(EDGES)
     bounds = np.full((len(corners), 4), np.nan)
-    places, first = np.unique(owners, return_index=True)
-    if len(places):
-        bounds[places, :2] = np.minimum.reduceat(pieces.min(axis=1), first)
-        bounds[places, 2:] = np.maximum.reduceat(pieces.max(axis=1), first)
+    in_view, first = np.unique(owners, return_index=True)
+    if len(in_view):
+        bounds[in_view, :2] = np.minimum.reduceat(segments.min(axis=1), first)
+        bounds[in_view, 2:] = np.maximum.reduceat(segments.max(axis=1), first)
     return bounds
 
 
@@ -203,29 +203,29 @@ def draw_wireframes(
     bounds, _ = clip_bounds(projected_bounds(corners, projection), size)
     sides, owners = projection.segments(sides_of(corners[:, _FRONT]).reshape(-1, 2, 3))
     fronts_at = slices_of(owners // len(_FRONT), len(shown))
-    pieces, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))
-    parts, origins = cut_segments(pieces, size)
+    segments, lines = projection.segments(corners[:, _WIRES].reshape(-1, 2, 3))
+    parts, origins = cut_segments(segments, size)
     wires = lines[origins]
     wires_at = slices_of(wires // len(_WIRES), len(shown))
     tags = []
-    for place in reversed(range(len(shown))):
-        mine = wires_at[place]
+    for index in reversed(range(len(shown))):
+        mine = wires_at[index]
         if not len(parts[mine]):
             continue
-        each, predicted = shown[place]
-        color = box_color(each, predicted=predicted)
+        obj, predicted = shown[index]
+        color = box_color(obj, predicted=predicted)
         if not predicted:
-            front = sides[fronts_at[place]].reshape(-1, 2)
+            front = sides[fronts_at[index]].reshape(-1, 2)
             tint_polygon(picture, front, color, _FRONT_ALPHA)
         cross = wires[mine] % len(_WIRES) >= len(EDGES)
-        left, top, right, bottom = bounds[place].tolist()
+        left, top, right, bottom = bounds[index].tolist()
         seen = None if math.isnan(left) else (left, top, right, bottom)
-        edge_width = 1 if predicted else line_width(each, seen, scale)
+        edge_width = 1 if predicted else line_width(obj, seen, scale)
         for chosen, width in ((cross, 1), (~cross, edge_width)):
             strokes = parts[mine][chosen]
             draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)
         if seen is not None:
-            tags.append(Tag(caption_3d(each), seen, color, predicted))
+            tags.append(Tag(caption_3d(obj), seen, color, predicted))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
 
@@ -273,19 +273,19 @@ class Projection:
         Raises:
             ValueError: A required part of the calibration is missing; the message contains it.
         """
-        found = calibration.cameras.get(camera)
-        if found is None:
-            known = ', '.join(map(str, sorted(calibration.cameras))) or 'none'
-            raise ValueError(f'no calibration of camera {camera} (there is: {known})')
-        if found.cam_T_velo is not None:
-            return cls(_finite(found.p_rect @ found.cam_T_velo.matrix(), camera))
+        intrinsics = calibration.cameras.get(camera)
+        if intrinsics is None:
+            calibrated = ', '.join(map(str, sorted(calibration.cameras))) or 'none'
+            raise ValueError(f'no calibration of camera {camera} (there is: {calibrated})')
+        if intrinsics.cam_T_velo is not None:
+            return cls(_finite(intrinsics.p_rect @ intrinsics.cam_T_velo.matrix(), camera))
         if calibration.cam0_T_velo is None:
             raise ValueError('the calibration does not tell where the scanner is (Tr_velo_to_cam)')
         if not calibration.rectified:
-            return _unrectified(found, camera, calibration.cam0_T_velo)
+            return _unrectified(intrinsics, camera, calibration.cam0_T_velo)
         if calibration.r0_rect is None:
             raise ValueError('the calibration has no rectifying rotation (R0_rect)')
-        return cls(_finite(found.p_rect @ rect_from_velo(calibration).matrix(), camera))
+        return cls(_finite(intrinsics.p_rect @ rect_from_velo(calibration).matrix(), camera))
 
     def resized(self, scale_x: float, scale_y: float) -> Projection:
         """Return the projection into the same images, resized; image edges map to image edges."""
@@ -297,12 +297,12 @@ class Projection:
 
     def homogeneous(self, points: npt.ArrayLike) -> Float64Array:
         """Transform (..., 3) points in velo_link to the input of pixels(); lines stay lines."""
-        places = np.ascontiguousarray(points, np.float64)
-        if not places.size:
-            return np.zeros_like(places)
+        positions = np.ascontiguousarray(points, np.float64)
+        if not positions.size:
+            return np.zeros_like(positions)
         # Not @: for so thin a matrix the threads of a BLAS spend more time waiting than computing.
-        seen = cv2.transform(places.reshape(-1, 1, 3), self.matrix)
-        return np.asarray(seen, np.float64).reshape(places.shape)
+        seen = cv2.transform(positions.reshape(-1, 1, 3), self.matrix)
+        return np.asarray(seen, np.float64).reshape(positions.shape)
 
     def pixels(self, seen: Float64Array) -> Float64Array:
         """Return (..., 2) pixels, u and v, of homogeneous points; NaN for invisible ones.
@@ -323,8 +323,8 @@ class Projection:
         if self.k is not None and self.d is not None:
             flat = _undistorted((pixels - self.k[:2, 2]) @ np.linalg.inv(self.k[:2, :2]).T, self.d)
         seen = np.column_stack([flat, np.ones(len(flat))]) * depth[:, None]
-        found: Float64Array = np.linalg.solve(self.matrix[:, :3], (seen - self.matrix[:, 3]).T).T
-        return found
+        points: Float64Array = np.linalg.solve(self.matrix[:, :3], (seen - self.matrix[:, 3]).T).T
+        return points
 
     def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
         """Project straight lines, clipped just in front of the camera.
@@ -341,9 +341,9 @@ class Projection:
             along = seen[:, :1] + steps * (seen[:, 1:] - seen[:, :1])
             seen = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2, 3)
             lines = np.repeat(lines, _PIECES)
-        pieces = self.pixels(seen)
-        finite = np.isfinite(pieces).all(axis=(1, 2))
-        return pieces[finite], lines[finite]
+        pixels = self.pixels(seen)
+        finite = np.isfinite(pixels).all(axis=(1, 2))
+        return pixels[finite], lines[finite]
 
 
 def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
@@ -451,7 +451,7 @@ def annotate(
         )
         return
     flat, flat_predictions = (
-        [each for each in some if each.cuboid is None] for some in (objects, predictions)
+        [obj for obj in some if obj.cuboid is None] for some in (objects, predictions)
     )
     draw_boxes_2d(picture, flat, predictions=flat_predictions, labelled=labelled, named=named)
     draw_wireframes(picture, objects, projection, predictions, named=named)
@@ -523,32 +523,32 @@ def image_boxes(
         camera: KITTI index of the camera.
         size: (width, height) of the image.
     """
-    both = [(each, False) for each in objects] + [(prediction, True) for prediction in predictions]
+    both = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
     both.sort(key=lambda pair: -distance_of(pair[0]))
     projection = projection_of(calibration, camera)
     labelled = is_labelled(calibration, camera)
-    bounds = object_bounds([each for each, _ in both], projection, size, labelled=labelled)
+    bounds = object_bounds([obj for obj, _ in both], projection, size, labelled=labelled)
     scale = scale_for(size)
     return [
-        _look(each, four, scale, predicted=predicted)
-        for (each, predicted), four in zip(both, bounds, strict=True)
+        _look(obj, four, scale, predicted=predicted)
+        for (obj, predicted), four in zip(both, bounds, strict=True)
         if np.isfinite(four).all()
     ]
 
 
-def _look(each: LabelledObject, four: np.ndarray, scale: float, *, predicted: bool) -> StyledBox:
+def _look(obj: LabelledObject, four: np.ndarray, scale: float, *, predicted: bool) -> StyledBox:
     left, top, right, bottom = four.tolist()
     bounds = left, top, right, bottom
-    color = box_color(each, predicted=predicted)
-    if each.class_name == DONT_CARE and not predicted:
+    color = box_color(obj, predicted=predicted)
+    if obj.class_name == DONT_CARE and not predicted:
         color = NEUTRAL_COLOR[::-1]
     ink, fill = (color, _BLACK) if predicted else (ink_for(color), color)
     return StyledBox(
         bounds,
         color[::-1],
-        name_of(each),
+        name_of(obj),
         ink[::-1],
         fill[::-1],
-        line_width(each, bounds, scale),
+        line_width(obj, bounds, scale),
         _FONT_PX * scale,
     )

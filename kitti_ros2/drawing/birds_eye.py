@@ -79,11 +79,11 @@ class BirdView:
         """Return the view of some options."""
         return cls(options.y_range[1], options.x_range[1], options.pixels_per_metre)
 
-    def pixels(self, places: Float64Array) -> Float64Array:
+    def pixels(self, positions: Float64Array) -> Float64Array:
         """Return (..., 2) column and row of (..., 2) x and y; pixel centres are whole numbers."""
         corner = np.array([self.left_m, self.top_m])
-        found: Float64Array = (corner - places[..., ::-1]) * self.pixels_per_metre - 0.5
-        return found
+        pixels: Float64Array = (corner - positions[..., ::-1]) * self.pixels_per_metre - 0.5
+        return pixels
 
 
 @np.errstate(all='ignore')  # labels and scans may hold any numbers
@@ -115,19 +115,19 @@ def draw_footprints(
     sides_at = slices_of(seen.owners, len(shown))
     arrows, origins = cut_segments(view.pixels(_arrows(corners)).reshape(-1, 2, 2), size)
     arrows_at = slices_of(origins // _ARROW_LINES, len(shown))
-    for place in reversed(range(len(shown))):
-        (each, predicted), outline = shown[place], outlines[place]
-        color = box_color(each, predicted=predicted)
-        if np.isnan(seen.bounds[place, 0]):
+    for index in reversed(range(len(shown))):
+        (obj, predicted), outline = shown[index], outlines[index]
+        color = box_color(obj, predicted=predicted)
+        if np.isnan(seen.bounds[index, 0]):
             continue
-        sides = seen.parts[sides_at[place]]
+        sides = seen.parts[sides_at[index]]
         small = np.ptp(outline, axis=0).max() < _SMALL
-        width = 1 if predicted or small or is_quiet(each) else 2
+        width = 1 if predicted or small or is_quiet(obj) else 2
         draw_segments(picture, dashes(sides, 0.7) if predicted else sides, color, width)
-        draw_segments(picture, arrows[arrows_at[place]], color, width)
-        left, top, right, bottom = seen.bounds[place].tolist()
+        draw_segments(picture, arrows[arrows_at[index]], color, width)
+        left, top, right, bottom = seen.bounds[index].tolist()
         bounds = (left, top, right, bottom)
-        tags.append(Tag(name_of(each), bounds, color, outlined=predicted, beside=True))
+        tags.append(Tag(name_of(obj), bounds, color, outlined=predicted, beside=True))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE)
 
@@ -144,15 +144,15 @@ def left_out(
     for title, shown in (('', objects), ('predictions ', predictions)):
         if not shown:
             continue
-        outlines = view.pixels(corners_of([(each, False) for each in shown])[:, :4, :2])
+        outlines = view.pixels(corners_of([(obj, False) for obj in shown])[:, :4, :2])
         bounds = _Sides.of(outlines, size).bounds
         out: Counter[str] = Counter()
         flat: Counter[str] = Counter()
-        for each, seen in zip(shown, ~np.isnan(bounds[:, 0]), strict=True):
-            if each.cuboid is None:
-                flat[each.class_name] += each.class_name != DONT_CARE
+        for obj, seen in zip(shown, ~np.isnan(bounds[:, 0]), strict=True):
+            if obj.cuboid is None:
+                flat[obj.class_name] += obj.class_name != DONT_CARE
             elif not seen:
-                out[each.class_name] += 1
+                out[obj.class_name] += 1
         for reason, counts in (('out of range', out), ('without a 3D box', flat)):
             if +counts:
                 classes = (f'{count} {class_name}' for class_name, count in (+counts).most_common())
@@ -179,11 +179,11 @@ class _Sides(NamedTuple):
         parts, lines = cut_segments(sides_of(outlines).reshape(-1, 2, 2), size)
         owners = lines // 4
         bounds = np.full((len(outlines), 4), np.nan)
-        places, first = np.unique(owners, return_index=True)
-        if len(places):
+        in_view, first = np.unique(owners, return_index=True)
+        if len(in_view):
             seen = parts.clip(0, np.array(size) - 1.0)
-            bounds[places, :2] = np.minimum.reduceat(seen.min(axis=1), first)
-            bounds[places, 2:] = np.maximum.reduceat(seen.max(axis=1), first)
+            bounds[in_view, :2] = np.minimum.reduceat(seen.min(axis=1), first)
+            bounds[in_view, 2:] = np.maximum.reduceat(seen.max(axis=1), first)
         bounds[~(bounds[:, 2:] > bounds[:, :2]).all(axis=1)] = np.nan
         return cls(parts, owners, bounds)
 
@@ -267,9 +267,9 @@ def draw_points_from_above(
     inside = np.flatnonzero((columns >= 0) & (columns < width) & (rows >= 0) & (rows < height))
     heights = SCALES[ColorBy.HEIGHT].shades(points[inside, 2])
     order = np.argsort(heights, kind='stable')
-    places = np.stack([columns[inside], rows[inside]], axis=1).astype(np.int32)
+    pixels = np.stack([columns[inside], rows[inside]], axis=1).astype(np.int32)
     shades = heights if colors.by is ColorBy.HEIGHT else colors.shades(points, inside)
-    layer = scatter(places[order], shades[order], (width, height), 1)
+    layer = scatter(pixels[order], shades[order], (width, height), 1)
     colors.paint(picture, layer)
     return layer
 
@@ -285,8 +285,8 @@ def _draw_notes(picture: Pixels, lines: Sequence[str]) -> None:
         return
     strip = picture[-height - pad : -pad, -width - pad : -pad]
     strip[:] = cv2.convertScaleAbs(strip, alpha=DIM)
-    for place, text in enumerate(shown):
-        baseline = place * line + pad // 2 + extent.above + 1
+    for row, text in enumerate(shown):
+        baseline = row * line + pad // 2 + extent.above + 1
         put_text(strip, text, (pad, baseline), TEXT_SCALE, _RING_TEXT)
 
 
@@ -422,9 +422,9 @@ def _label_grid(picture: Pixels, projection: Projection) -> None:
     scale = _TEXT_SCALE * scale_of(picture)
     for x in _LABELS:
         label = f'{x} m'
-        place = projection.pixels(projection.homogeneous((x, _GRID_Y[0] / 2, _GROUND_Z)))
-        left = place[0] - extent_of(label, scale).width / 2
-        put_text(picture, label, (left, place[1] - 2), scale, _GRID_TEXT)
+        middle = projection.pixels(projection.homogeneous((x, _GRID_Y[0] / 2, _GROUND_Z)))
+        left = middle[0] - extent_of(label, scale).width / 2
+        put_text(picture, label, (left, middle[1] - 2), scale, _GRID_TEXT)
 
 
 def _draw_car(picture: Pixels, projection: Projection) -> None:
@@ -442,8 +442,8 @@ def _draw_lines(
     width: int,
 ) -> None:
     """Draw (M, 2, 3) lines in velo_link."""
-    pieces, _ = projection.segments(ends)
-    draw_segments(picture, cut_segments(pieces, size_of(picture))[0], color, width)
+    segments, _ = projection.segments(ends)
+    draw_segments(picture, cut_segments(segments, size_of(picture))[0], color, width)
 
 
 # The path of the car from above, on axes of equal scale.
@@ -480,8 +480,8 @@ def draw_route(window: Pixels, positions: Float64Array) -> None:
     path = np.concatenate([thinned, pixels[-1:]])
     lines, _ = cut_segments(np.stack([path[:-1], path[1:]], axis=1), size_of(window))
     draw_segments(window, lines, _LINE, 2)
-    for place, radius, thickness in ((pixels[0], 4, 1), (pixels[-1], 6, cv2.FILLED)):
-        column, row = np.rint(place).astype(int).tolist()
+    for middle, radius, thickness in ((pixels[0], 4, 1), (pixels[-1], 6, cv2.FILLED)):
+        column, row = np.rint(middle).astype(int).tolist()
         cv2.circle(window, (column, row), radius, bgr(EGO_COLOR), thickness, cv2.LINE_AA)
     length = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
     _draw_scale(window, scale, f'{length:.0f} m driven')

@@ -96,10 +96,10 @@ def resized(
     scales = np.array([scale_x, scale_y] * 2)
     shifts = (scales - 1) / 2
     return [
-        each
-        if each.box_2d is None
-        else replace(each, box_2d=tuple((np.array(each.box_2d) * scales + shifts).tolist()))
-        for each in objects
+        obj
+        if obj.box_2d is None
+        else replace(obj, box_2d=tuple((np.array(obj.box_2d) * scales + shifts).tolist()))
+        for obj in objects
     ]
 
 
@@ -117,40 +117,38 @@ def compared(
     """
     matches = match(labels, predictions, overlaps)
     with_labels, with_predictions = (
-        [replace(each, match=found) for each, found in zip(some, of_some, strict=True)]
+        [replace(obj, match=obj_match) for obj, obj_match in zip(some, of_some, strict=True)]
         for some, of_some in zip((labels, predictions), matches, strict=True)
     )
     return with_labels, with_predictions
 
 
-def is_missed(each: LabelledObject) -> bool:
+def is_missed(obj: LabelledObject) -> bool:
     """Whether an object is a label that no prediction finds."""
-    return each.match is not None and each.match.verdict is Verdict.FALSE_NEGATIVE
+    return obj.match is not None and obj.match.verdict is Verdict.FALSE_NEGATIVE
 
 
-def name_of(each: LabelledObject) -> str:
+def name_of(obj: LabelledObject) -> str:
     """Format class, track, score, and the result of the comparison."""
-    track = '' if each.track_id is None else f' {each.track_id}'
-    score = '' if each.score is None else f' {each.score:.2f}'
-    return f'{each.class_name}{track}{score}{_mark(each)}'
+    track = '' if obj.track_id is None else f' {obj.track_id}'
+    score = '' if obj.score is None else f' {obj.score:.2f}'
+    return f'{obj.class_name}{track}{score}{_mark(obj)}'
 
 
-def distance_of(each: LabelledObject) -> float:
+def distance_of(obj: LabelledObject) -> float:
     """Return metres from the scanner, infinity without a 3D box."""
-    if each.cuboid is None:
+    if obj.cuboid is None:
         return math.inf
-    distance = float(np.linalg.norm(each.cuboid.velo_T_box.translation))
+    distance = float(np.linalg.norm(obj.cuboid.velo_T_box.translation))
     return distance if math.isfinite(distance) else math.inf
 
 
-def _mark(each: LabelledObject) -> str:
+def _mark(obj: LabelledObject) -> str:
     """Format the result of the comparison of a prediction, or of a label that none finds."""
-    verdict, overlap = (
-        (None, 0.0) if each.match is None else (each.match.verdict, each.match.overlap)
-    )
-    if verdict is None or (each.score is None and verdict is Verdict.TRUE_POSITIVE):
+    verdict, overlap = (None, 0.0) if obj.match is None else (obj.match.verdict, obj.match.overlap)
+    if verdict is None or (obj.score is None and verdict is Verdict.TRUE_POSITIVE):
         return ''
-    shown = f' IoU {overlap:.2f}' if overlap >= _LEAST_SHOWN and each.score is not None else ''
+    shown = f' IoU {overlap:.2f}' if overlap >= _LEAST_SHOWN and obj.score is not None else ''
     return f' {verdict.value}{shown}'
 
 
@@ -319,8 +317,8 @@ def semantic_names(shades: npt.NDArray[np.uint8]) -> list[tuple[str, int]]:
     """Return name and shade of the classes of some points, the most frequent first."""
     names = {_SHADES[number]: name for number, (name, _) in _CLASSES.items()}
     counts = np.bincount(shades, minlength=256)
-    found = sorted(np.flatnonzero(counts).tolist(), key=lambda shade: -counts[shade])
-    return [(names.get(shade, 'other'), shade) for shade in found]
+    present = sorted(np.flatnonzero(counts).tolist(), key=lambda shade: -counts[shade])
+    return [(names.get(shade, 'other'), shade) for shade in present]
 
 
 # The pixel array that is drawn on.

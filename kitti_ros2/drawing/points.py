@@ -253,8 +253,8 @@ def _draw_classes(picture: Pixels, layer: npt.NDArray[np.uint8], scale: float) -
         left += width
     strip = picture[: len(rows) * line + 2]
     strip[:] = cv2.convertScaleAbs(strip, alpha=DIM)
-    for place, row in enumerate(rows):
-        baseline = place * line + extent.above + 1
+    for index, row in enumerate(rows):
+        baseline = index * line + extent.above + 1
         for left, name, shade in row:
             color = tuple(table[shade, 0].tolist())
             corner = (left, baseline - swatch + 2)
@@ -310,8 +310,8 @@ def seen_points(
     u, v = pixels.T
     inside = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
     chosen = ahead[inside]
-    places = np.rint(pixels[inside]).astype(np.int32)
-    return places, seen[chosen, 2].astype(np.float32), chosen
+    columns_rows = np.rint(pixels[inside]).astype(np.int32)
+    return columns_rows, seen[chosen, 2].astype(np.float32), chosen
 
 
 def scatter(
@@ -343,7 +343,7 @@ def scatter(
 def _disc(diameter: int) -> npt.NDArray[np.int32]:
     """Return (K, 2) offsets of a disc's pixels from its central pixel."""
     reach = np.arange(diameter) - (diameter - 1) // 2
-    x, y = (each.ravel() for each in np.meshgrid(reach, reach))
+    x, y = (axis.ravel() for axis in np.meshgrid(reach, reach))
     middle = 0.5 if diameter % 2 == 0 else 0.0
     inside = (x - middle) ** 2 + (y - middle) ** 2 <= (diameter / 2) ** 2 + 0.25
     return np.stack([x[inside], y[inside]], axis=1).astype(np.int32)

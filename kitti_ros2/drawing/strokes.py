@@ -127,14 +127,14 @@ def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:
     period = (_DASH + _GAP) * scale
     counts = np.rint((lengths + _GAP * scale) / period).astype(int).clip(1)
     owner = np.repeat(np.arange(len(segments)), counts)
-    place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    index = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
     # Dash and gap keep their ratio on lines of any length.
-    unit = 1.0 / (counts[owner] * (_DASH + _GAP) - _GAP)
-    begin = place * (_DASH + _GAP) * unit
-    shares = np.stack([begin, begin + _DASH * unit], axis=1)[..., None]
+    step = 1.0 / (counts[owner] * (_DASH + _GAP) - _GAP)
+    begin = index * (_DASH + _GAP) * step
+    shares = np.stack([begin, begin + _DASH * step], axis=1)[..., None]
     start, end = segments[owner, 0][:, None], segments[owner, 1][:, None]
-    pieces: Float64Array = start + shares * (end - start)
-    return pieces
+    dashed: Float64Array = start + shares * (end - start)
+    return dashed
 
 
 def draw_segments(picture: Pixels, segments: Float64Array, color: Color, width: int = 1) -> None:
@@ -214,7 +214,7 @@ class Extent(NamedTuple):
 def printable(text: str) -> str:
     """Return the text as one line of bounded length."""
     shown = text if len(text) <= LONGEST else text[: LONGEST - 3] + '...'
-    return ''.join(each if each.isprintable() else '?' for each in shown)
+    return ''.join(character if character.isprintable() else '?' for character in shown)
 
 
 @lru_cache(maxsize=1)
@@ -248,14 +248,14 @@ def fitted(text: str, width: int, scale: float, *, bold: bool = False) -> str:
 def put_text(
     picture: Pixels,
     text: str,
-    place: tuple[float, float],
+    start: tuple[float, float],
     scale: float,
     color: Color = WHITE,
     *,
     bold: bool = False,
 ) -> None:
     """Draw a text whose baseline begins at (x, y)."""
-    at = (round(place[0]), round(place[1]))
+    at = (round(start[0]), round(start[1]))
     width, height = size_of(picture)
     if -width <= at[0] < width and -height <= at[1] < 2 * height:
         font = _BOLD if bold else _REGULAR
@@ -302,16 +302,16 @@ class Tag:
 def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
     """Draw tags within the image, each at its box where it overlaps none of the earlier ones."""
     width, height = size_of(picture)
-    taken = np.zeros((height, width), bool)
+    occupied = np.zeros((height, width), bool)
     for tag in tags:
         extent = extent_of(tag.text, scale)
         room = (extent.width + 2 * _PAD, extent.above + extent.below + 2)
-        corner = _place(tag, room, taken)
-        _part(taken, corner, room)[:] = True
+        corner = _place(tag, room, occupied)
+        _part(occupied, corner, room)[:] = True
         _draw_tag(picture, tag, corner, room, scale)
 
 
-def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tuple[int, int]:
+def _place(tag: Tag, room: tuple[int, int], occupied: npt.NDArray[np.bool_]) -> tuple[int, int]:
     """Place a tag above, below, in or farther from its box: the first place of least overlap."""
     left, top, right, bottom = tag.bounds
     width, height = room
@@ -320,16 +320,16 @@ def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tup
     aside = [(right + _PAD, top), (left - _PAD - width, top)] if tag.beside else []
     columns = (left, right - width)
     around = [(x, y) for rows in (near, far) for x in columns for y in rows]
-    highest = taken.shape[0] - height
+    highest = occupied.shape[0] - height
     tries = [(x, y) for x, y in (*aside, *around) if 0 <= y <= highest] or [(left, top)]
     placed = np.rint(tries).astype(int)
-    placed[:, 0] = placed[:, 0].clip(0, max(taken.shape[1] - width, 0))
+    placed[:, 0] = placed[:, 0].clip(0, max(occupied.shape[1] - width, 0))
     placed[:, 1] = placed[:, 1].clip(0, max(highest, 0))
     corners = [(x, y) for x, y in placed.tolist()]
     # Pixels, not tags, are counted: the cost of a place does not grow with the tags drawn.
     best, least = corners[0], width * height + 1
     for corner in corners:
-        overlap = int(np.count_nonzero(_part(taken, corner, room)))
+        overlap = int(np.count_nonzero(_part(occupied, corner, room)))
         if overlap < least:
             best, least = corner, overlap
         if not overlap:
@@ -338,11 +338,11 @@ def _place(tag: Tag, room: tuple[int, int], taken: npt.NDArray[np.bool_]) -> tup
 
 
 def _part(
-    taken: npt.NDArray[np.bool_], corner: tuple[int, int], room: tuple[int, int]
+    occupied: npt.NDArray[np.bool_], corner: tuple[int, int], room: tuple[int, int]
 ) -> npt.NDArray[np.bool_]:
     """Return the view of a rectangle of the picture."""
     (left, top), (width, height) = corner, room
-    return taken[top : top + height, left : left + width]
+    return occupied[top : top + height, left : left + width]
 
 
 def _draw_tag(
@@ -387,7 +387,7 @@ _OCCLUSIONS = {1: ' occ 1', 2: ' occ 2', 3: ' occ ?'}
 
 def bgr(rgb: tuple[float, float, float]) -> Color:
     """Convert red, green, blue in 0..1 to the colours of OpenCV."""
-    red, green, blue = (round(255 * value) for value in rgb)
+    red, green, blue = (round(255 * share) for share in rgb)
     return blue, green, red
 
 
@@ -397,20 +397,20 @@ def class_color(class_name: str) -> Color:
     return blue, green, red
 
 
-def box_color(each: LabelledObject, *, predicted: bool) -> Color:
+def box_color(obj: LabelledObject, *, predicted: bool) -> Color:
     """Return the colour of an object's box: where it was compared, that of the result."""
-    if each.match is None:
-        return PREDICTION_BGR if predicted else class_color(each.class_name)
-    verdict = each.match.verdict
-    found = not predicted and verdict is Verdict.TRUE_POSITIVE
-    rgb = NEUTRAL_COLOR if found or verdict is None else VERDICT_COLORS[verdict]
+    if obj.match is None:
+        return PREDICTION_BGR if predicted else class_color(obj.class_name)
+    verdict = obj.match.verdict
+    detected = not predicted and verdict is Verdict.TRUE_POSITIVE
+    rgb = NEUTRAL_COLOR if detected or verdict is None else VERDICT_COLORS[verdict]
     return rgb[::-1]
 
 
-def is_quiet(each: LabelledObject) -> bool:
+def is_quiet(obj: LabelledObject) -> bool:
     """Whether an object was compared and is no error."""
     errors = (Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE)
-    return each.match is not None and each.match.verdict not in errors
+    return obj.match is not None and obj.match.verdict not in errors
 
 
 def scale_of(picture: Pixels) -> float:
@@ -423,17 +423,17 @@ def scale_for(size: tuple[int, int]) -> float:
     return min(max(math.sqrt(size[0] * size[1] / _KITTI_AREA), 1.0), 3.0)
 
 
-def line_width(each: LabelledObject, bounds: Bounds | None, scale: float) -> int:
+def line_width(obj: LabelledObject, bounds: Bounds | None, scale: float) -> int:
     """Return the line width of a box with these bounds in the image, pixels."""
     small = bounds is None or min(bounds[2] - bounds[0], bounds[3] - bounds[1]) < _SMALL * scale
-    thin = each.occluded or small or is_quiet(each)
+    thin = obj.occluded or small or is_quiet(obj)
     return max(round((1.0 if thin else 2.0) * scale), 1)
 
 
-def caption_2d(each: LabelledObject) -> str:
+def caption_2d(obj: LabelledObject) -> str:
     """Format class, track, score, occlusion and truncation."""
-    occlusion = _OCCLUSIONS.get(each.occluded or 0, '')
-    return name_of(each) + occlusion + _truncation(each.truncated or 0.0)
+    occlusion = _OCCLUSIONS.get(obj.occluded or 0, '')
+    return name_of(obj) + occlusion + _truncation(obj.truncated or 0.0)
 
 
 def _truncation(share: float) -> str:
@@ -443,9 +443,9 @@ def _truncation(share: float) -> str:
     return f' trunc {100 * share:.0f}%' if share < 1 else ' trunc'
 
 
-def caption_3d(each: LabelledObject) -> str:
+def caption_3d(obj: LabelledObject) -> str:
     """Format class, track, score and distance."""
-    return f'{name_of(each)}, {distance_of(each):.1f} m'
+    return f'{name_of(obj)}, {distance_of(obj):.1f} m'
 
 
 def objects_to_draw(
@@ -462,14 +462,14 @@ def objects_to_draw(
     """
     if not has_pixels(picture):
         return []
-    both = [(each, False) for each in objects] + [(prediction, True) for prediction in predictions]
+    both = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
     return sorted(both, key=lambda pair: distance_of(pair[0]))
 
 
 def corners_of(shown: Sequence[tuple[LabelledObject, bool]]) -> Float64Array:
     """Return the (N, 8, 3) corners of 3D boxes in velo_link, metres; NaN without a box."""
     corners = np.full((len(shown), 8, 3), np.nan)
-    places = [place for place, (each, _) in enumerate(shown) if each.cuboid is not None]
-    cuboids = [each.cuboid for each, _ in shown if each.cuboid is not None]
-    corners[places] = cuboid_corners(cuboids)
+    solid = [index for index, (obj, _) in enumerate(shown) if obj.cuboid is not None]
+    cuboids = [obj.cuboid for obj, _ in shown if obj.cuboid is not None]
+    corners[solid] = cuboid_corners(cuboids)
     return corners

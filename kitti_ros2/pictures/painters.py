@@ -76,7 +76,7 @@ def bird_points(frame: FrameData) -> Float32Array | None:
     Raises:
         MissingDataError: The frame has neither.
     """
-    boxes = any(each.cuboid for each in (*frame.objects, *frame.predictions))
+    boxes = any(obj.cuboid for obj in (*frame.objects, *frame.predictions))
     return frame.points if boxes else frame_points(frame)
 
 
@@ -117,7 +117,7 @@ def needed_projection(frame: FrameData, camera: int) -> Projection | None:
     """
     labelled = is_labelled(frame.calibration, camera)
     everything = (*frame.objects, *frame.predictions)
-    needed = any(each.cuboid and not (labelled and each.box_2d) for each in everything)
+    needed = any(obj.cuboid and not (labelled and obj.box_2d) for obj in everything)
     return frame_projection(frame, camera) if needed else None
 
 
@@ -128,13 +128,11 @@ def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     """
     if not options.classes:
         return frame
-    kept = {kind.lower() for kind in (*options.classes, DONT_CARE)}
+    selected = {kind.lower() for kind in (*options.classes, DONT_CARE)}
     return replace(
         frame,
-        objects=[each for each in frame.objects if each.class_name.lower() in kept],
-        predictions=[
-            prediction for prediction in frame.predictions if prediction.class_name.lower() in kept
-        ],
+        objects=[obj for obj in frame.objects if obj.class_name.lower() in selected],
+        predictions=[obj for obj in frame.predictions if obj.class_name.lower() in selected],
     )
 
 
@@ -259,11 +257,11 @@ class Predictions:
         Bad lines are in its missing.
         """
         try:
-            found = self.read(frame.number)
+            labels = self.read(frame.number)
         except (KittiRos2Error, OSError) as error:
             return replace(frame, missing={**frame.missing, _NAME: describe_error(error)})
-        missing = {f'{_NAME} {row}': reason for row, reason in found.missing.items()}
-        predictions = objects_of(found, frame.calibration)
+        missing = {f'{_NAME} {row}': reason for row, reason in labels.missing.items()}
+        predictions = objects_of(labels, frame.calibration)
         objects = frame.objects
         if frame.labelled:
             objects, predictions = compared(objects, predictions, self.overlaps)

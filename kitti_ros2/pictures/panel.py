@@ -112,15 +112,15 @@ class PanelParts(NamedTuple):
 
     def titles(self) -> dict[Area, str]:
         """Return the title of each part."""
-        found = {self.bird: "Bird's-eye view", FACTS: 'Facts', CLASSES: 'Classes'}
+        names = {self.bird: "Bird's-eye view", FACTS: 'Facts', CLASSES: 'Classes'}
         if self.images:
-            found |= zip(self.images, ('2D boxes', '3D boxes', 'Scan over the image'), strict=True)
+            names |= zip(self.images, ('2D boxes', '3D boxes', 'Scan over the image'), strict=True)
         if self.route:
-            found[self.route] = 'Path so far'
+            names[self.route] = 'Path so far'
         if self.maps:
             titles = 'Intensity by direction, ahead in the middle', 'Distance by direction, m'
-            found |= zip(self.maps, titles, strict=True)
-        return found
+            names |= zip(self.maps, titles, strict=True)
+        return names
 
 
 _WITH_IMAGES = PanelParts((BOXES_2D, BOXES_3D, LIDAR), BIRD, None, (INTENSITY, DISTANCE))
@@ -135,7 +135,7 @@ def parts_of(frame: FrameData) -> PanelParts:
         height = _BIRD_HEIGHT if scanned else _LAST - _FIRST
         bird = Area(EDGE, _FIRST, _LEFT_WIDTH + EDGE + _BIRD_WIDTH, height)
         wide = (
-            each._replace(left=EDGE, width=SIZE[0] - 2 * EDGE) for each in (INTENSITY, DISTANCE)
+            area._replace(left=EDGE, width=SIZE[0] - 2 * EDGE) for area in (INTENSITY, DISTANCE)
         )
         intensity, distance = wide
         return PanelParts(None, bird, None, (intensity, distance) if scanned else None)
@@ -171,7 +171,7 @@ def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]
         facts.append(('image', f'{width} x {height}, camera {camera}'))
     if frame.points is not None:
         facts.append(('points', f'{len(frame.points):,}'.replace(',', ' ')))
-    cared = sum(each.class_name != DONT_CARE for each in frame.objects)
+    cared = sum(label.class_name != DONT_CARE for label in frame.objects)
     ignored = len(frame.objects) - cared
     facts.append(('objects', f'{cared}' + (f' and {ignored} DontCare' if ignored else '')))
     if frame.predictions:
@@ -182,13 +182,13 @@ def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]
 def _compared(frame: FrameData) -> list[tuple[str, str]]:
     """Return the number of predictions that are right and wrong, and of labels that none finds."""
     matches = (
-        [each.match for each in frame.objects],
+        [label.match for label in frame.objects],
         [prediction.match for prediction in frame.predictions],
     )
-    missed, found = (Counter(match.verdict for match in some if match) for some in matches)
-    if not missed and not found:
+    missed, predicted = (Counter(match.verdict for match in some if match) for some in matches)
+    if not missed and not predicted:
         return []
-    right, wrong = found[Verdict.TRUE_POSITIVE], found[Verdict.FALSE_POSITIVE]
+    right, wrong = predicted[Verdict.TRUE_POSITIVE], predicted[Verdict.FALSE_POSITIVE]
     return [('compared', f'{right} TP, {wrong} FP, {missed[Verdict.FALSE_NEGATIVE]} FN')]
 
 
@@ -205,7 +205,7 @@ def _motion(frame: FrameData) -> list[tuple[str, str]]:
             ('yaw', f'{math.degrees(packet.yaw):.1f} deg from east'),
         ]
     if pose is not None:
-        x, y, z = (round(value, 1) + 0.0 for value in pose.world_T_imu.translation.tolist())
+        x, y, z = (round(axis_m, 1) + 0.0 for axis_m in pose.world_T_imu.translation.tolist())
         return [('place', f'{x:.1f} {y:.1f} {z:.1f} m')]
     return []
 
@@ -229,12 +229,12 @@ def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
 
 def draw_classes(window: Pixels, frame: FrameData) -> None:
     """Draw the number of objects of each class with bars, and below them the predictions."""
-    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
-    found = Counter(prediction.class_name for prediction in frame.predictions)
-    most = max([*counts.values(), *found.values()], default=0)
+    counts = Counter(label.class_name for label in frame.objects if label.class_name != DONT_CARE)
+    predicted = Counter(prediction.class_name for prediction in frame.predictions)
+    most = max([*counts.values(), *predicted.values()], default=0)
     classes = sorted(
-        {*counts, *found},
-        key=lambda class_name: (-counts[class_name], -found[class_name], class_name),
+        {*counts, *predicted},
+        key=lambda class_name: (-counts[class_name], -predicted[class_name], class_name),
     )
     height, width = window.shape[:2]
     if not classes:
@@ -249,10 +249,10 @@ def draw_classes(window: Pixels, frame: FrameData) -> None:
     row = 2 * _LINE if frame.predictions else _LINE
     fit = max(height // row, 1)
     shown = classes if len(classes) <= fit else classes[: fit - 1]
-    for place, class_name in enumerate(shown):
-        baseline = place * row + _LINE - 4
+    for index, class_name in enumerate(shown):
+        baseline = index * row + _LINE - 4
         put_text(window, fitted(class_name, names - 8, _SCALE), (0, baseline), _SCALE, _VALUE)
-        for line, count in enumerate((counts[class_name], found[class_name])[: row // _LINE]):
+        for line, count in enumerate((counts[class_name], predicted[class_name])[: row // _LINE]):
             bottom = baseline + line * _LINE
             length = round((width - names - number) * count / most)
             corner, end = (names, bottom - _BAR_HEIGHT), (names + length, bottom)
@@ -299,10 +299,10 @@ def draw_panel(frame: FrameData, options: PictureOptions) -> Pixels:
 def _draw_head(page: Pixels, frame: FrameData) -> None:
     """Draw source and frame on the left, time on the right."""
     number = f'frame {frame.number}'
-    moment = moment_of(frame) or ''
+    stamp = moment_of(frame) or ''
     baseline = 34
-    right = SIZE[0] - EDGE - extent_of(moment, _HEAD_SCALE).width
-    put_text(page, moment, (right, baseline), _HEAD_SCALE, _QUIET)
+    right = SIZE[0] - EDGE - extent_of(stamp, _HEAD_SCALE).width
+    put_text(page, stamp, (right, baseline), _HEAD_SCALE, _QUIET)
     room = right - 4 * EDGE - extent_of(number, _HEAD_SCALE).width
     source = fitted(frame.source, room, _HEAD_SCALE, bold=True)
     put_text(page, source, (EDGE, baseline), _HEAD_SCALE, _TITLE, bold=True)

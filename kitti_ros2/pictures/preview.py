@@ -82,14 +82,14 @@ class PreviewPage:
         calibrated: bool = True,
         tile: tuple[int, int] = TILE,
     ) -> None:
-        shown = [each for each in _CAMERAS if each in cameras][:_MOST_CAMERAS]
+        shown = [camera for camera in _CAMERAS if camera in cameras][:_MOST_CAMERAS]
         self._cameras = {camera: cameras[camera] for camera in shown}
         self._labelled = labelled
         self._calibrated = calibrated
         self._tile = tile
         self._rows: list[list[Pixels]] = []
         self._missing: dict[str, None] = {}
-        streams = Stream.SCAN.value, Stream.LABELS.value, *(f'image_{each}' for each in shown)
+        streams = Stream.SCAN.value, Stream.LABELS.value, *(f'image_{camera}' for camera in shown)
         self.streams = frozenset(streams)
 
     @property
@@ -145,7 +145,7 @@ class PreviewPage:
 
     def _labels(self, frame: FrameData) -> str:
         """Format the number of labels with a 3D box in a title."""
-        count = sum(each.cuboid is not None for each in frame.objects)
+        count = sum(label.cuboid is not None for label in frame.objects)
         return f', {format_count(count, "label")}' if self._labelled else ''
 
     def picture(self) -> Pixels:
@@ -240,11 +240,11 @@ def draw_preview(
             }
             bare = replace(plan, calibration=NONE, labels=None, cameras=cameras)
             try:
-                found = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
+                preview = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
             except KittiRos2Error:
                 raise error from None
-            others = (each for each in found.missing if each != _UNCALIBRATED)
-            return replace(found, missing=(f'no points and boxes on images: {error}', *others))
+            others = (reason for reason in preview.missing if reason != _UNCALIBRATED)
+            return replace(preview, missing=(f'no points and boxes on images: {error}', *others))
 
 
 def draw_recorded(source: RecordingFrames, selection: SelectionOptions) -> Preview:
@@ -259,9 +259,9 @@ def draw_recorded(source: RecordingFrames, selection: SelectionOptions) -> Previ
         MissingDataError: The frames have neither an image nor a scan.
     """
     numbers = np.array(select_frames(source, selection), np.int64)
-    wanted = [Stream.SCAN.value, *(f'image_{camera}' for camera in source.cameras)]
+    streams = [Stream.SCAN.value, *(f'image_{camera}' for camera in source.cameras)]
     present = np.zeros(len(numbers), np.int64)
-    for name in wanted:
+    for name in streams:
         present += np.isin(numbers, source.streams.get(name, ()))
     chosen: list[int] = numbers[spread(present, _FRAMES)].tolist()
     page = PreviewPage(
@@ -284,11 +284,11 @@ def _drawn_sets(
 ) -> Preview:
     plans = plans_of(plan)
     common = common_frames(bags, plans, survey, options.selection)
-    found = [
+    pages = [
         _paged(bags, plans[name], survey, options, Target(folder / name, 0, common.get(name)), name)
         for name in list(plans)[:_MOST_SETS]
     ]
-    drawn = _preview([replace(each, page=each.page.in_a_row()) for each in found])
+    drawn = _preview([replace(drawn_page, page=drawn_page.page.in_a_row()) for drawn_page in pages])
     if len(plans) <= _MOST_SETS:
         return drawn
     rest = f'the first {_MOST_SETS} of {len(plans)} camera sets are shown'
@@ -304,13 +304,13 @@ class _Paged:
     losses: tuple[Loss, ...]
 
 
-def _preview(found: Sequence[_Paged]) -> Preview:
+def _preview(pages: Sequence[_Paged]) -> Preview:
     """Return the picture of pages below each other, which have the same frames."""
     page = PreviewPage({}, labelled=False)
-    for each in found:
-        page.extend(each.page)
-    losses = dict.fromkeys(loss for each in found for loss in each.losses)
-    return Preview(page.picture(), found[0].numbers, page.missing, tuple(losses))
+    for drawn_page in pages:
+        page.extend(drawn_page.page)
+    losses = dict.fromkeys(loss for drawn_page in pages for loss in drawn_page.losses)
+    return Preview(page.picture(), pages[0].numbers, page.missing, tuple(losses))
 
 
 def _paged(
@@ -343,8 +343,8 @@ def _paged(
     if plan.calibration == NONE:
         page.lack(_UNCALIBRATED)
     seconds = ((excerpt.stamps_ns - excerpt.stamps_ns[:1]) / NS_PER_S).tolist()
-    for place, number in enumerate(excerpt.numbers.tolist()):
-        title = f'{of_set}frame {number} (0 to {excerpt.total - 1}), {seconds[place]:.1f} s'
-        if place in source.numbers:
-            page.add(source.frame(place, page.streams), title, f'{of_set}frame {number}')
+    for position, number in enumerate(excerpt.numbers.tolist()):
+        title = f'{of_set}frame {number} (0 to {excerpt.total - 1}), {seconds[position]:.1f} s'
+        if position in source.numbers:
+            page.add(source.frame(position, page.streams), title, f'{of_set}frame {number}')
     return _Paged(page, tuple(excerpt.numbers.tolist()), report.losses)

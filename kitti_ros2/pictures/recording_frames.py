@@ -152,7 +152,7 @@ class RecordingFrames:
         self.recording = recording
         self._reading_poses = Lock()
         order = FRAME_STREAMS if isinstance(recording, _NUMBERED) else recording.streams
-        streams = [each for each in order if each in recording.streams]
+        streams = [stream for stream in order if stream in recording.streams]
         if not streams:
             raise MissingDataError(
                 f'{recording.root}: has no stream that pictures could be made of'
@@ -181,19 +181,19 @@ class RecordingFrames:
     def _map_t_world(self) -> Transform:
         return map_from_world(self.recording.start, self.base_t_imu, MapFrame.ENU)
 
-    def frame(self, number: int, wanted: frozenset[str] | None = None) -> FrameData:
+    def frame(self, number: int, streams: frozenset[str] | None = None) -> FrameData:
         """Return the frame with a number.
 
         Args:
             number: One of numbers.
-            wanted: Streams to read (samples.Stream values such as image_2, scan, labels); by
+            streams: Streams to read (samples.Stream values such as image_2, scan, labels); by
                 default all but path, which takes the poses of all frames.
 
         Raises:
             UsageError: The frame does not exist.
         """
-        place = int(np.searchsorted(self.numbers, number))
-        if place == len(self.numbers) or self.numbers[place] != number:
+        index = int(np.searchsorted(self.numbers, number))
+        if index == len(self.numbers) or self.numbers[index] != number:
             raise UsageError(
                 f'{self.name} has no frame {number}; it has {describe_frames(self.numbers)}'
             )
@@ -202,7 +202,7 @@ class RecordingFrames:
         samples: dict[Stream, Sample] = {}
         images: dict[int, Pixels] = {}
         for stream in self._samples:
-            if not _wants(stream, wanted):
+            if not _wants(stream, streams):
                 continue
             try:
                 if stream.camera is None:
@@ -221,16 +221,16 @@ class RecordingFrames:
         return FrameData(
             source=self.name,
             number=number,
-            stamp_ns=int(self.stamps_ns[place]),
+            stamp_ns=int(self.stamps_ns[index]),
             images=images,
             points=None if scan is None else scan.points,
             point_labels=None if scan is None or scan.missing else scan.labels,
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             labelled=Stream.LABELS in samples
-            or (_wants(Stream.LABELS, wanted) and number in self.without_objects),
+            or (_wants(Stream.LABELS, streams) and number in self.without_objects),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
-            path=self._path(place, missing) if _wants_path(wanted) else None,
+            path=self._path(index, missing) if _wants_path(streams) else None,
             imaged=bool(self.cameras),
             scanned=Stream.SCAN in self.recording.streams,
             pose=_of(samples, Stream.POSE, Pose),
@@ -298,29 +298,29 @@ class RecordingFrames:
 
     def calibration(self, number: int) -> Calibration | None:
         """Return the calibration of a frame, None without any."""
-        found = self.recording.calibration(number)
-        return None if _is_empty(found) else found
+        calibration = self.recording.calibration(number)
+        return None if _is_empty(calibration) else calibration
 
     def close(self) -> None:
         """Release files; those of a folder are open only while they are read."""
         if not isinstance(self.recording, KittiRecording):
             self.recording.close()
 
-    def _path(self, place: int, missing: dict[str, str]) -> Float64Array | None:
+    def _path(self, index: int, missing: dict[str, str]) -> Float64Array | None:
         """Return (N, 3) positions up to a frame, by its place; None without any."""
         with self._reading_poses:
-            known, positions, failures = self._all_positions
+            numbers, positions, failures = self._all_positions
         if isinstance(self.recording, _NUMBERED):
             poses = self._samples.get(Stream.POSE, {})
-            number = int(self.numbers[place])
+            number = int(self.numbers[index])
             last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
         else:
-            last = int(self.stamps_ns[place])
+            last = int(self.stamps_ns[index])
         reason = next((why for failed, why in failures.items() if failed <= last), None)
         if reason is not None:
             missing[Stream.PATH.value] = f'poses are left out of the path; the first: {reason}'
-        found = positions[known <= last]
-        return found if len(found) else None
+        driven = positions[numbers <= last]
+        return driven if len(driven) else None
 
     @cached_property
     def _all_positions(self) -> tuple[Int64Array, Float64Array, dict[int, str]]:
@@ -328,12 +328,12 @@ class RecordingFrames:
 
         In a bag not written by to-bag poses have no numbers, but stamps.
         """
-        found: dict[int, Float64Array] = {}
+        by_number: dict[int, Float64Array] = {}
         failures: dict[int, str] = {}
         if not isinstance(self.recording, _NUMBERED):
             track = self.recording.trajectory()
             positions = [pose.translation for pose in track.world_T_imu]
-            found = dict(zip(track.stamps_ns.tolist(), positions, strict=True))
+            by_number = dict(zip(track.stamps_ns.tolist(), positions, strict=True))
         index = self.recording.streams.get(Stream.POSE)
         for number in () if index is None else index.numbers.tolist():
             try:
@@ -342,9 +342,9 @@ class RecordingFrames:
                 failures[number] = describe_error(error)
                 continue
             if isinstance(pose, Pose):
-                found[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
-        every = np.array([*found.values()], np.float64).reshape(-1, 3)
-        return np.array([*found], np.int64), every, failures
+                by_number[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
+        every = np.array([*by_number.values()], np.float64).reshape(-1, 3)
+        return np.array([*by_number], np.int64), every, failures
 
     @cached_property
     def without_objects(self) -> frozenset[int]:
@@ -355,12 +355,12 @@ class RecordingFrames:
         return frozenset(self.numbers.tolist()) - labelled.keys()
 
 
-def _wants_path(wanted: frozenset[str] | None) -> bool:
-    return wanted is not None and Stream.PATH.value in wanted
+def _wants_path(streams: frozenset[str] | None) -> bool:
+    return streams is not None and Stream.PATH.value in streams
 
 
-def _wants(stream: Stream, wanted: frozenset[str] | None) -> bool:
-    return wanted is None or stream.value in wanted
+def _wants(stream: Stream, streams: frozenset[str] | None) -> bool:
+    return streams is None or stream.value in streams
 
 
 def _same(numbers: Int64Array) -> dict[int, int]:
@@ -375,12 +375,12 @@ def _nearest(recording: Readable, streams: Sequence[Stream]) -> dict[Stream, dic
         {stream: recording.streams[stream].stamps_ns for stream in streams},
         default_tolerance_ns(reference.stamps_ns),
     )
-    found = {}
+    nearest = {}
     for stream, match in matches.items():
         frames = np.flatnonzero(match.indices != NONE)
         own = recording.streams[stream].numbers[match.indices[frames]]
-        found[stream] = dict(zip(reference.numbers[frames].tolist(), own.tolist(), strict=True))
-    return found
+        nearest[stream] = dict(zip(reference.numbers[frames].tolist(), own.tolist(), strict=True))
+    return nearest
 
 
 def _common(recording: Readable, streams: Sequence[Stream]) -> tuple[Int64Array, Int64Array]:

@@ -69,11 +69,11 @@ def draw_frames(
     Raises:
         UsageError: A frame does not exist.
     """
-    wanted = mode.streams(source.cameras, options)
+    streams = mode.streams(source.cameras, options)
 
     def draw(number: int) -> Drawn:
-        frame = refine(source.frame(number, wanted))
-        kinds = frozenset(each.class_name for each in (*frame.objects, *frame.predictions))
+        frame = refine(source.frame(number, streams))
+        kinds = frozenset(obj.class_name for obj in (*frame.objects, *frame.predictions))
         try:
             return Drawn(number, mode.draw(frame, options), frame.missing, kinds)
         except MissingDataError as error:
@@ -88,19 +88,19 @@ def concerned_losses(
     source: RecordingFrames, numbers: Sequence[int], mode: Mode, options: PictureOptions
 ) -> tuple[Loss, ...]:
     """Return the losses of the source itself that concern pictures of some frames."""
-    wanted = mode.streams(source.cameras, options) | {Stream.CALIBRATION.value}
-    others = {stream.value for stream in Stream} - wanted
+    shown = mode.streams(source.cameras, options) | {Stream.CALIBRATION.value}
+    others = {stream.value for stream in Stream} - shown
     drawn = set(numbers)
-    found = []
+    losses = []
     for loss in source.losses:
         if loss.stream in others:
             continue
         lost = tuple(number for number in loss.numbers if number in drawn)
         if lost:
-            found.append(Loss(loss.stream, len(lost), loss.message, lost))
+            losses.append(Loss(loss.stream, len(lost), loss.message, lost))
         elif not loss.numbers:
-            found.append(loss)
-    return tuple(found)
+            losses.append(loss)
+    return tuple(losses)
 
 
 class PictureTally:
@@ -115,13 +115,13 @@ class PictureTally:
         self, series: Iterable[Drawn], progress: Callable[[int], None] = lambda _: None
     ) -> Iterator[tuple[int, Pixels]]:
         """Yield the pictures with their frame numbers; count missing data."""
-        for done, each in enumerate(series, 1):
-            for name, reason in each.missing.items():
-                self._missing.setdefault((name.split()[0], reason), []).append(each.number)
-            self.kinds |= each.kinds
-            if each.picture is not None:
+        for done, drawn in enumerate(series, 1):
+            for name, reason in drawn.missing.items():
+                self._missing.setdefault((name.split()[0], reason), []).append(drawn.number)
+            self.kinds |= drawn.kinds
+            if drawn.picture is not None:
                 self.drawn += 1
-                yield each.number, each.picture
+                yield drawn.number, drawn.picture
             progress(done)
 
     def check(self) -> None:
@@ -162,8 +162,8 @@ def parse_frames(text: str, source: RecordingFrames) -> list[int]:
     ]
     if not len(chosen):
         raise UsageError(f'{source.name} has no frame in {text}; it has {describe_frames(numbers)}')
-    found: list[int] = chosen[:: step or 1].tolist()
-    return found
+    stepped: list[int] = chosen[:: step or 1].tolist()
+    return stepped
 
 
 def select_frames(source: RecordingFrames, selection: SelectionOptions) -> list[int]:
@@ -176,8 +176,8 @@ def select_frames(source: RecordingFrames, selection: SelectionOptions) -> list[
     if not chosen.any():
         span = f'{source.numbers[0]} to {source.numbers[-1]}'
         raise UsageError(f'{source.name}: the selection takes no frame; it has {span}')
-    found: list[int] = source.numbers[chosen].tolist()
-    return found
+    frames: list[int] = source.numbers[chosen].tolist()
+    return frames
 
 
 def rate_of(source: RecordingFrames, numbers: Sequence[int]) -> float:
@@ -325,11 +325,11 @@ class _Mpeg4:
         self._writer.release()
         # Neither writing nor closing reports a full disk: the written pictures are counted.
         film = cv2.VideoCapture(str(self._path))
-        found = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
+        readable = int(film.get(cv2.CAP_PROP_FRAME_COUNT)) if film.isOpened() else 0
         film.release()
-        if found != self._written:
+        if readable != self._written:
             raise MovieError(
-                self._path, f'only {found} of {self._written} pictures could be written'
+                self._path, f'only {readable} of {self._written} pictures could be written'
             )
 
 

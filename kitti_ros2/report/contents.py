@@ -265,7 +265,7 @@ class ClassStatistics:
     @property
     def count(self) -> int:
         """Number of all objects."""
-        return sum(each.count for each in self.classes)
+        return sum(facts.count for facts in self.classes)
 
 
 @dataclass
@@ -284,22 +284,22 @@ class _ClassCounts:
         self.count += len(objects)
         self.frames += 1
         self.most = max(self.most, len(objects))
-        for each in objects:
-            if each.track_id is not None:
-                self.tracks.add(each.track_id)
-            if each.cuboid is not None:
-                x, y, _ = each.cuboid.velo_T_box.translation.tolist()
+        for label in objects:
+            if label.track_id is not None:
+                self.tracks.add(label.track_id)
+            if label.cuboid is not None:
+                x, y, _ = label.cuboid.velo_T_box.translation.tolist()
                 self.distances_m.append(float(np.hypot(x, y)))
-            if each.occluded is not None:
-                self.occlusions[each.occluded] += 1
-            if each.truncated is not None:
+            if label.occluded is not None:
+                self.occlusions[label.occluded] += 1
+            if label.truncated is not None:
                 self.truncation_known += 1
-                self.truncated += each.truncated > 0
+                self.truncated += label.truncated > 0
 
     def facts(self, class_name: str) -> ClassFacts:
         """Return the facts of the objects so far."""
-        known = sum(self.occlusions.values())
-        places = range(len(OCCLUSIONS))
+        labelled = sum(self.occlusions.values())
+        levels = range(len(OCCLUSIONS))
         return ClassFacts(
             class_name,
             self.count,
@@ -307,7 +307,7 @@ class _ClassCounts:
             self.most,
             len(self.tracks) or None,
             np.array(self.distances_m),
-            tuple(self.occlusions[place] for place in places) if known else None,
+            tuple(self.occlusions[level] for level in levels) if labelled else None,
             self.truncated if self.truncation_known else None,
         )
 
@@ -324,18 +324,18 @@ class ClassTally:
     def add(self, objects: Iterable[LabelledObject]) -> None:
         """Add a frame, also one without objects."""
         by_class: dict[str, list[LabelledObject]] = defaultdict(list)
-        for each in objects:
-            by_class[each.class_name].append(each)
+        for label in objects:
+            by_class[label.class_name].append(label)
         self._dont_care += len(by_class.pop(DONT_CARE, ()))
         self._frames += 1
         self._labelled += bool(by_class)
-        for class_name, found in by_class.items():
-            self._counts[class_name].add(found)
+        for class_name, labels in by_class.items():
+            self._counts[class_name].add(labels)
 
     def statistics(self) -> ClassStatistics:
         """Return the statistics of the frames so far."""
         facts = (tally.facts(class_name) for class_name, tally in self._counts.items())
-        ordered = sorted(facts, key=lambda each: (-each.count, each.class_name))
+        ordered = sorted(facts, key=lambda of_class: (-of_class.count, of_class.class_name))
         return ClassStatistics(tuple(ordered), self._frames, self._labelled, self._dont_care)
 
 
@@ -349,8 +349,8 @@ def spread(count: int, most: int) -> list[int]:
     """Return up to most evenly spaced indices of 0 .. count-1, including first and last."""
     if not count:
         return []
-    places = np.linspace(0, count - 1, min(count, most)).round().astype(int)
-    return [int(place) for place in np.unique(places)]
+    indices = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    return [int(index) for index in np.unique(indices)]
 
 
 # Rate, jitter and gaps of a stream, and whether its numbers match another stream's in time.

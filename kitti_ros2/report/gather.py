@@ -91,12 +91,12 @@ def draw_scenes(
     """
     options = PictureOptions()
     camera = chosen_camera(source.cameras, options)
-    wanted = frozenset[str]().union(
+    streams = frozenset[str]().union(
         *(MODES[name].streams(source.cameras, options) for name in ('boxes', 'lidar', 'bev'))
     )
     scenes = []
-    for place in spread(len(pictured), most):
-        frame = source.frame(pictured[place], wanted)
+    for index in spread(len(pictured), most):
+        frame = source.frame(pictured[index], streams)
         seen(frame)
         scene = _scene(frame, source, camera)
         if scene.camera or scene.points or scene.above:
@@ -128,12 +128,12 @@ def draw_projections(
     images = [Stream(f'image_{index}').value for index in cameras if index not in drawn]
     frame = source.frame(middle, frozenset({Stream.SCAN.value, *images}))
     seen(frame)
-    found = (
+    pictures = (
         drawn.get(index) or _projection(frame, index, source.cameras[index])
         for index in cameras
         if index in drawn or index in frame.images
     )
-    return tuple(picture for picture in found if picture is not None)
+    return tuple(picture for picture in pictures if picture is not None)
 
 
 def _scene(frame: FrameData, source: RecordingFrames, camera: int | None) -> Scene:
@@ -167,14 +167,14 @@ def _projection(frame: FrameData, camera: int, name: str) -> ReportPicture | Non
 
 
 def _words(frame: FrameData) -> Iterator[str]:
-    counts = Counter(each.class_name for each in frame.objects if each.class_name != DONT_CARE)
+    counts = Counter(label.class_name for label in frame.objects if label.class_name != DONT_CARE)
     yield from (f'{count} {class_name}' for class_name, count in counts.most_common())
     if frame.points is not None:
         yield format_count(len(frame.points), 'point')
 
 
 def _labels(frame: FrameData) -> str:
-    count = sum(each.class_name != DONT_CARE for each in frame.objects)
+    count = sum(label.class_name != DONT_CARE for label in frame.objects)
     return f'{format_count(count, "labelled object")}' if count else 'no labels'
 
 
@@ -209,7 +209,7 @@ def recording_streams(
         findings: Findings are appended here.
         step: Called after each stream.
     """
-    found = []
+    streams = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
         if recording.clock is not Clock.NOMINAL and not recording.layout.traits.frame_set:
@@ -224,7 +224,7 @@ def recording_streams(
         elif stream is Stream.SCAN:
             columns = recording.options.columns or KITTI_COLUMNS
             facts = _scan_facts(sizes, columns.point_bytes, findings)
-        found.append(
+        streams.append(
             StreamFacts(
                 stream.value,
                 format_numbers(index.numbers.tolist(), 2),
@@ -235,7 +235,7 @@ def recording_streams(
             )
         )
         step()
-    return found
+    return streams
 
 
 def bag_streams(
@@ -257,7 +257,7 @@ def bag_streams(
         findings: Findings are appended here.
         independent: Whether the frames are independent, and may be any time apart.
     """
-    found = []
+    streams = []
     for topic in topics:
         seen = survey.topics.get(topic.name)
         used = stamps.get(topic.name, np.zeros(0, np.int64))
@@ -278,10 +278,10 @@ def bag_streams(
         elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
             findings.append(_gaps(topic.name, timing))  # else it is an occasional topic
         size = None if seen is None else seen.size_bytes
-        found.append(
+        streams.append(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
         )
-    return found
+    return streams
 
 
 def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
@@ -542,10 +542,10 @@ def _pictured(source: RecordingFrames) -> list[int]:
     recording = source.recording
     if not recording.common_numbers:
         return [int(number) for number in source.numbers]
-    found = [
+    numbers_by_stream = [
         recording.streams[stream].numbers for stream in _PICTURED if stream in recording.streams
     ]
-    numbers = np.concatenate([np.zeros(0, np.int64), *found])
+    numbers = np.concatenate([np.zeros(0, np.int64), *numbers_by_stream])
     return [int(number) for number in np.unique(numbers)]
 
 

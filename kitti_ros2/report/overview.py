@@ -126,7 +126,7 @@ def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
                 if message.topic in statics and due:
                     due -= 1
                     decoded = decode_static(deserialize(message.data, message.msgtype))
-                    links |= {child: (parent, child, place) for parent, child, place in decoded}
+                    links |= {child: (parent, child, pose) for parent, child, pose in decoded}
                 elif message.topic not in cameras:
                     info = deserialize(message.data, message.msgtype)
                     cameras[message.topic] = _camera_glance(message.topic, info)
@@ -144,8 +144,8 @@ def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
     focal = float(p[0, 0]) or float(k[0, 0])
     values = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], -p[0, 3] / focal if focal else np.nan)
     # Drivers of uncalibrated cameras fill in zeros.
-    known = bool(k[0, 0]) and bool(k[1, 1])
-    fx, fy, cx, cy, baseline = (_finite(float(value)) if known else None for value in values)
+    calibrated = bool(k[0, 0]) and bool(k[1, 1])
+    fx, fy, cx, cy, baseline = (_finite(float(value)) if calibrated else None for value in values)
     return CameraGlance(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
 
 
@@ -243,7 +243,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         path=path,
         kind=recording.layout.value,
         name=recording.name,
-        series=tuple(_known(each, recording.clock) for each in series),
+        series=tuple(_known(topic, recording.clock) for topic in series),
         frames=len(frames_of(numbers, common=recording.common_numbers)),
         clock=recording.clock,
         start_ns=start_ns,
@@ -316,8 +316,8 @@ def _times(
     series: Iterable[TopicSummary], clock: Clock
 ) -> tuple[int | None, int | None, int | None]:
     """Return start, end and duration of all series, None for those unknown to the layout."""
-    starts = [each.start_ns for each in series if each.start_ns is not None]
-    ends = [each.end_ns for each in series if each.end_ns is not None]
+    starts = [summary.start_ns for summary in series if summary.start_ns is not None]
+    ends = [summary.end_ns for summary in series if summary.end_ns is not None]
     if not starts or clock is Clock.NOMINAL:
         return None, None, None
     start_ns, end_ns = min(starts), max(ends)

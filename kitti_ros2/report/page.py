@@ -70,7 +70,7 @@ def scores_section(report: Report) -> dict[str, object] | None:
         f' {format_count(scores.frames, "frame")}, percent: at 40 values of recall, and at 11 in'
         f' brackets.'
     )
-    plots = {name: _plot(name, each[_PLOTTED]) for name, each in scores.scores.items()}
+    plots = {name: _plot(name, metrics[_PLOTTED]) for name, metrics in scores.scores.items()}
     return {
         'words': words,
         'tables': [_scores_table(class_name, scores) for class_name in scores.scores],
@@ -95,16 +95,16 @@ def _figure(curve: Curve | None) -> str:
 
 def _plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
     """Draw the curves of a class; empty without any."""
-    known = {
+    precisions = {
         level.value: 100 * curve.values
         for level, curve in curves.items()
         if curve is not None and curve.objects
     }
-    if not known:
+    if not precisions:
         return ''
-    recall = np.linspace(0, 100, len(next(iter(known.values()))))
-    key = ''.join(each if each.isalnum() else '-' for each in class_name)
-    return curves_plot(f'curves-{key}', f'Precision of {class_name} in 3D', recall, known)
+    recall = np.linspace(0, 100, len(next(iter(precisions.values()))))
+    key = ''.join(letter if letter.isalnum() else '-' for letter in class_name)
+    return curves_plot(f'curves-{key}', f'Precision of {class_name} in 3D', recall, precisions)
 
 
 # The values of the sections of frames, route, objects and calibration; None without data.
@@ -148,20 +148,20 @@ def route_section(report: Report) -> dict[str, object] | None:
 def _courses(route: Route) -> Iterator[tuple[str, str, str]]:
     """Yield name, extent and plot of speed, altitude and yaw over time."""
     times = (route.stamps_ns - route.stamps_ns[0]) / 1e9
-    heights, place, axis = route.positions[:, 2] - route.positions[0, 2], 'the start', 'the x axis'
+    heights, origin, axis = route.positions[:, 2] - route.positions[0, 2], 'the start', 'the x axis'
     if route.altitude_m is not None:
-        heights, place, axis = route.positions[:, 2] + route.altitude_m, 'sea level', 'east'
+        heights, origin, axis = route.positions[:, 2] + route.altitude_m, 'sea level', 'east'
     courses = (
         ('Speed', 'm/s', route.speeds_m_s, ''),
-        ('Altitude', 'm', heights, f'above {place}'),
+        ('Altitude', 'm', heights, f'above {origin}'),
         ('Yaw', 'deg', np.degrees(route.yaws_rad), f'counter-clockwise from {axis}'),
     )
-    for name, unit, values, remark in courses:
-        known = np.isfinite(values)
-        if known.sum() > 1:
-            plot = course_plot(f'course-{name.lower()}', name, times[known], values[known], unit)
+    for name, unit, values, note in courses:
+        finite = np.isfinite(values)
+        if finite.sum() > 1:
+            plot = course_plot(f'course-{name.lower()}', name, times[finite], values[finite], unit)
             extent = f'{np.nanmin(values):.1f} to {np.nanmax(values):.1f} {unit}'
-            yield name, f'{extent} {remark}', plot
+            yield name, f'{extent} {note}', plot
 
 
 def objects_section(report: Report) -> dict[str, object] | None:
@@ -177,44 +177,44 @@ def objects_section(report: Report) -> dict[str, object] | None:
         words += f' {classes.dont_care:,} regions are without labels (DontCare).'
     distances = [
         (
-            each.class_name,
-            f'{np.median(each.distances_m):.1f} m',
+            facts.class_name,
+            f'{np.median(facts.distances_m):.1f} m',
             histogram_plot(
-                f'distance-{place}',
-                f'Distances of {each.class_name}',
+                f'distance-{index}',
+                f'Distances of {facts.class_name}',
                 _EDGES_M,
-                histogram(each.distances_m, _EDGES_M),
+                histogram(facts.distances_m, _EDGES_M),
                 'metres from the scanner',
-                class_colour(each.class_name),
+                class_colour(facts.class_name),
             ),
         )
-        for place, each in enumerate(classes.classes[:_MOST_HISTOGRAMS])
-        if len(each.distances_m)
+        for index, facts in enumerate(classes.classes[:_MOST_HISTOGRAMS])
+        if len(facts.distances_m)
     ]
     return {'words': words, 'table': _class_table(classes), 'distances': distances}
 
 
 def _class_table(classes: ClassStatistics) -> Table:
-    found = classes.classes
-    occluded = any(each.occlusions is not None for each in found)
-    tracked = any(each.tracks is not None for each in found)
-    cut = any(each.truncated is not None for each in found)
+    facts_by_class = classes.classes
+    occluded = any(facts.occlusions is not None for facts in facts_by_class)
+    tracked = any(facts.tracks is not None for facts in facts_by_class)
+    cut = any(facts.truncated is not None for facts in facts_by_class)
     columns = [('Class', TEXT), ('Objects', NUMBER), ('Frames', NUMBER), ('A frame', NUMBER)]
     columns += [('Most', NUMBER)] + [('Tracks', NUMBER)] * tracked
     columns += [(name.capitalize(), NUMBER) for name in OCCLUSIONS if occluded]
     columns += [('Occlusion', TEXT)] * occluded + [('Truncated', NUMBER)] * cut
     rows = [
         [
-            each.class_name,
-            f'{each.count:,}',
-            f'{each.frames:,}',
-            f'{each.count / max(classes.frames, 1):.2f}',
-            f'{each.most:,}',
-            *([_count(each.tracks)] if tracked else []),
-            *(_occlusions(each) if occluded else []),
-            *([_count(each.truncated)] if cut else []),
+            facts.class_name,
+            f'{facts.count:,}',
+            f'{facts.frames:,}',
+            f'{facts.count / max(classes.frames, 1):.2f}',
+            f'{facts.most:,}',
+            *([_count(facts.tracks)] if tracked else []),
+            *(_occlusions(facts) if occluded else []),
+            *([_count(facts.truncated)] if cut else []),
         ]
-        for each in found
+        for facts in facts_by_class
     ]
     return Table('Labelled objects by class', columns, rows)
 
@@ -252,7 +252,7 @@ def calibration_section(report: Report) -> dict[str, object] | None:
 
 
 def _mount_table(mounts: Sequence[Mount]) -> Table:
-    order = {mount.name: str(place + 1) for place, mount in enumerate(mounts)}
+    order = {mount.name: str(index + 1) for index, mount in enumerate(mounts)}
     columns = [('Frame', TEXT), ('On', NUMBER), ('Distance m', NUMBER)]
     columns += [(f'{axis} m', NUMBER) for axis in 'xyz']
     columns += [(f'{angle} \N{DEGREE SIGN}', NUMBER) for angle in ('Roll', 'Pitch', 'Yaw')]
@@ -306,12 +306,12 @@ def streams_section(report: Report) -> dict[str, object] | None:
     start_ns, end_ns = _extent(report)
     coverage = [
         (
-            each.name,
-            len(each.timing.gaps),
-            strip(each.timing, start_ns - each.clock_offset_ns, end_ns - each.clock_offset_ns),
+            facts.name,
+            len(facts.timing.gaps),
+            strip(facts.timing, start_ns - facts.clock_offset_ns, end_ns - facts.clock_offset_ns),
         )
-        for each in shown
-        if len(each.timing)
+        for facts in shown
+        if len(facts.timing)
     ]
     return {
         'timed': timed,
@@ -329,7 +329,7 @@ def _rest(report: Report, left_out: Sequence[StreamFacts]) -> str:
     if not left_out:
         return ''
     kind = 'stream' if report.overview.compression is None else 'topic'
-    rest = describe_rest([len(each.timing) for each in left_out], kind)
+    rest = describe_rest([len(stream.timing) for stream in left_out], kind)
     return f'{rest}; kitti-ros2 info --json lists all.'
 
 
@@ -337,28 +337,28 @@ def _streams_table(report: Report, shown: Sequence[StreamFacts]) -> Table:
     of_bag = report.overview.compression is not None
     timed = report.clock is not Clock.NOMINAL
     columns: list[tuple[tuple[str, str], Callable[[StreamFacts], str]]] = [
-        (('Topic' if of_bag else 'Stream', NAME), lambda each: each.name),
-        (('Messages' if of_bag else 'Samples', NUMBER), lambda each: f'{len(each.timing):,}'),
+        (('Topic' if of_bag else 'Stream', NAME), lambda facts: facts.name),
+        (('Messages' if of_bag else 'Samples', NUMBER), lambda facts: f'{len(facts.timing):,}'),
     ]
     if timed:
         columns += [
-            (('Rate Hz', NUMBER), lambda each: _value(each.timing.rate_hz, 1)),
+            (('Rate Hz', NUMBER), lambda facts: _value(facts.timing.rate_hz, 1)),
             (('Jitter ms', NUMBER), _jitter),
             (('Gaps', NUMBER), _gap_count),
-            (('Longest s', NUMBER), lambda each: _value(_longest_gap_ns(each), 1e9)),
+            (('Longest s', NUMBER), lambda facts: _value(_longest_gap_ns(facts), 1e9)),
         ]
-    if any(each.delay_ns is not None for each in shown):
+    if any(facts.delay_ns is not None for facts in shown):
         columns.append((('Delay ms', NUMBER), _delay))
     if not of_bag:
-        columns.append((('Files', NUMBER), lambda each: f'{each.files or 0:,}'))
+        columns.append((('Files', NUMBER), lambda facts: f'{facts.files or 0:,}'))
     columns.append((('Size', NUMBER), _size))
     # Of a message type, without its package, as in info.
     detail = ('Type' if of_bag else 'Frames', TEXT)
-    columns.append((detail, lambda each: each.detail.rsplit('/', 1)[-1]))
+    columns.append((detail, lambda facts: facts.detail.rsplit('/', 1)[-1]))
     columns.append((('Content', LONG), _facts))
     # Columns that are empty for all streams are removed.
-    columns = [(heading, cell) for heading, cell in columns if any(cell(each) for each in shown)]
-    rows = [[cell(each) for _, cell in columns] for each in shown]
+    columns = [(heading, cell) for heading, cell in columns if any(cell(facts) for facts in shown)]
+    rows = [[cell(facts) for _, cell in columns] for facts in shown]
     totals = {
         columns[0][0]: 'All',
         columns[1][0]: f'{sum(len(stream.timing) for stream in report.streams):,}',
@@ -367,7 +367,7 @@ def _streams_table(report: Report, shown: Sequence[StreamFacts]) -> Table:
     total = [totals.get(heading, '') for heading, _ in columns]
     delayed = any(heading == ('Delay ms', NUMBER) for heading, _ in columns)
     caption = _caption(of_bag=of_bag, timed=timed, delayed=delayed)
-    return Table(caption, [each for each, _ in columns], rows, total)
+    return Table(caption, [heading for heading, _ in columns], rows, total)
 
 
 def _caption(*, of_bag: bool, timed: bool, delayed: bool) -> str:
@@ -434,12 +434,12 @@ def _intervals(streams: Sequence[StreamFacts]) -> list[tuple[str, str, str]]:
     for stream in streams:
         if len(stream.timing) > _FEWEST_SAMPLES and stream.timing.period_ns:
             alike.setdefault(stream.timing.stamps_ns.tobytes(), []).append(stream)
-    found = []
-    for place, group in enumerate(sorted(alike.values(), key=lambda some: not some[0].timing.gaps)):
-        names, timing = ', '.join(each.name for each in group), group[0].timing
-        plot = interval_plot(f'interval-{place}', names, timing)
-        found.append((names, format_period(timing.period_ns or 0), plot))
-    return found
+    plots = []
+    for index, group in enumerate(sorted(alike.values(), key=lambda some: not some[0].timing.gaps)):
+        names, timing = ', '.join(facts.name for facts in group), group[0].timing
+        plot = interval_plot(f'interval-{index}', names, timing)
+        plots.append((names, format_period(timing.period_ns or 0), plot))
+    return plots
 
 
 _BREAKS = re.compile(r'(?<=[/_.-])(?=\w)|(?<=[a-z])(?=[A-Z])')
@@ -447,10 +447,10 @@ _LINES = re.compile(r'\s*\n\s*')
 _KINDS = {
     **{layout.value: layout.traits.title for layout in Layout},
     **{
-        name: f'{each.title} bag' if each.in_file else f'{each.title} bag of rosbag2'
-        for name, each in CONTAINERS.items()
+        name: f'{kind.title} bag' if kind.in_file else f'{kind.title} bag of rosbag2'
+        for name, kind in CONTAINERS.items()
     },
-    **{f'rosbag2 {name}': f'rosbag2 bag, {each.title}' for name, each in CONTAINERS.items()},
+    **{f'rosbag2 {name}': f'rosbag2 bag, {kind.title}' for name, kind in CONTAINERS.items()},
 }
 
 
@@ -549,22 +549,22 @@ def _sentence(report: Report) -> str:
 
 def _figures(report: Report) -> list[tuple[str, str]]:
     overview = report.overview
-    found = []
+    figures = []
     if report.frames is not None:
-        found.append(('frames', f'{report.frames:,}'))
+        figures.append(('frames', f'{report.frames:,}'))
     else:
         total = sum(series.count for series in overview.series)
-        found.append(('samples' if overview.compression is None else 'messages', f'{total:,}'))
+        figures.append(('samples' if overview.compression is None else 'messages', f'{total:,}'))
     if overview.duration_ns is not None:
-        found.append(('duration', format_duration(overview.duration_ns)))
+        figures.append(('duration', format_duration(overview.duration_ns)))
     if report.route is not None:
-        found.append(('driven', metres(report.route.length_m)))
+        figures.append(('driven', metres(report.route.length_m)))
     if report.classes is not None:
-        found.append(('labelled objects', f'{report.classes.count:,}'))
+        figures.append(('labelled objects', f'{report.classes.count:,}'))
     noun = 'streams' if overview.compression is None else 'topics'
-    found.append((noun, f'{len(overview.series)}'))
-    found.append(('size', format_bytes(overview.size_bytes)))
-    return found
+    figures.append((noun, f'{len(overview.series)}'))
+    figures.append(('size', format_bytes(overview.size_bytes)))
+    return figures
 
 
 def metres(length: float) -> str:

@@ -60,8 +60,8 @@ def bar(height: int, class_: str, drawn: Sequence[str]) -> str:
 def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> str:
     """Draw text; anchor is start, middle or end."""
     look = class_ and f' class="{class_}"'
-    place = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
-    return f'<text {place}{look}>{escape(words)}</text>'
+    position = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
+    return f'<text {position}{look}>{escape(words)}</text>'
 
 
 def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> str:
@@ -106,7 +106,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * 0.999)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [step * place for place in range(first, last + 1)]
+    return [step * multiple for multiple in range(first, last + 1)]
 
 
 def plain(value: float) -> str:
@@ -159,10 +159,10 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
     """Draw when a stream has samples between two times: a bar, with its gaps cut out and marked."""
     scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
     period = timing.period_ns or 0
-    places: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
+    xs: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
     drawn = [
         box(x0, 3, x1 - x0 + _STRIP_TICK, 6, 'bar')
-        for x0, x1 in _spans(timing, places, period if timing.regular else 0)
+        for x0, x1 in _spans(timing, xs, period if timing.regular else 0)
     ]
     for gap in timing.gaps[:_MOST_BANDS]:
         x0 = (gap.at_ns - start_ns) * scale
@@ -170,15 +170,15 @@ def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
     return bar(12, 'strip', drawn)
 
 
-def _spans(timing: Timing, places: Float64Array, period: int) -> list[tuple[float, float]]:
+def _spans(timing: Timing, xs: Float64Array, period: int) -> list[tuple[float, float]]:
     """Return the spans with samples: runs of a regular stream, single samples of others."""
     if period:
         ends = [gap.at_ns for gap in timing.gaps]
         cuts = np.searchsorted(timing.stamps_ns, ends, 'right')
-        return [(float(run[0]), float(run[-1])) for run in np.split(places, cuts) if len(run)]
+        return [(float(run[0]), float(run[-1])) for run in np.split(xs, cuts) if len(run)]
     step = (100 - _STRIP_TICK) / _STRIP_BINS
-    bins = np.unique(np.round(places / step)) * step
-    return [(float(place), float(place)) for place in bins]
+    bins = np.unique(np.round(xs / step)) * step
+    return [(float(x), float(x)) for x in bins]
 
 
 def interval_plot(key: str, name: str, timing: Timing) -> str:
@@ -344,13 +344,13 @@ def _course(area: _PlotArea, times: Float64Array, values: Float64Array) -> str:
     """Draw a line through values; of very many, through the least and greatest of each column."""
     if len(values) > 4 * _COLUMNS:
         ends = [
-            (xs[place], ys[place])
+            (xs[index], ys[index])
             for xs, ys in _columns(times, values)
-            for place in sorted((int(ys.argmin()), int(ys.argmax())))
+            for index in sorted((int(ys.argmin()), int(ys.argmax())))
         ]
         times, values = np.array(ends).T
-    places = zip(times.tolist(), values.tolist(), strict=True)
-    return 'M' + 'L'.join(f'{number(area.x(x))} {number(area.y(y))}' for x, y in places)
+    points = zip(times.tolist(), values.tolist(), strict=True)
+    return 'M' + 'L'.join(f'{number(area.x(x))} {number(area.y(y))}' for x, y in points)
 
 
 def class_colour(class_name: str) -> str:
@@ -395,7 +395,7 @@ def _short(count: int) -> str:
     """Format a count that fits beside an axis, such as 2,500 or 120k."""
     if count < 10_000:
         return f'{count:,}'
-    power, letter = next(each for each in ((1e9, 'G'), (1e6, 'M'), (1e3, 'k')) if count >= each[0])
+    power, letter = next(unit for unit in ((1e9, 'G'), (1e6, 'M'), (1e3, 'k')) if count >= unit[0])
     return f'{count / power:.4g}{letter}'
 
 
@@ -403,10 +403,10 @@ def shares_bar(shares: Sequence[int]) -> str:
     """Draw counts as parts of a bar; the cells beside it have the numbers."""
     total = max(sum(shares), 1)
     drawn, x = [], 0.0
-    for place, share in enumerate(shares):
+    for index, share in enumerate(shares):
         width = 100 * share / total
         if share:
-            drawn.append(box(x, 0, width, 10, f'share{place}'))
+            drawn.append(box(x, 0, width, 10, f'share{index}'))
         x += width
     return bar(10, 'shares', drawn)
 
@@ -467,16 +467,16 @@ def is_finite(link: LinkGlance) -> bool:
 
 
 def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
-    found = [Mount(root, '', Transform.identity())]
-    for mount in found:
+    mounts = [Mount(root, '', Transform.identity())]
+    for mount in mounts:
         for link in children.get(mount.name, ()):
-            place = Transform(
+            parent_T_child = Transform(
                 rotation_from_rpy(*(float(np.radians(angle)) for angle in link.rpy_deg)),
                 np.array(link.xyz_m),
             )
-            pose = mount.root_T_frame @ place
-            found.append(Mount(link.child, mount.name, pose, link.xyz_m, link.rpy_deg))
-    return found
+            pose = mount.root_T_frame @ parent_T_child
+            mounts.append(Mount(link.child, mount.name, pose, link.xyz_m, link.rpy_deg))
+    return mounts
 
 
 def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
@@ -489,11 +489,11 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
     """
     axes = (0, 2) if side else (0, 1)
     view = _RigView(mounts, axes)
-    order = {mount.name: place for place, mount in enumerate(mounts)}
+    order = {mount.name: index for index, mount in enumerate(mounts)}
     spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
     links = [
-        (spots[order[mount.parent]], spots[place], mount.distance_m)
-        for place, mount in enumerate(mounts)
+        (spots[order[mount.parent]], spots[index], mount.distance_m)
+        for index, mount in enumerate(mounts)
         if mount.parent
     ]
     drawn = [line(start[0], start[1], end[0], end[1], 'link') for start, end, _ in links]
@@ -502,7 +502,7 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
         for spot, mount in zip(spots, mounts, strict=True)
     ]
     drawn += _lengths(links) if len(mounts) <= _SPARSE else []
-    drawn += [_badge(spot, place + 1) for place, spot in enumerate(_apart(spots))]
+    drawn += [_badge(spot, index + 1) for index, spot in enumerate(_apart(spots))]
     seen, up = ('the left side', 'z') if side else ('above', 'y')
     height = view.height + _FOOT
     drawn += [
@@ -510,11 +510,11 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
         text(8, 14, f'{up} \N{UPWARDS ARROW}', 'start', 'unit'),
         scale_bar(view.scale, height),
     ]
-    places = '; '.join(
-        f'{place + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
-        for place, mount in enumerate(mounts)
+    poses = '; '.join(
+        f'{index + 1} {mount.name} at {_metres(mount.root_T_frame.translation)}'
+        for index, mount in enumerate(mounts)
     )
-    words = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {places}.'
+    words = f'Seen from {seen}, in metres x y z of {mounts[0].name}: {poses}.'
     return figure(key, f'Sensors from {seen}', words, (WIDTH, height), *drawn)
 
 
@@ -527,11 +527,11 @@ class _RigView:
 
     def __init__(self, mounts: Sequence[Mount], axes: tuple[int, int]) -> None:
         self._axes = list(axes)
-        places = np.array([mount.root_T_frame.translation for mount in mounts])
-        flat = places[:, self._axes]
+        translations = np.array([mount.root_T_frame.translation for mount in mounts])
+        flat = translations[:, self._axes]
         extent = np.maximum(flat.max(axis=0) - flat.min(axis=0), _LEAST_RIG_M)
         # The same scale in both views, so that they can be compared.
-        widest = float(np.ptp(places, axis=0).max())
+        widest = float(np.ptp(translations, axis=0).max())
         self.scale = (WIDTH - 2 * _RIG_MARGIN) / max(widest, _LEAST_RIG_M)
         self.height = round(float(extent[1]) * self.scale + 2 * _RIG_MARGIN)
         self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
@@ -584,23 +584,23 @@ def _axes(spot: Float64Array, directions: Float64Array) -> str:
 
 def _apart(spots: Float64Array) -> Float64Array:
     """Return (N, 2) places near the spots, far enough from each other for their badges."""
-    places = spots + np.linspace(0, 1e-3, len(spots))[:, None]
+    centres = spots + np.linspace(0, 1e-3, len(spots))[:, None]
     for _ in range(200):
-        away = places[:, None] - places[None]
+        away = centres[:, None] - centres[None]
         distance = np.linalg.norm(away, axis=2)
         np.fill_diagonal(distance, np.inf)
         close = distance < _APART
         if not close.any():
             break
         push = np.where(close, (_APART - distance) / 4, 0.0)
-        places = places + (away / np.maximum(distance, 1e-6)[..., None] * push[..., None]).sum(1)
-    spread: Float64Array = places
+        centres = centres + (away / np.maximum(distance, 1e-6)[..., None] * push[..., None]).sum(1)
+    spread: Float64Array = centres
     return spread
 
 
-def _badge(spot: Float64Array, place: int) -> str:
+def _badge(spot: Float64Array, order: int) -> str:
     x, y = spot.tolist()
-    words = text(x, y + 3.8, str(place), 'middle', 'badge')
+    words = text(x, y + 3.8, str(order), 'middle', 'badge')
     return f'<g>{circle(x, y, 7.5, "badge")}{words}</g>'
 
 
@@ -683,13 +683,13 @@ def _multiples(low: float, high: float, step: float) -> list[float]:
 
 def _thinned(pixels: Float64Array) -> Float64Array:
     """Remove places nearer than half a unit to the one before."""
-    kept = [0]
-    for place in range(1, len(pixels)):
-        if np.abs(pixels[place] - pixels[kept[-1]]).max() >= 0.5:
-            kept.append(place)
-    if kept[-1] != len(pixels) - 1:
-        kept.append(len(pixels) - 1)
-    thinned: Float64Array = pixels[kept]
+    indices = [0]
+    for index in range(1, len(pixels)):
+        if np.abs(pixels[index] - pixels[indices[-1]]).max() >= 0.5:
+            indices.append(index)
+    if indices[-1] != len(pixels) - 1:
+        indices.append(len(pixels) - 1)
+    thinned: Float64Array = pixels[indices]
     return thinned
 
 
