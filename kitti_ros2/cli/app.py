@@ -83,11 +83,11 @@ def find_command(words: list[str]) -> tuple[str, Any]:
     Raises:
         KeyError: There is none of that name.
     """
-    found = get_command(words)
+    command = get_command(words)
     requested = _requested(words)
     for word in requested.split() or words[:1]:
-        found = found.commands[word]
-    return requested, found
+        command = command.commands[word]
+    return requested, command
 
 
 def _requested(words: list[str]) -> str:
@@ -140,9 +140,7 @@ def run(words: list[str]) -> int:
         words, ros_args = split_ros_args(words)
         words = complete_port(words)
     try:
-        result = command.main(
-            args=words, prog_name='kitti-ros2', standalone_mode=False, obj=ros_args
-        )
+        code = command.main(args=words, prog_name='kitti-ros2', standalone_mode=False, obj=ros_args)
     except Exception as error:
         # typer bundles its own click, so its usage errors are recognized by their attributes.
         message = getattr(error, 'format_message', None)
@@ -153,9 +151,9 @@ def run(words: list[str]) -> int:
             return EXIT_USAGE
 
         raise UsageError(describe_usage_error(error)) from error
-    if result == EXIT_INTERRUPTED:
+    if code == EXIT_INTERRUPTED:
         raise KeyboardInterrupt  # typer has caught it
-    return result if isinstance(result, int) else EXIT_OK
+    return code if isinstance(code, int) else EXIT_OK
 
 
 def _version(asked: bool) -> None:
@@ -251,11 +249,11 @@ def _spellings(command: Any) -> list[str]:  # noqa: ANN401 - as above
     return [flag for param in command.params for flag in (*param.opts, *param.secondary_opts)]
 
 
-def _no_command(word: str, known: list[str]) -> str:
-    hint = did_you_mean(word, known)
+def _no_command(word: str, names: list[str]) -> str:
+    hint = did_you_mean(word, names)
     if not hint and Path(word).exists():
         hint = f'; give a command first, such as kitti-ros2 info {word}'
-    listed = ', '.join(known)
+    listed = ', '.join(names)
     return f'there is no command {word}{hint or f"; there are {listed}"}'
 
 
@@ -274,16 +272,16 @@ def format_remedies(remedies: Sequence[Remedy], words: Sequence[str]) -> str:
         remedies: Those of an error.
         words: The arguments of the command line.
     """
-    known = [remedy for remedy in remedies if _place(words, remedy.given) is not None]
-    return ' or '.join(_format(each, list(words)) for each in known)
+    usable = [remedy for remedy in remedies if _place(words, remedy.given) is not None]
+    return ' or '.join(_format(remedy, list(words)) for remedy in usable)
 
 
 def _format(remedy: Remedy, words: list[str]) -> str:
-    given = _arguments(words)
+    params = _arguments(words)
     if remedy.command and remedy.command != words[0]:
-        command = _other_command(remedy, given)
+        command = _other_command(remedy, params)
     else:
-        command = _same_command(remedy, words, given)
+        command = _same_command(remedy, words, params)
     if remedy.before:
         return f'{remedy.before} && {command}'
     if not remedy.each:
@@ -292,19 +290,19 @@ def _format(remedy: Remedy, words: list[str]) -> str:
     return f'all: for {variable} in {remedy.each}; do {command}; done'
 
 
-def _same_command(remedy: Remedy, words: list[str], given: dict[str, Any]) -> str:
+def _same_command(remedy: Remedy, words: list[str], params: dict[str, Any]) -> str:
     """Return the command with another source, and with an output of its own in a loop."""
     changed = [shlex.quote(word) for word in words]
-    place = _place(words, remedy.given)
-    if place is not None:
+    index = _place(words, remedy.given)
+    if index is not None:
         over_folders = remedy.each and not remedy.by_name
-        changed[place] = f'"${_FOLDER}"' if over_folders else shlex.quote(str(remedy.source))
+        changed[index] = f'"${_FOLDER}"' if over_folders else shlex.quote(str(remedy.source))
     added = [shlex.quote(word) for word in remedy.options]
     if remedy.frame is not None and words[0] == 'view' and not {'--frame', '--frames'} & {*words}:
         added += ['--frame', str(remedy.frame)]
     if remedy.each and remedy.by_name:
         added += ['--sequence', f'"${_NAME}"']
-    out = given.get('out') or given.get('save')
+    out = params.get('out') or params.get('save')
     if remedy.each and out is not None:
         name, at = (
             _output_of_each(as_path(out), by_name=remedy.by_name),
@@ -325,11 +323,11 @@ def _output_of_each(out: Path, *, by_name: bool) -> str:
     return f'{folder}"{name}{out.suffix}"'
 
 
-def _other_command(remedy: Remedy, given: dict[str, Any]) -> str:
+def _other_command(remedy: Remedy, params: dict[str, Any]) -> str:
     """Return another command for the source, with an output that is like the one given."""
     words = [remedy.command, str(remedy.source), *remedy.options]
     if remedy.command != 'play':
-        out = as_path(given.get('out') or given['paths'][-1])
+        out = as_path(params.get('out') or params['paths'][-1])
         if out == remedy.given:  # OUT was not needed
             out = Path(remedy.source.absolute().name)
         words.insert(2, _output_for(remedy, out))
@@ -357,6 +355,6 @@ def _arguments(words: list[str]) -> dict[str, Any]:
     with suppress(Exception):  # typer has its own kinds of errors
         name, command = find_command(words)
         rest = words[len(name.split()) :]
-        found: dict[str, Any] = command.make_context(name, rest).params
-        return found
+        params: dict[str, Any] = command.make_context(name, rest).params
+        return params
     return {}

@@ -129,14 +129,14 @@ def complain_of(records: Sequence[UnitRecord], command: str) -> None:
     singular, plural = _BAD.get(command, _SKIPPED)
     failed = [record for record in records if record.state == FAILED]
     lossy = [record for record in records if record.state == DONE and record.bad]
-    lines = [f'failed {each.name}: {each.reason}' for each in failed]
-    lines += [f'{singular} in {each.name}: {text}' for each in lossy for text in each.losses]
+    lines = [f'failed {record.name}: {record.reason}' for record in failed]
+    lines += [f'{singular} in {record.name}: {text}' for record in lossy for text in record.losses]
     for line in lines[:_SHOWN]:
         complain(line)
     if len(lines) > _SHOWN:
         complain(f'... and {len(lines) - _SHOWN} more; kitti-ros2 status OUT --json lists them')
     if failed or lossy:
-        count = sum(each.bad for each in lossy)
+        count = sum(record.bad for record in lossy)
         complain(
             f'kitti-ros2: {format_count(len(failed), "unit")} failed, {count}'
             f' {singular if count == 1 else plural} in'
@@ -276,13 +276,13 @@ def _summarize(report: CollectionReport, command: str, elapsed: float) -> None:
     before = [record for record in report.records if record.name not in report.ran]
     now = [record for record in report.records if record.name in report.ran]
     groups = {
-        'done': [each for each in now if each.state == DONE],
-        'done before': [each for each in before if each.state == DONE],
-        'failed': [each for each in now if each.state == FAILED],
-        'failed before': [each for each in before if each.state == FAILED],
+        'done': [record for record in now if record.state == DONE],
+        'done before': [record for record in before if record.state == DONE],
+        'failed': [record for record in now if record.state == FAILED],
+        'failed before': [record for record in before if record.state == FAILED],
     }
     print_groups({name: units for name, units in groups.items() if units}, command)
-    size = sum(each.counts.get('bytes', 0) for each in now)
+    size = sum(record.counts.get('bytes', 0) for record in now)
     rate = f' ({size / elapsed / 1e6:.0f} MB/s)' if size else ''
     say(
         f'{format_path(report.out)}: {format_count(len(now), "unit")} run on'

@@ -57,7 +57,7 @@ def complete_open_list(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401 
     option = ctx.meta.get(OPEN_LIST)
     if option is None:
         return []
-    return [each.value for each in option.shell_complete(ctx, incomplete)]
+    return [completion.value for completion in option.shell_complete(ctx, incomplete)]
 
 
 class Command(TyperCommand):
@@ -75,7 +75,7 @@ class Command(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - click's form
         """Return the words of the usage line: arguments as help texts write them."""
-        names = [each.metavar if each.required else f'[{each.metavar}]' for each in self._arguments]
+        names = [arg.metavar if arg.required else f'[{arg.metavar}]' for arg in self._arguments]
         return ['[OPTIONS]', *names]
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
@@ -87,7 +87,7 @@ class Command(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write arguments and options, by group; those without a group last."""
-        rows = [(each.metavar, each.help or '') for each in self._arguments]
+        rows = [(arg.metavar, arg.help or '') for arg in self._arguments]
         if rows:
             with formatter.section('Arguments'):
                 formatter.write_dl(rows)
@@ -103,10 +103,10 @@ class Command(TyperCommand):
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write the rule of options with several values, and the examples as they are."""
-        lists = [each.metavar for each in self._lists(ctx).values()]
+        lists = [option.metavar for option in self._lists(ctx).values()]
         if lists:
             formatter.write_paragraph()
-            names = ' and '.join(each.metavar for each in self._arguments)
+            names = ' and '.join(arg.metavar for arg in self._arguments)
             formatter.write_text(_LISTS.format(lists=lists[0], arguments=names))
         if self.examples:
             formatter.write_paragraph()
@@ -127,7 +127,7 @@ class Command(TyperCommand):
             if args and args[-1] in valued:
                 args.pop()  # an option without its value would hide the arguments
         else:
-            words.place_arguments([each.metavar for each in self._arguments])
+            words.place_arguments([arg.metavar for arg in self._arguments])
             args = words.spread()
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
@@ -136,12 +136,12 @@ class Command(TyperCommand):
         """Complete a value of a list, or an option; its help without what shells interpret."""
         option = ctx.meta.get(OPEN_LIST)
         if option is not None and not incomplete.startswith('-'):
-            found: list[Any] = option.shell_complete(ctx, incomplete)
-            return found
-        found = super().shell_complete(ctx, incomplete)
-        for each in found:
-            each.help = _SPECIAL.sub('', (each.help or '').partition(' [default')[0])
-        return found
+            completions: list[Any] = option.shell_complete(ctx, incomplete)
+            return completions
+        completions = super().shell_complete(ctx, incomplete)
+        for completion in completions:
+            completion.help = _SPECIAL.sub('', (completion.help or '').partition(' [default')[0])
+        return completions
 
     @property
     def _arguments(self) -> list[Any]:
@@ -210,19 +210,19 @@ class _GivenWords:
                 f'{part[0]} takes {" ".join(part[1:])}; give {" ".join(names)} before it,'
                 f' or after --'
             )
-        place = self._parts.index(part) + 1
-        self._parts[place:place] = [[word] for word in part[-missing:]]
+        index = self._parts.index(part) + 1
+        self._parts[index:index] = [[word] for word in part[-missing:]]
         del part[-missing:]
 
     def spread(self) -> list[str]:
         """Return all words, with each list option repeated before each of its values."""
-        found = []
+        words = []
         for first, *values in self._parts:
             if first in self._lists and values:
-                found += [word for value in values for word in (first, value)]
+                words += [word for value in values for word in (first, value)]
             else:
-                found += [first, *values]
-        return found
+                words += [first, *values]
+        return words
 
 
 # Words of the command line that are paths or URLs.
@@ -245,7 +245,7 @@ def accept_urls(parameter: Parameter) -> Parameter:
     if get_origin(parameter.annotation) is not Annotated:
         return parameter
     kind, described = get_args(parameter.annotation)
-    stand_in = next((other for known, other in _KINDS if kind == known), None)
+    stand_in = next((other for path_kind, other in _KINDS if kind == path_kind), None)
     if stand_in is None:
         return parameter
     described.click_type = _path_or_url()
@@ -283,8 +283,8 @@ _LONGEST_S = 3.0
 
 def completion_words() -> list[str]:
     """Return the words typed so far, after the name of the program."""
-    found = next((os.environ[name] for name in _WORDS if name in os.environ), '')
-    return found.split()[1:]
+    line = next((os.environ[name] for name in _WORDS if name in os.environ), '')
+    return line.split()[1:]
 
 
 @contextmanager
@@ -337,32 +337,32 @@ def complete_option(name: str, choices: Collection[str] = ()) -> Complete | None
     return complete
 
 
-def _topics(given: Mapping[str, Any]) -> Iterable[str]:
+def _topics(params: Mapping[str, Any]) -> Iterable[str]:
     """List the topics of SRC: those of a bag, or those that to-bag makes of a folder."""
     from ..bags.locate import locate_bag, looks_like_bag
 
-    path = _source(given)
+    path = _source(params)
     if not looks_like_bag(path):
-        return _topics_of_folder(path, given)
+        return _topics_of_folder(path, params)
     located = locate_bag(path)
     if located.topics:
         return located.topics
     from ..bags.bag_files import open_files
     from ..bags.container_file import Findings
 
-    with ExitStack() as stack:
-        files = open_files(located, Findings(), stack)
+    with ExitStack() as exit_stack:
+        files = open_files(located, Findings(), exit_stack)
         return [channel.topic for _, file in files for channel in file.channels.values()]
 
 
-def _source(given: Mapping[str, Any]) -> Path:
+def _source(params: Mapping[str, Any]) -> Path:
     """Return SRC, or the first PATH of a command that takes several."""
     from ..files.remote import as_path
 
-    return as_path(given['src'] if 'src' in given else given['paths'][0]).expanduser()
+    return as_path(params['src'] if 'src' in params else params['paths'][0]).expanduser()
 
 
-def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
+def _topics_of_folder(path: Path, params: Mapping[str, Any]) -> Iterable[str]:
     from ..kitti.opening import open_recording
     from ..messages.naming import naming_of
     from ..messages.topics import make_table
@@ -370,30 +370,30 @@ def _topics_of_folder(path: Path, given: Mapping[str, Any]) -> Iterable[str]:
     from ..options.messages import Images, MessageOptions, Preset
     from ..options.stack_names import StackName
 
-    recording = open_recording(path, _reading(given), scans=False)
-    preset = Preset(given.get('preset') or Preset.DEFAULT)
-    stack = StackName(given['stack']) if given.get('stack') else None
+    recording = open_recording(path, _reading(params), scans=False)
+    preset = Preset(params.get('preset') or Preset.DEFAULT)
+    stack = StackName(params['stack']) if params.get('stack') else None
     options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)
     image = naming_of(options).image_topic(recording.layout, recording.image_topic)
     table = make_table(recording.cameras, image, options)
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
-    predicted = {Stream.PREDICTIONS} if given.get('predictions') else set()
+    predicted = {Stream.PREDICTIONS} if params.get('predictions') else set()
     present = {*recording.streams, *once, *predicted}
     return [row.topic for row in table if row.stream in present]
 
 
-def _sequences(given: Mapping[str, Any]) -> Iterable[str]:
+def _sequences(params: Mapping[str, Any]) -> Iterable[str]:
     """List the drives, splits or sequences of SRC."""
     from ..kitti.opening import find_candidates
 
-    _, candidates = find_candidates(_source(given), _reading(given))
+    _, candidates = find_candidates(_source(params), _reading(params))
     return [candidate.name for candidate in candidates]
 
 
-def _reading(given: Mapping[str, Any]) -> ReadOptions:
+def _reading(params: Mapping[str, Any]) -> ReadOptions:
     from ..options.table import make_settings
 
-    return make_settings({name: given.get(name) for name in ('layout', 'sequence')}).read
+    return make_settings({name: params.get(name) for name in ('layout', 'sequence')}).read
 
 
 def _streams(_: Mapping[str, Any]) -> Iterable[str]:
@@ -507,7 +507,7 @@ def add_options(command: Callable[..., object]) -> None:
         return
     name, module, excluded, own = _TABLES[command.__name__]
     table = getattr(import_module(f'..options.{module}', __package__), name)
-    declared = [_parameter(each) for each in table if each.name not in excluded]
+    declared = [_parameter(option) for option in table if option.name not in excluded]
     _with_parameters(command, [*own, *declared])
 
 
@@ -550,12 +550,12 @@ def _help(option: Option) -> str:
 _KEPT_AS_TEXT = ('int', 'timestamp')
 
 
-def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
+def load_config(path: Path, names: Collection[str]) -> dict[str, object]:
     """Read the options of a YAML file, a mapping of names to values.
 
     Args:
         path: The file.
-        known: The valid names.
+        names: The valid ones.
 
     Raises:
         UsageError: The file is missing, invalid YAML, or not a mapping of known names.
@@ -571,15 +571,15 @@ def load_config(path: Path, known: Collection[str]) -> dict[str, object]:
     except BadFileError as error:
         raise UsageError(f'{error}; --config takes a YAML file') from None
     except YamlTextError as error:
-        where = path if error.line is None else f'{path}:{error.line}'
+        location = path if error.line is None else f'{path}:{error.line}'
         raise UsageError(
-            f'{where}: invalid YAML, {error.problem}; expected lines like "images: raw"'
+            f'{location}: invalid YAML, {error.problem}; expected lines like "images: raw"'
         ) from None
     if values is None:
         return {}
     if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
         raise UsageError(f'{path}: not a mapping; expected lines like "images: raw"')
-    check_names(values, known, f'{path}: ')
+    check_names(values, names, f'{path}: ')
     return values
 
 
@@ -593,8 +593,8 @@ def add_config(
     Raises:
         UsageError: See load_config.
     """
-    of_file = load_config(config, [each.name for each in declared])
+    of_file = load_config(config, [option.name for option in declared])
     if {**of_file, **given}.get('stack') is not None:
-        plain = {each.name: each.plain(each.default) for each in declared}
+        plain = {option.name: option.plain(option.default) for option in declared}
         of_file = {name: value for name, value in of_file.items() if value != plain[name]}
     return {name: value for name, value in of_file.items() if value is not None} | dict(given)

@@ -47,12 +47,12 @@ def _summarize(report: CropReport, elapsed: float) -> None:
     )
 
 
-def _points(each: CroppedRecording) -> str:
-    share = 100 * each.points_after / max(1, each.points_before)
-    dropped = f', {format_count(each.labels_dropped, "label")} dropped'
+def _points(cut: CroppedRecording) -> str:
+    share = 100 * cut.points_after / max(1, cut.points_before)
+    dropped = f', {format_count(cut.labels_dropped, "label")} dropped'
     return (
-        f'{format_count(each.scans, "scan")}, {each.points_after:,} of {each.points_before:,}'
-        f' points ({share:.1f} %){dropped if each.labels_dropped else ""}'
+        f'{format_count(cut.scans, "scan")}, {cut.points_after:,} of {cut.points_before:,}'
+        f' points ({share:.1f} %){dropped if cut.labels_dropped else ""}'
     )
 
 
@@ -60,13 +60,13 @@ def _points(each: CroppedRecording) -> str:
 
 
 def _print(report: SplitReport) -> None:
-    for each in report.lists:
-        entries = format_count(len(each.entries), report.noun)
+    for part in report.lists:
+        entries = format_count(len(part.entries), report.noun)
         of_frames = report.noun == 'frame'
-        frames = '' if of_frames else f', {format_count(each.frames, "frame")}'
-        drives = f', {format_count(each.drives, "drive")}' if of_frames and each.drives else ''
-        share = '' if each.share is None else f' ({100 * each.share:.1f} %)'
-        say(f'{format_path(each.path)}: {entries}{frames}{share}{drives}')
+        frames = '' if of_frames else f', {format_count(part.frames, "frame")}'
+        drives = f', {format_count(part.drives, "drive")}' if of_frames and part.drives else ''
+        share = '' if part.share is None else f' ({100 * part.share:.1f} %)'
+        say(f'{format_path(part.path)}: {entries}{frames}{share}{drives}')
     for note in report.notes:
         say(f'note: {note}')
     if report.unlisted:

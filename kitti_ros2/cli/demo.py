@@ -36,7 +36,7 @@ def demo(
         argument('OUT', 'Folder for the recording and its bag [default: kitti_ros2_demo]'),
     ] = Path('kitti_ros2_demo'),
     layout: Annotated[
-        str, choice([each.value for each in Layout], 'Layout of the recording')
+        str, choice([layout.value for layout in Layout], 'Layout of the recording')
     ] = 'raw',
     frames: Annotated[int, typer.Option(metavar='N', help='Number of frames')] = 20,
     seed: Annotated[
@@ -63,16 +63,16 @@ def demo(
     options = SyntheticOptions(frames=frames, seed=seed)
     recording, bag = out / 'kitti', out / 'bag'
     refuse_link(out)
-    for taken in (recording, bag):
-        if taken.exists() and not overwrite:
-            raise OutputExistsError(taken, 'name another folder, or pass --overwrite')
+    for path in (recording, bag):
+        if path.exists() and not overwrite:
+            raise OutputExistsError(path, 'name another folder, or pass --overwrite')
     if kind is None:
         raise AssertionError('a given layout is never None')
     making = step_progress('making the street', frames, show=not quiet)
     refusal = keep_all_but_data_sets(1) if overwrite else None
     with making as progress, staged(recording, refusal) as stage:
-        made = write_synthetic(stage, kind, options, progress=progress)
-        inside = os.path.relpath(made, os.path.realpath(stage))
+        recording_folder = write_synthetic(stage, kind, options, progress=progress)
+        inside = os.path.relpath(recording_folder, os.path.realpath(stage))
     source = recording / inside
     code = to_bag(source, bag, layout=layout, overwrite=overwrite, quiet=quiet)
     if not quiet:

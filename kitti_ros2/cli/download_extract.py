@@ -45,11 +45,11 @@ def say_extracted(report: ExtractReport) -> None:
     for note in report.notes:
         say(f'note: {note}')
     for archive in report.archives:
-        kept = f', {format_count(archive.kept, "file")} kept as equal' if archive.kept else ''
+        equal = f', {format_count(archive.kept, "file")} kept as equal' if archive.kept else ''
         removed = '; archive removed' if archive.removed else ''
         say(
             f'{format_path(archive.path)}: {format_count(archive.written, "file")} written,'
-            f' {format_bytes(archive.size_bytes)}{kept}{removed}'
+            f' {format_bytes(archive.size_bytes)}{equal}{removed}'
         )
     say_data_sets(report.root)
 
@@ -58,9 +58,9 @@ def say_data_sets(root: Path) -> None:
     """Print the commands that show the data sets in a folder, if they are few."""
     from ..kitti.opening import data_sets_below
 
-    found, complete = data_sets_below(root)
-    if complete and len(found) <= _MOST_NAMED:
-        for data_set in found:
+    data_sets, complete = data_sets_below(root)
+    if complete and len(data_sets) <= _MOST_NAMED:
+        for data_set in data_sets:
             say(f'next: kitti-ros2 info {shlex.quote(format_path(data_set.folder))}')
 
 
@@ -92,8 +92,8 @@ def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str
 def _say(report: DownloadReport) -> None:
     for note in report.notes:
         say(f'note: {note}')
-    files = sum(each.written for each in report.extracted)
-    size = sum(each.size_bytes for each in report.extracted)
+    files = sum(archive.written for archive in report.extracted)
+    size = sum(archive.size_bytes for archive in report.extracted)
     existing = f', {len(report.existing)} there before' if report.existing else ''
     say(
         f'{format_path(report.root)}: {format_count(len(report.downloaded), "archive")}'
@@ -114,11 +114,11 @@ def _list(words: Sequence[str], options: DownloadOptions, *, json: bool) -> int:
         if word not in BENCHMARKS:
             raise UsageError(f'--list takes {" ".join(BENCHMARKS)}, not {word}')
     chosen = words or BENCHMARKS
-    entries = [each for each in ENTRIES if each.benchmark in chosen]
+    entries = [entry for entry in ENTRIES if entry.benchmark in chosen]
     drives = [
-        each
-        for each in raw_drives().values()
-        if 'raw' in chosen and each.category in (options.categories or (each.category,))
+        drive
+        for drive in raw_drives().values()
+        if 'raw' in chosen and drive.category in (options.categories or (drive.category,))
     ]
     if json:
         archives = [{**asdict(entry), 'size_bytes': entry.about_bytes} for entry in entries]

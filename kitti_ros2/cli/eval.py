@@ -47,11 +47,11 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from ..evaluation.detection import DetectionScores, WorstFrame
-    from ..evaluation.ground_truth import FrameBoxes
     from ..evaluation.live import LiveScores
+    from ..model.boxes import Box
     from ..model.errors import Loss
     from ..options.evaluation import DetectionOptions
     from ..options.read import ReadOptions
@@ -72,7 +72,7 @@ def check_folder(
 
 def _keep_others(path: Path) -> str | None:
     """Return why --overwrite does not replace a path; None for pictures of worst frames."""
-    if path.is_dir() and all(_PICTURE.fullmatch(each.name) for each in path.iterdir()):
+    if path.is_dir() and all(_PICTURE.fullmatch(picture.name) for picture in path.iterdir()):
         return None
     return 'it holds more than such pictures, so --overwrite does not touch it; choose another name'
 
@@ -80,7 +80,7 @@ def _keep_others(path: Path) -> str | None:
 def draw_worst(
     source: RecordingFrames,
     worst: Sequence[WorstFrame],
-    found: FrameBoxes,
+    boxes: Mapping[int, Sequence[Box]],
     options: DetectionOptions,
     out: Path,
     refusal: Callable[[Path], str | None],
@@ -97,7 +97,7 @@ def draw_worst(
     ):
         classes = options.limits.keys()
         return draw_worst_frames(
-            source, worst, found.boxes, folder, options.overlaps, classes=classes, progress=progress
+            source, worst, boxes, folder, options.overlaps, classes=classes, progress=progress
         )
 
 
@@ -134,26 +134,26 @@ def _show(line: bytes) -> None:
     sys.stderr.write(line.decode(errors='replace'))
 
 
-def _print(found: LiveScores) -> None:
-    _PRINT[found.task](found.scores)
+def _print(live: LiveScores) -> None:
+    _PRINT[live.task](live.scores)
     say('')
     say(
-        f'{format_count(found.frames, "frame")} sent, {len(found.latencies_ns):,} answered,'
-        f' {len(found.missing):,} missing, {format_count(found.stragglers, "straggler")}'
+        f'{format_count(live.frames, "frame")} sent, {len(live.latencies_ns):,} answered,'
+        f' {len(live.missing):,} missing, {format_count(live.stragglers, "straggler")}'
     )
-    latency = found.latency
+    latency = live.latency
     say(
         f'latency: median {latency.median_ms:.1f} ms, p95 {latency.p95_ms:.1f} ms,'
         f' maximum {latency.max_ms:.1f} ms'
     )
-    for note in found.notes:
-        if note not in found.scores.notes:  # those are printed with the scores
+    for note in live.notes:
+        if note not in live.scores.notes:  # those are printed with the scores
             say(f'note: {note}')
-    if found.bag is not None:
-        say(format_path(found.bag))
+    if live.bag is not None:
+        say(format_path(live.bag))
 
 
-def _values(found: LiveScores) -> dict[str, object]:
+def _values(live: LiveScores) -> dict[str, object]:
     """Return what is printed as JSON: the document of the evaluation, and that of the run."""
     from ..evaluation.score_values import detection_values, odometry_values, tracking_values
 
@@ -163,15 +163,15 @@ def _values(found: LiveScores) -> dict[str, object]:
         'tracking': tracking_values,
     }
     run = {
-        'frames': found.frames,
-        'answered': len(found.latencies_ns),
-        'missing': found.missing,
-        'stragglers': found.stragglers,
-        'latency': asdict(found.latency),
-        'notes': found.notes,
-        'losses': losses_json(found.losses),
+        'frames': live.frames,
+        'answered': len(live.latencies_ns),
+        'missing': live.missing,
+        'stragglers': live.stragglers,
+        'latency': asdict(live.latency),
+        'notes': live.notes,
+        'losses': losses_json(live.losses),
     }
-    return {**values_of[found.task](found.scores), 'live': run}
+    return {**values_of[live.task](live.scores), 'live': run}
 
 
 @takes('DETECTION_ALL', of='evaluation')
@@ -223,15 +223,15 @@ def eval_detection(
     refusal = check(out, (ground_truth, results), overwrite=overwrite)
     with step_progress('reading', show=not quiet) as progress:
         files = count(1)
-        truth, found = read_frames(
+        truth, detected = read_frames(
             ground_truth, results, read, recorded, lambda: progress(next(files))
         )
     with _open_pictures(ground_truth, read) if pictures else nullcontext() as source:
-        scores = score_frames(truth, found, options)
+        scores = score_frames(truth, detected, options)
         losses = scores.losses
         if out is not None and source is not None:
             worst = scores.worst or ()
-            losses += draw_worst(source, worst, found, options, out, refusal, quiet=quiet)
+            losses += draw_worst(source, worst, detected.boxes, options, out, refusal, quiet=quiet)
         elif out is not None:
             _draw_curves(scores, results, out, refusal)
 
@@ -367,9 +367,9 @@ def eval_live(
     keep_freed_memory()
     options, played = make_live_options(given)
     with step_progress('answered', show=not quiet) as progress:
-        found = run_live(
+        live = run_live(
             src, options, played, show=(lambda _: None) if quiet else _show, progress=progress
         )
     return put_result(
-        lambda: _values(found), lambda: _print(found), found.losses, json=json, quiet=quiet
+        lambda: _values(live), lambda: _print(live), live.losses, json=json, quiet=quiet
     )

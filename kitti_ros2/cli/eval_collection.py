@@ -159,22 +159,22 @@ def _read_scores(path: Path) -> Values:
 
 
 def _odometry_rows(values: Values) -> Rows:
-    for each in values['odometry'].values():
+    for errors in values['odometry'].values():
         yield (
             '',
             (
-                f'{each["segments"]}',
-                number_cell(each['t_err_percent'], 4),
-                number_cell(each['r_err_deg_per_m'], 6),
-                number_cell(each['ape_m'], 4),
-                number_cell(each['rpe_m'], 4),
+                f'{errors["segments"]}',
+                number_cell(errors['t_err_percent'], 4),
+                number_cell(errors['r_err_deg_per_m'], 6),
+                number_cell(errors['ape_m'], 4),
+                number_cell(errors['rpe_m'], 4),
             ),
         )
 
 
 def _tracking_rows(values: Values) -> Rows:
-    for class_name, each in values['tracking'].items():
-        yield class_name, figure_cells(each, _TRACKED)
+    for class_name, figures in values['tracking'].items():
+        yield class_name, figure_cells(figures, _TRACKED)
 
 
 def _detection_rows(values: Values) -> Rows:
@@ -198,7 +198,7 @@ EVAL_TRACKING = Evaluation(
     lambda given: make_tracking_options(given)[0],
     (*_TRACKED[:-1], 'IDs'),
     _tracking_rows,
-    lambda found: {'tracking': combined_tracking(found)},
+    lambda scores: {'tracking': combined_tracking(scores)},
     check_trackeval,
 )
 EVAL_ODOMETRY = Evaluation(
@@ -208,6 +208,6 @@ EVAL_ODOMETRY = Evaluation(
     lambda given: make_odometry_options(given)[0],
     ('segments', 't_err %', 'r_err deg/m', 'APE m', 'RPE m'),
     _odometry_rows,
-    lambda found: {'odometry': {'all': combined_odometry(found)}},
+    lambda scores: {'odometry': {'all': combined_odometry(scores)}},
     check_evo,
 )

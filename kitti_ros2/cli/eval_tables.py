@@ -37,8 +37,8 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
         return
     table = plain_table('worst', ('frame', 'penalty'))
     table.add_column('errors', overflow='fold')
-    for rank, each in enumerate(worst, 1):
-        table.add_row(f'{rank}', f'{each.number:06d}', f'{each.penalty:.2f}', cell(each.reason))
+    for rank, frame in enumerate(worst, 1):
+        table.add_row(f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', cell(frame.reason))
     Console(highlight=False).print(table)
     say('penalty: 1 for each missed label, the score for each false positive')
 
@@ -83,11 +83,11 @@ def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
 
 def _counts(metrics: Mapping[str, Mapping[Difficulty, Curve | None]]) -> list[str]:
     """Return the numbers of labels that count, by level."""
-    known = [
+    curves = [
         next((metric[level] for metric in metrics.values() if metric[level] is not None), None)
         for level in Difficulty
     ]
-    return [NONE if each is None else f'{each.objects}' for each in known]
+    return [NONE if curve is None else f'{curve.objects}' for curve in curves]
 
 
 def _figure(curve: Curve | None, name: str) -> str:

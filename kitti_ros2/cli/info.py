@@ -74,7 +74,7 @@ def print_overview(overview: Overview) -> None:
         table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
     if len(overview.series) > MOST_SERIES:
-        rest = describe_rest([each.count for each in overview.series[MOST_SERIES:]], kind)
+        rest = describe_rest([series.count for series in overview.series[MOST_SERIES:]], kind)
         console.print(f'{rest}; all with --json', markup=False)
     if overview.cameras:
         console.print(_camera_table(overview), soft_wrap=False)

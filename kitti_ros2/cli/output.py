@@ -102,8 +102,8 @@ def number_cell(value: float | None, digits: int = 2) -> str:
 
 def figure_cells(figures: Mapping[str, float | None], names: Iterable[str]) -> list[str]:
     """Format the figures of a class; the counts of one that neither side has are no figures."""
-    found = [figures[name] for name in names]
-    return [NONE for _ in found] if None in found else [number_cell(each) for each in found]
+    values = [figures[name] for name in names]
+    return [NONE for _ in values] if None in values else [number_cell(value) for value in values]
 
 
 # Results as JSON on standard output.

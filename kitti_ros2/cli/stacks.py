@@ -78,7 +78,7 @@ def _show(stack: Stack) -> None:
     """Print all about a stack, wrapped at 80 columns."""
     say(f'{stack.title}: {stack.what}')
     _section('It asks for', [f'{demand.text}\n    {demand.source}' for demand in stack.demands])
-    _section('--for sets', [_setting_text(*each) for each in stack.settings.items()])
+    _section('--for sets', [_setting_text(*setting) for setting in stack.settings.items()])
     _section('Topics', [f'{own} -> {renamed}' for own, renamed in stack.topics.items()])
     _section('Frames', [f'{kind}: {name}' for kind, name in stack.frames.items()])
     moved = [f'{parent} -> {child} on /tf' for parent, child in stack.moving]
@@ -151,7 +151,7 @@ def _values(stack: Stack) -> dict[str, Any]:
 def _complete_stack(incomplete: str) -> list[str]:
     from ..options.stack_names import StackName
 
-    return [each.value for each in StackName if each.value.startswith(incomplete)]
+    return [name.value for name in StackName if name.value.startswith(incomplete)]
 
 
 @takes('STACK_DRIVE')
@@ -201,12 +201,12 @@ def stacks(
         return EXIT_OK
     if stack not in STACKS:
         raise not_one_of('STACK', stack, [*STACKS])
-    found = STACKS[stack]
+    chosen = STACKS[stack]
     if drive is not None:
         folder = out or Path(stack)
-        _write(found, drive, folder, given, overwrite=overwrite, json=json, quiet=quiet)
+        _write(chosen, drive, folder, given, overwrite=overwrite, json=json, quiet=quiet)
     elif json:
-        print_json(_values(found))
+        print_json(_values(chosen))
     elif not quiet:
-        _show(found)
+        _show(chosen)
     return EXIT_OK

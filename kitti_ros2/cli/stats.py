@@ -145,8 +145,8 @@ def stats(
     sources = [find_sources(path, read) for path in paths]
     with step_progress('counting', show=not quiet) as progress:
         sets = [
-            count_set(path, found, options, progress)
-            for path, found in zip(paths, sources, strict=True)
+            count_set(path, recordings, options, progress)
+            for path, recordings in zip(paths, sources, strict=True)
         ]
     if csv is not None:
         with staged_file(csv, write_table) as path:
@@ -164,9 +164,9 @@ def stats(
                 say(format_path(written))
 
     return put_result(
-        lambda: {'sets': [plain_values(each) for each in sets]},
+        lambda: {'sets': [plain_values(data_set) for data_set in sets]},
         show,
-        tuple(loss for each in sets for loss in each.total.losses),
+        tuple(loss for data_set in sets for loss in data_set.total.losses),
         json=json,
         quiet=quiet,
     )

@@ -39,18 +39,18 @@ _TRUNCATIONS = ('uncut', '<=15%', '<=30%', '<=50%', '>50%')
 _OCCLUSIONS = tuple(name.split()[0] for name in OCCLUSIONS)
 
 
-def describe(found: SetStatistics) -> str:
+def describe(statistics: SetStatistics) -> str:
     """Describe a set in one line: layout, recordings, frames, objects."""
-    total = found.total
+    total = statistics.total
     parts = [
         total.kind,
-        format_count(len(found.recordings), 'recording'),
+        format_count(len(statistics.recordings), 'recording'),
         format_count(total.frames, 'frame'),
     ]
     if total.labelled:
         a_frame = f'{total.objects_a_frame.mean:.1f} a frame'
         parts.append(f'{format_count(total.objects, "object")} in {total.labelled:,} ({a_frame})')
-    return one_line(f'{found.path}: {", ".join(parts)}')
+    return one_line(f'{statistics.path}: {", ".join(parts)}')
 
 
 def describe_sensors(total: RecordingStatistics) -> str:
@@ -79,37 +79,37 @@ def describe_route(total: RecordingStatistics) -> str:
     return '; '.join(parts)
 
 
-def tables_of(found: SetStatistics) -> Iterator[Table]:
+def tables_of(statistics: SetStatistics) -> Iterator[Table]:
     """Yield the tables of a set, each if there are data for it."""
-    if len(found.recordings) > 1:
-        yield _recordings(found)
-    total = found.total
-    classes = {name: each for name, each in total.classes.items() if name != DONT_CARE}
+    if len(statistics.recordings) > 1:
+        yield _recordings(statistics)
+    total = statistics.total
+    classes = {name: objects for name, objects in total.classes.items() if name != DONT_CARE}
     if total.classes:
         yield _classes(total)
-    if any(each.occlusion.total() or each.truncation.total() for each in classes.values()):
+    if any(objects.occlusion.total() or objects.truncation.total() for objects in classes.values()):
         yield _visibility(classes)
-    if any(each.distance_m.count for each in classes.values()):
+    if any(objects.distance_m.count for objects in classes.values()):
         yield _distances(classes)
         yield _boxes(classes)
-    if any(each.tracks.count for each in classes.values()):
+    if any(objects.tracks.count for objects in classes.values()):
         yield _tracks(classes)
     if total.point_classes:
         yield _point_classes(total)
 
 
-def _recordings(found: SetStatistics) -> Table:
-    moving = found.total.route is not None
+def _recordings(statistics: SetStatistics) -> Table:
+    moving = statistics.total.route is not None
     head = ('m', 's', 'm/s', 'deg/s') if moving else ()
     table = plain_table('recording', ('frames', 'objects', *head))
-    shown = found.recordings[:MOST_RECORDINGS]
-    for each in (*shown, found.total):
-        name = cell(each.name) or 'all'
-        if each is found.total and len(shown) < len(found.recordings):
-            rest = f'... and {len(found.recordings) - len(shown)} more, see --csv and --json'
+    shown = statistics.recordings[:MOST_RECORDINGS]
+    for part in (*shown, statistics.total):
+        name = cell(part.name) or 'all'
+        if part is statistics.total and len(shown) < len(statistics.recordings):
+            rest = f'... and {len(statistics.recordings) - len(shown)} more, see --csv and --json'
             table.add_row(rest)
-        objects = f'{each.objects}' if each.labelled else ''
-        table.add_row(name, f'{each.frames}', objects, *(_route_cells(each) if moving else ()))
+        objects = f'{part.objects}' if part.labelled else ''
+        table.add_row(name, f'{part.frames}', objects, *(_route_cells(part) if moving else ()))
     return table
 
 
@@ -126,28 +126,29 @@ def _route_cells(part: RecordingStatistics) -> tuple[str, ...]:
 
 
 def _classes(total: RecordingStatistics) -> Table:
-    rated = any(each.difficulty.total() for each in total.classes.values())
+    rated = any(objects.difficulty.total() for objects in total.classes.values())
     levels = DIFFICULTIES if rated else ()
     table = plain_table('class', ('objects', 'share', 'frames', 'most', *levels))
-    for name, each in total.classes.items():
-        share = '' if name == DONT_CARE else f'{each.count / total.objects:.1%}'
-        counts = _counts(each.difficulty, levels)
-        table.add_row(cell(name), f'{each.count}', share, f'{each.frames}', f'{each.most}', *counts)
+    for name, objects in total.classes.items():
+        share = '' if name == DONT_CARE else f'{objects.count / total.objects:.1%}'
+        counts = _counts(objects.difficulty, levels)
+        figures = f'{objects.count}', share, f'{objects.frames}', f'{objects.most}'
+        table.add_row(cell(name), *figures, *counts)
     return table
 
 
 def _visibility(classes: Mapping[str, ObjectStatistics]) -> Table:
     table = plain_table('occlusion', (*_OCCLUSIONS, *_TRUNCATIONS))
-    for name, each in classes.items():
-        counts = _counts(each.occlusion, OCCLUSIONS) + _counts(each.truncation, TRUNCATIONS)
+    for name, objects in classes.items():
+        counts = _counts(objects.occlusion, OCCLUSIONS) + _counts(objects.truncation, TRUNCATIONS)
         table.add_row(cell(name), *counts)
     return table
 
 
 def _counts(counts: Mapping[str, int], names: Sequence[str]) -> list[str]:
     """Return the cells of counts by name; empty if none is known."""
-    known = any(counts.values())
-    return [f'{counts[name]}' if known else '' for name in names]
+    counted = any(counts.values())
+    return [f'{counts[name]}' if counted else '' for name in names]
 
 
 def _distances(classes: Mapping[str, ObjectStatistics]) -> Table:
@@ -155,28 +156,28 @@ def _distances(classes: Mapping[str, ObjectStatistics]) -> Table:
         f'{low:g}-{high:g}' if high < inf else f'{low:g}+' for low, high in pairwise(_DISTANCES_M)
     ]
     table = plain_table('distance m', ('mean', 'max', *bins))
-    for name, each in classes.items():
-        found = each.distance_m
-        inside = [f'{_within(found, *pair)}' for pair in pairwise(_DISTANCES_M)]
-        cells = [number(found.mean), number(found.greatest), *inside]
-        table.add_row(cell(name), *(cells if found.count else ()))
+    for name, objects in classes.items():
+        distances_m = objects.distance_m
+        inside = [f'{_within(distances_m, *pair)}' for pair in pairwise(_DISTANCES_M)]
+        cells = [number(distances_m.mean), number(distances_m.greatest), *inside]
+        table.add_row(cell(name), *(cells if distances_m.count else ()))
     return table
 
 
-def _within(found: Distribution, low: float, high: float) -> int:
+def _within(values: Distribution, low: float, high: float) -> int:
     """Return the number of values between two edges."""
     return sum(
-        count for edge, count in zip(found.edges, found.counts, strict=True) if low <= edge < high
+        count for edge, count in zip(values.edges, values.counts, strict=True) if low <= edge < high
     )
 
 
 def _boxes(classes: Mapping[str, ObjectStatistics]) -> Table:
-    counted = any(each.points.count for each in classes.values())
+    counted = any(objects.points.count for objects in classes.values())
     points = ('points', 'most', 'no point') if counted else ()
     table = plain_table('box m', ('length', 'width', 'height', *points))
-    for name, each in classes.items():
-        sizes = [spread(found) for found in (each.length_m, each.width_m, each.height_m)]
-        inside = each.points
+    for name, objects in classes.items():
+        sizes = [spread(size_m) for size_m in (objects.length_m, objects.width_m, objects.height_m)]
+        inside = objects.points
         cells = ['', '', '']
         if inside.count:
             cells = [f'{inside.mean:.0f}', f'{inside.greatest:.0f}', f'{inside.counts[0]}']
@@ -186,11 +187,11 @@ def _boxes(classes: Mapping[str, ObjectStatistics]) -> Table:
 
 def _tracks(classes: Mapping[str, ObjectStatistics]) -> Table:
     table = plain_table('track frames', ('tracks', 'mean', 'least', 'most'))
-    for name, each in classes.items():
-        found = each.tracks
-        if found.count:
-            extremes = f'{found.least:.0f}', f'{found.greatest:.0f}'
-            table.add_row(cell(name), f'{found.count}', number(found.mean), *extremes)
+    for name, objects in classes.items():
+        tracks = objects.tracks
+        if tracks.count:
+            extremes = f'{tracks.least:.0f}', f'{tracks.greatest:.0f}'
+            table.add_row(cell(name), f'{tracks.count}', number(tracks.mean), *extremes)
     return table
 
 
@@ -207,11 +208,11 @@ def number(value: float) -> str:
     return _fixed(value, 1) if isfinite(value) else ''
 
 
-def spread(found: Distribution) -> str:
+def spread(values: Distribution) -> str:
     """Format mean and standard deviation; empty without values."""
-    if not found.count:
+    if not values.count:
         return ''
-    return f'{_fixed(found.mean, 2)} ± {_fixed(found.deviation, 2)}'
+    return f'{_fixed(values.mean, 2)} ± {_fixed(values.deviation, 2)}'
 
 
 def _fixed(value: float, decimals: int) -> str:
@@ -230,10 +231,11 @@ Section = tuple[str, list[tuple[str, list[str]]]]
 
 def comparisons(sets: Sequence[SetStatistics]) -> Iterator[Table]:
     """Yield tables with a column for each set, four sets in each."""
-    titles = titles_of([each.path for each in sets])
+    titles = titles_of([data_set.path for data_set in sets])
     for first in range(0, len(sets), _SETS_A_TABLE):
         chosen = slice(first, first + _SETS_A_TABLE)
-        yield _comparison(titles[chosen], [each.total for each in sets[chosen]], sets[chosen])
+        totals = [data_set.total for data_set in sets[chosen]]
+        yield _comparison(titles[chosen], totals, sets[chosen])
 
 
 def titles_of(paths: Sequence[Path]) -> list[str]:
@@ -252,7 +254,7 @@ def _comparison(
     table = plain_table('', [])
     for title in titles:
         table.add_column(cell(title), justify='right', overflow='fold', max_width=_TITLE)
-    rows = [('recordings', [f'{len(each.recordings)}' for each in sets])]
+    rows = [('recordings', [f'{len(data_set.recordings)}' for data_set in sets])]
     for title, section in (('', rows + _recording_rows(totals)), *_sections(totals)):
         filled = [(name, cells) for name, cells in section if any(cells)]
         if filled and title:
@@ -265,12 +267,12 @@ def _comparison(
 
 def _recording_rows(totals: Sequence[RecordingStatistics]) -> list[tuple[str, list[str]]]:
     figures: list[tuple[str, Callable[[RecordingStatistics], str]]] = [
-        ('layout', lambda each: each.kind),
-        ('frames', lambda each: f'{each.frames}'),
-        ('frames with labels', lambda each: f'{each.labelled or ""}'),
-        ('objects', lambda each: f'{each.objects or ""}'),
-        ('objects a frame', lambda each: number(each.objects_a_frame.mean)),
-        ('points a scan', lambda each: number(each.points_a_scan.mean).split('.')[0]),
+        ('layout', lambda total: total.kind),
+        ('frames', lambda total: f'{total.frames}'),
+        ('frames with labels', lambda total: f'{total.labelled or ""}'),
+        ('objects', lambda total: f'{total.objects or ""}'),
+        ('objects a frame', lambda total: number(total.objects_a_frame.mean)),
+        ('points a scan', lambda total: number(total.points_a_scan.mean).split('.')[0]),
     ]
     return [(name, [figure(total) for total in totals]) for name, figure in figures]
 
@@ -282,7 +284,7 @@ def _sections(totals: Sequence[RecordingStatistics]) -> Iterator[Section]:
         [(name, [f'{total.samples[name] or ""}' for total in totals]) for name in streams],
     )
     names = [*merged(totals).classes]
-    yield _class_section('objects', names, totals, lambda each: f'{each.count}')
+    yield _class_section('objects', names, totals, lambda objects: f'{objects.count}')
     names = [name for name in names if name != DONT_CARE]
     for title, figure in _CLASS_FIGURES:
         yield _class_section(title, names, totals, figure)
@@ -294,11 +296,11 @@ def _sections(totals: Sequence[RecordingStatistics]) -> Iterator[Section]:
             for name, figure in _ROUTE_FIGURES
         ],
     )
-    found = dict.fromkeys(name for total in totals for name in total.point_classes)
+    class_names = dict.fromkeys(name for total in totals for name in total.point_classes)
     shares = [_point_shares(total) for total in totals]
     yield (
         'points of class, %',
-        [(name, [share.get(name, '') for share in shares]) for name in found],
+        [(name, [share.get(name, '') for share in shares]) for name in class_names],
     )
 
 
@@ -308,8 +310,8 @@ def _class_section(
     totals: Sequence[RecordingStatistics],
     figure: Callable[[ObjectStatistics], str],
 ) -> Section:
-    def of(each: RecordingStatistics, name: str) -> str:
-        return figure(each.classes[name]) if name in each.classes else ''
+    def of(total: RecordingStatistics, name: str) -> str:
+        return figure(total.classes[name]) if name in total.classes else ''
 
     return title, [(name, [of(total, name) for total in totals]) for name in names]
 
@@ -325,29 +327,29 @@ def _shares(counts: Mapping[str, int], names: Sequence[str]) -> str:
     return ' '.join(f'{counts[name] / every:.0%}'.rstrip('%') for name in names) if every else ''
 
 
-def _size(each: ObjectStatistics) -> str:
-    sizes = (each.length_m, each.width_m, each.height_m)
+def _size(objects: ObjectStatistics) -> str:
+    sizes = (objects.length_m, objects.width_m, objects.height_m)
     return ' '.join(f'{size.mean:.2f}' for size in sizes) if sizes[0].count else ''
 
 
-def _track_lengths(each: ObjectStatistics) -> str:
-    return f'{each.tracks.count} of {each.tracks.mean:.1f}' if each.tracks.count else ''
+def _track_lengths(objects: ObjectStatistics) -> str:
+    return f'{objects.tracks.count} of {objects.tracks.mean:.1f}' if objects.tracks.count else ''
 
 
 _CLASS_FIGURES: list[tuple[str, Callable[[ObjectStatistics], str]]] = [
-    (f'{" ".join(DIFFICULTIES)}, %', lambda each: _shares(each.difficulty, DIFFICULTIES)),
-    ('visible partly largely unknown, %', lambda each: _shares(each.occlusion, OCCLUSIONS)),
-    ('distance, m', lambda each: spread(each.distance_m)),
+    (f'{" ".join(DIFFICULTIES)}, %', lambda objects: _shares(objects.difficulty, DIFFICULTIES)),
+    ('visible partly largely unknown, %', lambda objects: _shares(objects.occlusion, OCCLUSIONS)),
+    ('distance, m', lambda objects: spread(objects.distance_m)),
     ('length width height, m', _size),
-    ('points a box', lambda each: number(each.points.mean)),
+    ('points a box', lambda objects: number(objects.points.mean)),
     ('tracks of frames', _track_lengths),
 ]
 
 _ROUTE_FIGURES: list[tuple[str, Callable[[RouteStatistics], str]]] = [
-    ('length, m', lambda each: f'{each.length_m:.2f}'),
-    ('duration, s', lambda each: f'{each.duration_s:.1f}' if each.duration_s else ''),
-    ('speed, m/s', lambda each: spread(each.speed_m_s)),
-    ('turn rate, deg/s', lambda each: spread(each.turn_rate_deg_s)),
+    ('length, m', lambda route: f'{route.length_m:.2f}'),
+    ('duration, s', lambda route: f'{route.duration_s:.1f}' if route.duration_s else ''),
+    ('speed, m/s', lambda route: spread(route.speed_m_s)),
+    ('turn rate, deg/s', lambda route: spread(route.turn_rate_deg_s)),
 ]
 
 
@@ -366,18 +368,18 @@ def print_sets(sets: Sequence[SetStatistics], *, points: bool) -> None:
 
     console = Console(highlight=False, soft_wrap=True)
     if len(sets) == 1:
-        (found,) = sets
-        console.print(describe(found), style='bold', markup=False)
-        for line in (describe_sensors(found.total), describe_route(found.total)):
+        (statistics,) = sets
+        console.print(describe(statistics), style='bold', markup=False)
+        for line in (describe_sensors(statistics.total), describe_route(statistics.total)):
             if line:
                 console.print(line, markup=False, soft_wrap=False)
-        shown = tables_of(found)
+        shown = tables_of(statistics)
     else:
         shown = comparisons(sets)
-    for place, each in enumerate(shown):
-        if place or len(sets) == 1:
+    for index, table in enumerate(shown):
+        if index or len(sets) == 1:
             console.print()
-        console.print(each, soft_wrap=False)
-    for found in sets:
-        if points and not found.total.points_a_scan.count:
-            say(f'note: {found.path}: no scans, so no points are counted')
+        console.print(table, soft_wrap=False)
+    for data_set in sets:
+        if points and not data_set.total.points_a_scan.count:
+            say(f'note: {data_set.path}: no scans, so no points are counted')

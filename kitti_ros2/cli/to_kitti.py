@@ -90,13 +90,13 @@ def _topic_table(overview: PlanOverview) -> Table:
     table.add_column('count', justify='right', no_wrap=True)
     table.add_column('Hz', justify='right', no_wrap=True)
     table.add_column('frame', overflow='fold')
-    for each in overview.used:
-        _add(table, ' '.join(_SHORT.get(name, name) for name in each.streams), each)
-    for each in overview.passed_over[:_MOST_PASSED_OVER]:
-        _add(table, _PASSED_OVER, each)
-    more = len(overview.passed_over) - _MOST_PASSED_OVER
-    if more > 0:
-        table.add_row(_PASSED_OVER, f'{more} more; all with --json', '', '', '', '')
+    for topic in overview.used:
+        _add(table, ' '.join(_SHORT.get(name, name) for name in topic.streams), topic)
+    for topic in overview.passed_over[:_MOST_PASSED_OVER]:
+        _add(table, _PASSED_OVER, topic)
+    rest = len(overview.passed_over) - _MOST_PASSED_OVER
+    if rest > 0:
+        table.add_row(_PASSED_OVER, f'{rest} more; all with --json', '', '', '', '')
     return table
 
 
@@ -154,8 +154,8 @@ def plan_values(
         'bags': list(paths),
         'layout': overview.plan.layout.value,
         'frames': overview.frames,
-        'topics': [asdict(each) for each in overview.used],
-        'passed_over': [asdict(each) for each in overview.passed_over],
+        'topics': [asdict(topic) for topic in overview.used],
+        'passed_over': [asdict(topic) for topic in overview.passed_over],
         'faults': overview.faults,
         'notes': tuple(dict.fromkeys((*outlook.notes, *overview.notes))),
         'layouts': _by_name(outlook),
@@ -232,21 +232,21 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
     from ..files.staging import staged_file
     from ..own_bags.to_kitti import make_outlook
 
-    with ExitStack() as stack:
-        place = None
+    with ExitStack() as exit_stack:
+        picture_path = None
         if request.preview is not None:
             from ..pictures.series import keep_all_but_pictures
 
             refusal = keep_all_but_pictures if request.options.overwrite else keep_all
             # Entered first: an existing file is refused before bags are read.
-            place = stack.enter_context(staged_file(request.preview, refusal))
+            picture_path = exit_stack.enter_context(staged_file(request.preview, refusal))
         outlook = make_outlook(bags, request.options, request.plan_file, any_layout=any_layout)
         drawn = None
-        if place is not None:
+        if picture_path is not None:
             from ..pictures.series import write_picture
 
             drawn = _draw(request, bags, outlook)
-            write_picture(place, drawn.picture)
+            write_picture(picture_path, drawn.picture)
     return Seen(outlook, drawn)
 
 
@@ -313,8 +313,8 @@ def say_drawn(request: PlanRequest, seen: Seen) -> None:
     height, width = drawn.picture.shape[:2]
     size = format_bytes(request.preview.stat().st_size)
     layout = seen.outlook.plan.layout.value
-    what = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
-    say(f'{format_path(request.preview)}: preview, {what}')
+    summary = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
+    say(f'{format_path(request.preview)}: preview, {summary}')
 
 
 def drawn_values(request: PlanRequest, drawn: Preview | None) -> dict[str, object]:
@@ -432,10 +432,10 @@ def _convert(
             say_drawn(request, seen)
     started = time.monotonic()
     notes: list[str] = []
-    tell = _note if not (quiet or json) else notes.append
+    note = _note if not (quiet or json) else notes.append
     progress = partial(conversion_progress, show=not (quiet or json))
     survey = None if seen is None else seen.outlook.survey
-    conversion = Conversion(bags, out, request.options, request.plan_file, tell, progress, survey)
+    conversion = Conversion(bags, out, request.options, request.plan_file, note, progress, survey)
     reports = conversion.run()
     elapsed = time.monotonic() - started
     losses = tuple(loss for report in reports for loss in report.losses)
@@ -456,11 +456,11 @@ def _note(text: str) -> None:
     say(f'note: {text}')
 
 
-def _open(paths: Sequence[Path], stack: ExitStack) -> list[OpenBag]:
+def _open(paths: Sequence[Path], exit_stack: ExitStack) -> list[OpenBag]:
     """Open bags until the end of a stack."""
     from ..bags.open_source import open_bag_source
 
-    return [stack.enter_context(open_bag_source(path)) for path in paths]
+    return [exit_stack.enter_context(open_bag_source(path)) for path in paths]
 
 
 def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
@@ -485,8 +485,8 @@ def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
     from ..importer.plan import format_plan
     from ..own_bags.to_kitti import make_outlook
 
-    with ExitStack() as stack:
-        outlook = make_outlook(_open(paths, stack), options)
+    with ExitStack() as exit_stack:
+        outlook = make_outlook(_open(paths, exit_stack), options)
         sys.stdout.write(format_plan(outlook.plan, outlook.notes))
     return EXIT_OK
 
@@ -572,8 +572,8 @@ def to_kitti(
         check_preview(preview, bags, out)
     keep_freed_memory()
     request = PlanRequest(given, options, plan_file, preview)
-    with ExitStack() as stack:
-        opened = _open(bags, stack)
+    with ExitStack() as exit_stack:
+        opened = _open(bags, exit_stack)
         if out is None:
             return print_look(request, opened, quiet=quiet, json=json)
         shown = shown and plan_file is None

@@ -88,8 +88,8 @@ def _print_group(console: Any, group: RuleFindings) -> None:  # noqa: ANN401 - r
     console.print(one_line(head), style=_STYLES[group.severity], markup=False)
     for finding in group.findings[:_SHOWN_PLACES]:
         line = '' if finding.line is None else f':{finding.line}'
-        place = f'{format_path(finding.path)}{line}'
-        console.print('  ' + one_line(f'{place}: {finding.message}'), markup=False)
+        location = f'{format_path(finding.path)}{line}'
+        console.print('  ' + one_line(f'{location}: {finding.message}'), markup=False)
     if group.count > _SHOWN_PLACES:
         console.print(f'  ... and {group.count - _SHOWN_PLACES:,} more', markup=False)
     console.print(f'  -> {group.remedy}', markup=False)

@@ -109,7 +109,7 @@ def _draw(
     with step_progress('drawing', len(numbers), show=not quiet and not single) as progress:
         pictures = tally.pictures(series, progress)
         rate_hz = settings.rate_hz or rate_of(source, numbers)
-        how = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
+        description = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
         film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
         for note in (*source.assumptions, *_absent(settings, source, tally.kinds), *film):
@@ -117,26 +117,26 @@ def _draw(
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
         say(
-            f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name}, {how};'
-            f' took {elapsed:.1f} s{pace}'
+            f'{format_path(out)}: {format_count(tally.drawn, "picture")} of {source.name},'
+            f' {description}; took {elapsed:.1f} s{pace}'
         )
     mode = MODES[settings.mode]
     return (*concerned_losses(source, numbers, mode, settings.pictures), *tally.losses())
 
 
-def _absent(settings: ViewSettings, source: RecordingFrames, found: Collection[str]) -> list[str]:
+def _absent(settings: ViewSettings, source: RecordingFrames, classes: Collection[str]) -> list[str]:
     """Return a note on each requested class that is missing, such as a misspelt one."""
     from ..pictures.panel import MODES
 
-    wanted = settings.pictures.classes
+    requested = settings.pictures.classes
     if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
-        return [f'{settings.mode} draws no objects; --classes has no effect'] if wanted else []
-    present = ', '.join(sorted(found)) or 'none'
-    lower = {kind.lower() for kind in found}
+        return [f'{settings.mode} draws no objects; --classes has no effect'] if requested else []
+    present = ', '.join(sorted(classes)) or 'none'
+    lower = {kind.lower() for kind in classes}
     return [
         f'no object of class {kind} in the requested frames; found: {present}'
-        f'{did_you_mean(kind, found)}'
-        for kind in wanted
+        f'{did_you_mean(kind, classes)}'
+        for kind in requested
         if kind.lower() not in lower
     ]
 
@@ -152,8 +152,8 @@ def _check_camera(settings: ViewSettings, source: RecordingFrames) -> None:
     camera = settings.pictures.camera
     if camera is None or camera in source.cameras or not MODES[settings.mode].image:
         return
-    known = ', '.join(map(str, sorted(source.cameras))) or 'no camera'
-    raise UsageError(f'{source.name} has no camera {camera}; it has {known}')
+    cameras = ', '.join(map(str, sorted(source.cameras))) or 'no camera'
+    raise UsageError(f'{source.name} has no camera {camera}; it has {cameras}')
 
 
 def _numbers(settings: ViewSettings, source: RecordingFrames, *, single: bool) -> list[int]:
@@ -184,8 +184,8 @@ def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
             f'{out}: one picture takes --frame N or --start; --end is for a film (.mp4) or folder'
         )
     if not single and out.suffix and out.suffix.lower() != _MOVIE and not out.is_dir():
-        known = ', '.join((*PICTURES, _MOVIE))
-        raise UsageError(f'{out}: unsupported ending; expected {known}, or none for a folder')
+        endings = ', '.join((*PICTURES, _MOVIE))
+        raise UsageError(f'{out}: unsupported ending; expected {endings}, or none for a folder')
 
 
 def _write(
@@ -332,12 +332,10 @@ def _progress(
     return conversion_progress(len(program.stamps_ns), frames, show=not quiet)
 
 
-def _summarize(report: ShowReport, where: str) -> None:
+def _summarize(report: ShowReport, head: str) -> None:
     for note in report.notes:
         say(f'note: {note}')
-    say(
-        f'{where}{format_count(report.messages, "message")}, {format_count(report.frames, "frame")}'
-    )
+    say(f'{head}{format_count(report.messages, "message")}, {format_count(report.frames, "frame")}')
 
 
 def _show_losses(report: ShowReport) -> None:
