@@ -201,8 +201,8 @@ class CropOptions:
 
     def _check_view(self) -> None:
         if self.view is None and (self.camera, self.image_size) != (None, None):
-            given = '--camera' if self.camera is not None else '--image-size'
-            raise UsageError(f'{given} goes with --view reference or --view reduced')
+            flag = '--camera' if self.camera is not None else '--image-size'
+            raise UsageError(f'{flag} goes with --view reference or --view reduced')
         if self.camera is not None and self.camera < 0:
             raise UsageError(f'camera {self.camera} is negative; KITTI counts them from 0')
 
@@ -306,10 +306,10 @@ class SplitOptions:
             '--seed': self.seed is not None,
             '--by-drive': self.by_drive,
         }
-        given = [flag for flag, value in random.items() if value]
+        flags = [flag for flag, value in random.items() if value]
         other = '--check' if self.check else '--lists' if self.lists else ''
-        if given and other:
-            raise UsageError(f'{given[0]} is for new random lists, not for {other}')
+        if flags and other:
+            raise UsageError(f'{flags[0]} is for new random lists, not for {other}')
         if self.check and self.overwrite:
             raise UsageError('--check writes nothing, so it does not go with --overwrite')
 
@@ -479,12 +479,12 @@ class StatisticsOptions:
 EXTRACT = options_of(ExtractOptions)
 DOWNLOAD = (
     *options_of(DownloadOptions),
-    *(each for each in EXTRACT if each.name != 'remove_archives'),
+    *(opt for opt in EXTRACT if opt.name != 'remove_archives'),
 )
 _SOURCES = tuple(
-    replace(each, unset='all') if each.name == 'sequence' else each
-    for each in SOURCE
-    if each.name in {'layout', 'sequence', 'columns'}
+    replace(opt, unset='all') if opt.name == 'sequence' else opt
+    for opt in SOURCE
+    if opt.name in {'layout', 'sequence', 'columns'}
 )
 VALIDATE = (*_SOURCES, *options_of(ValidateOptions))
 STATS = (*options_of(StatisticsOptions), *_SOURCES)
@@ -505,7 +505,7 @@ STATS_ALL = (
 CROP = (*options_of(CropOptions), *_SOURCES, *MOTION)
 SPLIT = (
     *options_of(SplitOptions),
-    *(each for each in SOURCE if each.name == 'layout'),
+    *(opt for opt in SOURCE if opt.name == 'layout'),
 )
 
 

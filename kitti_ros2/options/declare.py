@@ -137,9 +137,9 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     """Return a parser of the values of an enum."""
 
     def parse(name: str, value: object) -> E:
-        known = [item.value for item in kind]
-        if value not in known:
-            raise not_one_of(name, value, known)
+        words = [member.value for member in kind]
+        if value not in words:
+            raise not_one_of(name, value, words)
         return kind(value)
 
     return parse
@@ -207,7 +207,7 @@ def parse_epoch(name: str, value: object) -> int:
 
 
 @given_as(keyword='str | Sequence[float]')
-def parse_place(name: str, value: object) -> tuple[float, ...]:
+def parse_position(name: str, value: object) -> tuple[float, ...]:
     """Parse numbers in metres, such as x, y and z."""
     items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
     try:
@@ -245,7 +245,7 @@ def parse_boxes(name: str, value: object) -> tuple[tuple[float, ...], ...]:
             f'{name} takes six numbers in metres for each box, xmin ymin zmin xmax ymax zmax,'
             f' such as 0 -40 -3 70.4 40 1, not {shown(given)}'
         )
-    return tuple(tuple(numbers[place : place + 6]) for place in range(0, len(numbers), 6))
+    return tuple(tuple(numbers[index : index + 6]) for index in range(0, len(numbers), 6))
 
 
 def _flat(value: object) -> list[object]:
@@ -253,7 +253,7 @@ def _flat(value: object) -> list[object]:
     if isinstance(value, str):
         return [*value.replace(',', ' ').split()]
     if isinstance(value, (list, tuple)):
-        return [item for each in value for item in _flat(each)]
+        return [item for part in value for item in _flat(part)]
     return [value]
 
 
@@ -324,18 +324,18 @@ def parse_labels(name: str, value: object) -> tuple[tuple[str, str], ...]:
 def _parse_pairs(name: str, value: object, form: str) -> tuple[tuple[str, str], ...]:
     """Parse pairs divided by the last =; nothing may have two partners."""
     if isinstance(value, Mapping):
-        pairs = [(str(own), known) for own, known in value.items()]
+        pairs = [(str(key), target) for key, target in value.items()]
     else:
         items = value if isinstance(value, (list, tuple)) else [value]
         pairs = [
             item if isinstance(item, tuple) else str(item).rpartition('=')[::2] for item in items
         ]
-    for own, known in pairs:
-        if not own or not isinstance(known, str) or any(map(str.isspace, known)):
-            given = f'{own}={known}' if own else known
+    for key, target in pairs:
+        if not key or not isinstance(target, str) or any(map(str.isspace, target)):
+            given = f'{key}={target}' if key else target
             raise UsageError(f'{name} takes {form}, not {given}')
-        if dict(pairs)[own] != known:
-            raise UsageError(f'{name}: {own} is given twice, as {known} and {dict(pairs)[own]}')
+        if dict(pairs)[key] != target:
+            raise UsageError(f'{name}: {key} is given twice, as {target} and {dict(pairs)[key]}')
     return tuple(pairs)
 
 
@@ -344,7 +344,7 @@ def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | N
     """Parse class names, each alone or with an overlap, such as car truck=0.5, or a mapping."""
     if isinstance(value, dict):
         value = [
-            each if overlap is None else f'{each}={overlap}' for each, overlap in value.items()
+            word if overlap is None else f'{word}={overlap}' for word, overlap in value.items()
         ]
     pairs = [word.partition('=') for word in parse_texts(name, value)]
     try:
@@ -363,21 +363,21 @@ def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     """Parse an IoU of all classes, such as 0.5, and those of some, such as Car=0.7."""
     items = value if isinstance(value, (list, tuple)) else [value]
     words = [word for item in items for word in str(item).replace(',', ' ').split()]
-    found: dict[str, float] = {}
+    overlaps: dict[str, float] = {}
     for word in words:
         class_name, _, number = word.rpartition('=')
         try:
-            found[class_name.lower()] = float(number)
+            overlaps[class_name.lower()] = float(number)
         except ValueError:
-            found[class_name.lower()] = math.nan
-    valid = all(0 <= overlap < 1 for overlap in found.values())
-    if not (words and valid and len(found) == len(words)):
+            overlaps[class_name.lower()] = math.nan
+    valid = all(0 <= overlap < 1 for overlap in overlaps.values())
+    if not (words and valid and len(overlaps) == len(words)):
         raise UsageError(
             f'{name} takes an IoU of at least 0 and below 1, such as 0.5, or of a class, such as'
             f' Car=0.5, not {shown(" ".join(words))}'
         )
-    others = found.pop('', None)
-    return LeastOverlaps(tuple(sorted(found.items())), others)
+    others = overlaps.pop('', None)
+    return LeastOverlaps(tuple(sorted(overlaps.items())), others)
 
 
 # Declaration of an option, once, on the field of the options object that it fills.
@@ -444,8 +444,8 @@ class Option:
     @property
     def keyword_type(self) -> str:
         """Type of the keyword of the library."""
-        given = _GIVEN.get(self.parse, _ONE_WORD)[2]
-        return f'{given} | None' if self.default is None else given
+        written = _GIVEN.get(self.parse, _ONE_WORD)[2]
+        return f'{written} | None' if self.default is None else written
 
     @property
     def default_text(self) -> str:
@@ -467,7 +467,7 @@ def option(default: T, meaning: str, parse: Parser, **rest: Any) -> T:  # noqa: 
 
 def choice(default: T, meaning: str, kind: type[Enum], **rest: Any) -> T:  # noqa: ANN401 - as above
     """Return a dataclass field that is an option with the values of an enum."""
-    words = tuple(each.value for each in kind)
+    words = tuple(member.value for member in kind)
     return option(default, meaning, parse_choice(kind), choices=words, **rest)
 
 
@@ -479,12 +479,12 @@ def options_of(kind: type) -> tuple[Option, ...]:
     group = getattr(kind, 'group', '')
     return tuple(
         Option(
-            field=each.name,
-            default=each.default,
-            **{'name': each.name, 'group': group} | each.metadata[_METADATA],
+            field=attribute.name,
+            default=attribute.default,
+            **{'name': attribute.name, 'group': group} | attribute.metadata[_METADATA],
         )
-        for each in fields(kind)
-        if _METADATA in each.metadata
+        for attribute in fields(kind)
+        if _METADATA in attribute.metadata
     )
 
 
@@ -494,18 +494,18 @@ def check_bounds(options: object, *names: str) -> None:
     Raises:
         UsageError: A value is out of range.
     """
-    for each in options_of(type(options)):
-        if each.bounds and each.name in names:
-            value, (low, high) = each.plain(getattr(options, each.field)), each.bounds
+    for opt in options_of(type(options)):
+        if opt.bounds and opt.name in names:
+            value, (low, high) = opt.plain(getattr(options, opt.field)), opt.bounds
             if not low <= value <= high:
                 raise UsageError(
-                    f'{each.name} {value:g} is not within {low:g} to {high:g}: {each.meaning}'
+                    f'{opt.name} {value:g} is not within {low:g} to {high:g}: {opt.meaning}'
                 )
 
 
 def values_for(kind: type, parsed: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field of a dataclass, from values by name of option."""
-    return {each.field: parsed[each.name] for each in options_of(kind) if each.name in parsed}
+    return {opt.field: parsed[opt.name] for opt in options_of(kind) if opt.name in parsed}
 
 
 def make_options(kind: type[T], parsed: Mapping[str, Any], **others: Any) -> T:  # noqa: ANN401 - fields
@@ -525,17 +525,17 @@ def make_options(kind: type[T], parsed: Mapping[str, Any], **others: Any) -> T: 
 _OTHER_NAMES = {'for': 'stack'}  # --for: the word is a keyword of Python
 
 
-def check_names(values: Iterable[str], known: Collection[str], where: str = '') -> None:
+def check_names(values: Iterable[str], names: Collection[str], prefix: str = '') -> None:
     """Check the names of options.
 
     Raises:
         UsageError: A name is unknown.
     """
-    for name in sorted(set(values) - set(known)):
+    for name in sorted(set(values) - set(names)):
         other = _OTHER_NAMES.get(name)
-        close = f'; did you mean {other}?' if other in known else did_you_mean(name, known)
-        hint = close or f'; known are {", ".join(known)}'
-        raise UsageError(f'{where}unknown option {name!r}{hint}')
+        close = f'; did you mean {other}?' if other in names else did_you_mean(name, names)
+        hint = close or f'; known are {", ".join(names)}'
+        raise UsageError(f'{prefix}unknown option {name!r}{hint}')
 
 
 def parse_values(values: Mapping[str, object], options: tuple[Option, ...]) -> dict[str, Any]:
@@ -544,7 +544,7 @@ def parse_values(values: Mapping[str, object], options: tuple[Option, ...]) -> d
     Raises:
         UsageError: A name is unknown, or a value is invalid.
     """
-    parsers = {each.name: each.parse for each in options}
+    parsers = {opt.name: opt.parse for opt in options}
     check_names(values, parsers)
     return {name: parsers[name](name, value) for name, value in values.items() if value is not None}
 

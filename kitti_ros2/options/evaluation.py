@@ -370,7 +370,7 @@ class LiveOptions:
 
     def _check_out(self) -> None:
         """Refuse names of files that only a rosbag2 directory contains."""
-        inner = {each.suffix for each in CONTAINERS.values() if not each.in_file}
+        inner = {container.suffix for container in CONTAINERS.values() if not container.in_file}
         if self.out is not None and self.out.suffix in inner:
             raise UsageError(
                 f'{self.out}: results are written as MCAP or ROS 1; give'
@@ -409,7 +409,7 @@ class LiveOptions:
 DETECTION = (
     *options_of(DetectionOptions),
     *options_of(BagResultsOptions),
-    *(each for each in SOURCE if each.name in {'layout', 'sequence', 'columns'}),
+    *(opt for opt in SOURCE if opt.name in {'layout', 'sequence', 'columns'}),
 )
 _OF_PLAYER = {
     *('layout', 'sequence', 'columns', 'deskew', 'undo_deskew', 'stereo', 'imu_from', 'imu_stamps'),
@@ -417,19 +417,19 @@ _OF_PLAYER = {
     *('ground_truth_tree', 'ground_truth_map', 'ground_truth_base'),
     *('covariances', 'stereo_frame', 'color_encoding'),
 }
-_PLAYED = tuple(each for each in PLAY if each.name in _OF_PLAYER)
+_PLAYED = tuple(opt for opt in PLAY if opt.name in _OF_PLAYER)
 LIVE = (*options_of(LiveOptions), *_PLAYED)
 _OF_FOLDERS = {'layout', 'sequence', 'epoch'}
 ODOMETRY = (
     *options_of(OdometryOptions),
-    *(each for each in options_of(ReadOptions) if each.name in _OF_FOLDERS),
+    *(opt for opt in options_of(ReadOptions) if opt.name in _OF_FOLDERS),
 )
 TRACKING = (
     *options_of(BagResultsOptions),
     *(
-        replace(each, unset='all') if each.name == 'sequence' else each
-        for each in options_of(ReadOptions)
-        if each.name in {'sequence', 'epoch', 'period'}
+        replace(opt, unset='all') if opt.name == 'sequence' else opt
+        for opt in options_of(ReadOptions)
+        if opt.name in {'sequence', 'epoch', 'period'}
     ),
 )
 """Ground truth has the epoch and the period that it was played with."""

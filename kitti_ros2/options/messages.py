@@ -20,7 +20,7 @@ from .declare import (
     parse_flag,
     parse_labels,
     parse_number,
-    parse_place,
+    parse_position,
     parse_seconds_ns,
     parse_text,
 )
@@ -280,7 +280,7 @@ class MessageOptions:
     base_to_imu: tuple[float, ...] | None = option(
         None,
         'x,y,z of imu_link in base_link, metres',
-        parse_place,
+        parse_position,
         unset="the preset's, -0.05,0.32,0.93",
         metavar='X,Y,Z',
     )
@@ -330,7 +330,7 @@ class MessageOptions:
         None,
         'Options, topics and frames that a stack expects, see kitti-ros2 stacks',
         _parse_stack,
-        choices=tuple(each.value for each in StackName),
+        choices=tuple(stack.value for stack in StackName),
         unset='none',
         flags=('--for',),
         metavar='STACK',
@@ -355,14 +355,14 @@ class MessageOptions:
                 f' {self.cloud.value}; give one of them'
             )
         if self.semantic and not FORMATS[self.cloud].extensible:
-            extensible = ' or '.join(each.value for each in Points if FORMATS[each].extensible)
+            extensible = ' or '.join(kind.value for kind in Points if FORMATS[kind].extensible)
             raise UsageError(
                 f'semantic adds fields, but points {self.cloud.value} has a fixed set of them;'
                 f' take points {extensible}'
             )
-        place = self.base_to_imu or BASE_T_IMU
-        if len(place) != 3 or not all(math.isfinite(value) for value in place):
-            raise UsageError(f'base_to_imu {place} is not three finite numbers, metres')
+        position = self.base_to_imu or BASE_T_IMU
+        if len(position) != 3 or not all(math.isfinite(value) for value in position):
+            raise UsageError(f'base_to_imu {position} is not three finite numbers, metres')
         check_labels(dict(self.autoware_labels))
         if self.autoware_labels and self.objects is Objects.VISION:
             raise UsageError('autoware_labels is for objects autoware or both; give both')
@@ -386,19 +386,19 @@ def with_stack(parsed: Mapping[str, Any], declared: Sequence[Option]) -> dict[st
         return dict(parsed)
     from .stack_catalogue import STACKS  # noqa: PLC0415 - for --for only
 
-    found = dict(parsed)
-    options = {each.name: each for each in declared}
+    completed = dict(parsed)
+    options = {opt.name: opt for opt in declared}
     for option_name, values in STACKS[name.value].settings.items():
         option = options[option_name]
         accepted = [option.parse(option.name, value) for value in values]
-        given = found.setdefault(option.name, accepted[0])
-        if given not in accepted:
+        chosen = completed.setdefault(option.name, accepted[0])
+        if chosen not in accepted:
             needed = ' or '.join(_word(value) for value in values)
             raise UsageError(
-                f'{name.value} needs {option.name} {needed}, not {_word(option.plain(given))};'
+                f'{name.value} needs {option.name} {needed}, not {_word(option.plain(chosen))};'
                 f' leave out one of --for and --{option.name.replace("_", "-")}'
             )
-    return found
+    return completed
 
 
 def _word(value: object) -> str:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # Options of a written bag: storage, compression, splitting.
 
 _COMPRESSIONS = tuple(
-    dict.fromkeys(name for each in CONTAINERS.values() for name in each.compressions)
+    dict.fromkeys(name for container in CONTAINERS.values() for name in container.compressions)
 )
 
 
@@ -92,12 +92,12 @@ class BagOptions:
     def __post_init__(self) -> None:
         if self.storage not in CONTAINERS:
             raise not_one_of('storage', self.storage, list(CONTAINERS))
-        known = CONTAINERS[self.storage].compressions
-        if self.compression not in known:
+        compressions = CONTAINERS[self.storage].compressions
+        if self.compression not in compressions:
             raise not_one_of(
-                f'compression of storage {self.storage}', self.compression, list(known)
+                f'compression of storage {self.storage}', self.compression, list(compressions)
             )
-        self._check_level(known[self.compression])
+        self._check_level(compressions[self.compression])
         for name, value in (('size', self.split_size), ('duration', self.split_duration_ns)):
             if value is not None and value <= 0:
                 raise UsageError(f'a split {name} of {value} is not positive')

@@ -168,8 +168,8 @@ class ReadOptions:
             raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
         check_bounds(self, 'period')
         if not self.real_time and (self.mapping is not None or self.raw is not None):
-            given = '--raw' if self.mapping is None else '--mapping'
-            raise UsageError(f'{given} is for --real-time; give both')
+            flag = '--raw' if self.mapping is None else '--mapping'
+            raise UsageError(f'{flag} is for --real-time; give both')
         if self.deskew and self.undo_deskew:
             raise UsageError('deskew and undo_deskew exclude each other')
         if self.deskew and self.scan_stamp is ScanStamp.START:

@@ -175,7 +175,7 @@ class _Stacks(Mapping[str, Stack]):
         return _read(name)
 
     def __iter__(self) -> Iterator[str]:
-        return (each.value for each in StackName)
+        return (name.value for name in StackName)
 
     def __len__(self) -> int:
         return len(StackName)
@@ -202,18 +202,18 @@ def make_typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - a type and its v
         hints = get_type_hints(kind)
         make: Any = kind
         return make(
-            **{name: make_typed(hints.get(name, Any), each) for name, each in value.items()}
+            **{name: make_typed(hints.get(name, Any), part) for name, part in value.items()}
         )
     origin, kinds = get_origin(kind), get_args(kind)
     if origin is tuple and isinstance(value, list):
-        return tuple(make_typed(kinds[0], each) for each in value)
+        return tuple(make_typed(kinds[0], part) for part in value)
     if origin is Mapping and isinstance(value, dict):
         return {
-            make_typed(kinds[0], name): make_typed(kinds[1], each) for name, each in value.items()
+            make_typed(kinds[0], name): make_typed(kinds[1], part) for name, part in value.items()
         }
-    for each in filter(is_dataclass, kinds):
-        if value.keys() <= {attribute.name for attribute in fields(each)}:
-            return make_typed(each, value)
+    for option in filter(is_dataclass, kinds):
+        if value.keys() <= {attribute.name for attribute in fields(option)}:
+            return make_typed(option, value)
     if kind is Any or isinstance(value, kind):
         return value
     raise TypeError(f'{value!r} is no {kind}')

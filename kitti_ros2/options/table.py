@@ -186,28 +186,28 @@ _MESSAGES = (
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
 _SOURCE = {'layout', 'sequence', 'columns', 'real_time', 'mapping', 'raw'}
-SOURCE = tuple(each for each in options_of(ReadOptions) if each.name in _SOURCE)
+SOURCE = tuple(opt for opt in options_of(ReadOptions) if opt.name in _SOURCE)
 """Options of every command that reads a KITTI folder."""
-MOTION = tuple(each for each in options_of(ReadOptions) if each.name in {'deskew', 'undo_deskew'})
+MOTION = tuple(opt for opt in options_of(ReadOptions) if opt.name in {'deskew', 'undo_deskew'})
 """Options of commands that use the points of scans."""
 REPORT = (*SOURCE, *MOTION)
 STACK_DRIVE = (
-    *(each for each in SOURCE if each.name in {'layout', 'sequence', 'columns'}),
+    *(opt for opt in SOURCE if opt.name in {'layout', 'sequence', 'columns'}),
     *_IMU,
 )
 """Options of the drive that a stack is set up for."""
 TO_BAG = (
     *options_of(ReadOptions),
     *options_of(SelectionOptions),
-    *(each for each in _MESSAGES if each.name != 'annotated'),
+    *(opt for opt in _MESSAGES if opt.name != 'annotated'),
     *_PREDICTIONS,
     *_IMU,
     *options_of(Settings),
     *options_of(BagOptions),
 )
 PLAY = tuple(
-    replace(each, default=_PLAY_DEFAULTS.get(each.name, each.default))
-    for each in (
+    replace(opt, default=_PLAY_DEFAULTS.get(opt.name, opt.default))
+    for opt in (
         *options_of(ReadOptions),
         *options_of(SelectionOptions),
         *options_of(PlaybackOptions),
@@ -217,7 +217,7 @@ PLAY = tuple(
         *_IMU,
     )
 )
-_SPAN = tuple(each for each in options_of(SelectionOptions) if each.name in {'start', 'end'})
+_SPAN = tuple(opt for opt in options_of(SelectionOptions) if opt.name in {'start', 'end'})
 TO_KITTI = (*options_of(ImportOptions), *_SPAN)
 VIEW = (
     *options_of(ViewSettings),
@@ -228,9 +228,9 @@ VIEW = (
     *MOTION,
     *_SPAN,
     *(
-        replace(each, meaning=f'With --rerun: {each.meaning}')
-        for each in options_of(SelectionOptions)
-        if each.name in {'topics', 'exclude_topics'}
+        replace(opt, meaning=f'With --rerun: {opt.meaning}')
+        for opt in options_of(SelectionOptions)
+        if opt.name in {'topics', 'exclude_topics'}
     ),
 )
 
@@ -342,8 +342,8 @@ def _check_columns(read: ReadOptions, messages: MessageOptions) -> None:
         )
 
 
-TO_BAG_OPTIONS = tuple(each.name for each in TO_BAG)
-PLAY_OPTIONS = tuple(each.name for each in PLAY)
+TO_BAG_OPTIONS = tuple(opt.name for opt in TO_BAG)
+PLAY_OPTIONS = tuple(opt.name for opt in PLAY)
 """Names that make_settings and make_play_settings accept."""
 
 
@@ -455,9 +455,9 @@ def collection_options(meaning: str, *, sliced: bool = False) -> tuple[Option, .
         sliced: Whether units may be slices of an object set.
     """
     return tuple(
-        replace(each, meaning=meaning) if each.name == 'all' else each
-        for each in BATCH
-        if sliced or each.name != _SLICED
+        replace(opt, meaning=meaning) if opt.name == 'all' else opt
+        for opt in BATCH
+        if sliced or opt.name != _SLICED
     )
 
 
@@ -496,7 +496,7 @@ def split_batch_options(
     Raises:
         UsageError: A value is invalid.
     """
-    names = {each.name for each in BATCH}
+    names = {opt.name for opt in BATCH}
     own = {name: value for name, value in values.items() if name in names}
     rest = {name: value for name, value in values.items() if name not in names}
     batch = make_options(BatchOptions, parse_values(own, BATCH))

@@ -10,7 +10,7 @@ from kitti_ros2.options.declare import (
     parse_integer,
     parse_number,
     parse_path,
-    parse_place,
+    parse_position,
     parse_shares,
     parse_span,
 )
@@ -24,7 +24,7 @@ HUGE = 10**400
         (parse_integer, HUGE),
         (parse_number, HUGE),
         (parse_number, -HUGE),
-        (parse_place, [0, 0, HUGE]),
+        (parse_position, [0, 0, HUGE]),
         (parse_four_numbers, [0, 0, 0, HUGE]),
         (parse_span, [None, HUGE]),
     ],
