@@ -55,7 +55,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         findings.lose(loss)
     from .stored_messages import appearing  # noqa: PLC0415 - 20 ms, for bags only
 
-    found: list[tuple[Path, BagFile]] = []
+    files: list[tuple[Path, BagFile]] = []
     failure: BadBagError | None = None
     for path in bag.files:
         try:
@@ -65,24 +65,26 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
             findings.lose(str(error))
             continue
         stack.callback(file.close)
-        unnamed = {key: _as_cdr(each) for key, each in file.channels.items() if _is_unnamed(each)}
+        unnamed = {
+            key: _as_cdr(channel) for key, channel in file.channels.items() if _is_unnamed(channel)
+        }
         if unnamed:
             topics = f'{len(unnamed)} of its {len(file.channels)} topics'
             findings.note(
                 f'{path}: {topics} have an empty serialization_format; they are read as cdr'
             )
         channels = {**file.channels, **unnamed}
-        file.channels = {key: appearing(each) for key, each in channels.items()}
-        found.append((path, file))
-    if failure is not None and not found:
+        file.channels = {key: appearing(channel) for key, channel in channels.items()}
+        files.append((path, file))
+    if failure is not None and not files:
         raise failure
     if failure is None and not bag.losses:
-        known = {channel.topic for _, file in found for channel in file.channels.values()}
+        file_topics = {channel.topic for _, file in files for channel in file.channels.values()}
         for topic in bag.topics:
-            if topic not in known:
+            if topic not in file_topics:
                 text = f'metadata.yaml names the topic {topic}, which its files lack'
                 findings.lose(f'{bag.path}: {text}', 0)
-    return found
+    return files
 
 
 def _open_file(storage: str, file: NamedFile, findings: Findings) -> BagFile:
@@ -275,15 +277,15 @@ def explain_no_bag(path: Path, error: NotABagError) -> KittiRos2Error:
             return near
         remedies = (replace(remedy, command='to-bag') for remedy in near.remedies)
         return UsageError(f'{near} to to-bag').with_remedies(*remedies)
-    found = f'{path}: is a KITTI folder ({kind}), not a bag; convert it to a bag'
-    return UsageError(found).with_remedies(Remedy(path, path, command='to-bag'))
+    text = f'{path}: is a KITTI folder ({kind}), not a bag; convert it to a bag'
+    return UsageError(text).with_remedies(Remedy(path, path, command='to-bag'))
 
 
 def explain_file(path: Path) -> KittiRos2Error:
     """Return the error for a file that is no bag."""
     if _is_metadata(path):
-        found = f'{path}: describes the bag {path.parent}; give that folder'
-        return UsageError(found).with_remedies(Remedy(path, path.parent))
+        text = f'{path}: describes the bag {path.parent}; give that folder'
+        return UsageError(text).with_remedies(Remedy(path, path.parent))
     from ..kitti.opening import explain  # noqa: PLC0415 - for errors only
 
     near = explain(path)
@@ -313,15 +315,15 @@ def _find_bag(path: Path) -> BagFiles | None:
 def _is_bag(bag: BagFiles, *, forced: bool) -> UsageError:
     """Return the error for a bag in place of a KITTI folder."""
     path = bag.path
-    found = f'{path}: is a bag ({bag.container}), not a KITTI folder'
+    text = f'{path}: is a bag ({bag.container}), not a KITTI folder'
     if forced:
-        return UsageError(f'{found}; leave --layout out')
+        return UsageError(f'{text}; leave --layout out')
     commands, advice = ['play', 'to-kitti'], 'play it, or convert it to KITTI'
     if _is_damaged(bag):
         commands.append('recover')
         advice = 'play it, convert it to KITTI, or repair it, as it is damaged'
     remedies = (Remedy(path, path, command=command) for command in commands)
-    return UsageError(f'{found}; {advice}').with_remedies(*remedies)
+    return UsageError(f'{text}; {advice}').with_remedies(*remedies)
 
 
 def _is_damaged(bag: BagFiles) -> bool:

@@ -184,12 +184,12 @@ def walk(
             inside = form.inside(source, position)
             position = end if inside is None else inside
             continue
-        found = find_record(form, source, position + 1, end, search)
-        if found is None and kind is Kind.CUT:
+        following = find_record(form, source, position + 1, end, search)
+        if following is None and kind is Kind.CUT:
             yield record
             return
-        lose(position, end if found is None else found)
-        position = end if found is None else found
+        lose(position, end if following is None else following)
+        position = end if following is None else following
 
 
 def find_record(
@@ -226,12 +226,12 @@ def _is_believed(
         return True
     # Either the following bytes are damaged, or the length of this record, which then hides others.
     # A chunk contains records, which may be found even in a compressed one, but no chunks.
-    found = find_record(form, source, record.position + 1, record.end, search)
-    while found is not None and record.opcode == form.chunk:
-        if form.look(source, found, end)[1].opcode == form.chunk:
+    inner = find_record(form, source, record.position + 1, record.end, search)
+    while inner is not None and record.opcode == form.chunk:
+        if form.look(source, inner, end)[1].opcode == form.chunk:
             return False
-        found = find_record(form, source, found + 1, record.end, search)
-    return found is None
+        inner = find_record(form, source, inner + 1, record.end, search)
+    return inner is None
 
 
 def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int) -> bool:
@@ -608,7 +608,7 @@ class ChunkedFile(BagFile, Generic[Head]):
     def read(
         self,
         piece: Piece,
-        wanted: Collection[int],
+        channel_ids: Collection[int],
         since_ns: int,
         fetched: FetchedPiece | None = None,
     ) -> Iterator[StoredMessage]:
@@ -619,39 +619,39 @@ class ChunkedFile(BagFile, Generic[Head]):
         end = piece.position + len(data)
         try:
             records, whole = unpacked or unpack(self._form, self._file, piece.position, data)
-            found, done = self._messages_in(records, wanted, since_ns)
-            self._file.limits.add_records(piece.position, len(found))
+            messages, done = self._messages_in(records, channel_ids, since_ns)
+            self._file.limits.add_records(piece.position, len(messages))
             sound = whole and done == len(records)
         except ValueError:
-            found, sound = [], False
-        found.sort(key=itemgetter(0))  # costs little if it is sorted already
+            messages, sound = [], False
+        messages.sort(key=itemgetter(0))  # costs little if it is sorted already
         if len(data) < piece.length:
             self._findings.lose(f'{self._file.name}: cut off at byte {end} while it was read')
         elif sound and since_ns <= piece.start_ns:
-            self._compare(piece, wanted, found)
+            self._compare(piece, channel_ids, messages)
         if not sound or len(data) < piece.length:
-            cost = sum(piece.counts[channel_id] for channel_id in piece.counts.keys() & set(wanted))
-            found = [
+            cost = sum(piece.counts[key] for key in piece.counts.keys() & set(channel_ids))
+            messages = [
                 message
                 for message in self._salvaged(piece.position, data, cost)
-                if message[1] in wanted and message[0] >= since_ns
+                if message[1] in channel_ids and message[0] >= since_ns
             ]
-            found.sort(key=itemgetter(0))
-        return iter(found)
+            messages.sort(key=itemgetter(0))
+        return iter(messages)
 
     def _compare(
-        self, piece: Piece, wanted: Collection[int], found: Sequence[StoredMessage]
+        self, piece: Piece, channel_ids: Collection[int], stored: Sequence[StoredMessage]
     ) -> None:
         """Enter a loss if a piece and its index list different messages: one of them is damaged.
 
         Args:
             piece: As the index lists it.
-            wanted: Ids of the requested channels.
-            found: Their messages in the piece, by time.
+            channel_ids: Ids of the requested channels.
+            stored: Their messages in the piece, by time.
         """
-        listed = {key: count for key, count in piece.counts.items() if count and key in wanted}
-        there = Counter(map(itemgetter(1), found))
-        outside = found and not piece.start_ns <= found[0][0] <= found[-1][0] <= piece.end_ns
+        listed = {key: count for key, count in piece.counts.items() if count and key in channel_ids}
+        there = Counter(map(itemgetter(1), stored))
+        outside = stored and not piece.start_ns <= stored[0][0] <= stored[-1][0] <= piece.end_ns
         if listed != there or outside:
             lost = sum((Counter(listed) - there).values())
             place = f'{self._file.name}: the chunk at byte {piece.position}'
@@ -677,10 +677,10 @@ class ChunkedFile(BagFile, Generic[Head]):
                 stamps = self._indexed(piece)
             except ValueError:
                 stamps = {}
-            if piece.counts != {channel_id: len(each) for channel_id, each in stamps.items()}:
+            if piece.counts != {channel_id: len(times) for channel_id, times in stamps.items()}:
                 return self._scanned().items()
-            for channel_id, each in stamps.items():
-                joined.setdefault(channel_id, array('Q')).frombytes(each.astype('u8').tobytes())
+            for channel_id, times in stamps.items():
+                joined.setdefault(channel_id, array('Q')).frombytes(times.astype('u8').tobytes())
         return joined.items()
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
@@ -693,7 +693,7 @@ class ChunkedFile(BagFile, Generic[Head]):
 
     @abstractmethod
     def _messages_in(
-        self, records: Buffer, wanted: Collection[int], since_ns: int
+        self, records: Buffer, channel_ids: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
         """Return the messages among records, and the end of the last record that can be split."""
 

@@ -161,14 +161,14 @@ def qos_faults(profiles: str) -> list[str]:
     from ..model.yaml_text import YamlTextError, load_yaml  # noqa: PLC0415 - as above
 
     try:
-        found = load_yaml(profiles)
+        parsed = load_yaml(profiles)
     except YamlTextError:
-        found = None
-    if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
+        parsed = None
+    if not isinstance(parsed, list) or not all(isinstance(profile, dict) for profile in parsed):
         return ['the QoS profiles are no YAML list']
     faults = []
     offered: dict[str, set[object]] = {}
-    for profile, (policy, words) in product(found, _POLICIES.items()):
+    for profile, (policy, words) in product(parsed, _POLICIES.items()):
         value = profile.get(policy)
         is_number = isinstance(value, int) and value in range(len(words))
         word = words[value] if is_number else value
@@ -208,10 +208,10 @@ class BagIndex:
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
         """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
-        found = np.asarray(stamps)
-        if found.dtype.kind == 'u':
-            found = np.minimum(found, np.uint64(LAST_NS))
-        self.stamps.setdefault(key, []).append(found.astype(np.int64, copy=False))
+        stamps_ns = np.asarray(stamps)
+        if stamps_ns.dtype.kind == 'u':
+            stamps_ns = np.minimum(stamps_ns, np.uint64(LAST_NS))
+        self.stamps.setdefault(key, []).append(stamps_ns.astype(np.int64, copy=False))
 
     def merge(self, other: BagIndex) -> None:
         """Add the index of another file of the same bag."""
@@ -223,10 +223,10 @@ class BagIndex:
 
     def by_topic(self) -> dict[str, StampArray]:
         """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""
-        found: dict[str, list[StampArray]] = {}
-        for (topic, _), pieces in self.stamps.items():
-            found.setdefault(topic, []).extend(pieces)
-        return {topic: np.sort(np.concatenate(pieces)) for topic, pieces in found.items() if pieces}
+        stamps: dict[str, list[StampArray]] = {}
+        for (topic, _), parts in self.stamps.items():
+            stamps.setdefault(topic, []).extend(parts)
+        return {topic: np.sort(np.concatenate(parts)) for topic, parts in stamps.items() if parts}
 
     @property
     def total(self) -> int:
@@ -434,7 +434,7 @@ class BagFile(ABC):
     def read(
         self,
         piece: Piece,
-        wanted: Collection[int],
+        channel_ids: Collection[int],
         since_ns: int,
         fetched: FetchedPiece | None = None,
     ) -> Iterable[StoredMessage]:
@@ -444,7 +444,7 @@ class BagFile(ABC):
 
         Args:
             piece: One of pieces.
-            wanted: Ids of the requested channels.
+            channel_ids: Ids of the requested channels.
             since_ns: The first requested stamp.
             fetched: What fetch returned for the piece; without it the file is read now.
         """

@@ -329,10 +329,10 @@ def _whole(name: str, data: Buffer, size: int) -> bytes:
     if name == 'zstd':
         return zstandard.ZstdDecompressor().decompress(data)
     stream = lz4_frame.LZ4FrameDecompressor()
-    found: bytes = stream.decompress(data, size + 1)
-    if len(found) <= size and not stream.eof:
+    plain: bytes = stream.decompress(data, size + 1)
+    if len(plain) <= size and not stream.eof:
         raise EOFError('cut off')
-    return found
+    return plain
 
 
 def _declared_size(name: str, data: Buffer) -> int | None:
@@ -366,14 +366,14 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
         return b''
     most = min(size or largest_block(len(data)), largest_block(len(data)))
     # The system moves pages that grow; a bytearray may be copied.
-    found, end = mmap(-1, min(most, _STEP), flags=MAP_PRIVATE | MAP_ANONYMOUS), 0
+    buffer, end = mmap(-1, min(most, _STEP), flags=MAP_PRIVATE | MAP_ANONYMOUS), 0
     with suppress(*_ERRORS):
         for piece in _pieces(name, data, most):
-            if end + len(piece) > len(found):
-                found.resize(min(2 * len(found), most))
-            found[end : end + len(piece)] = piece
+            if end + len(piece) > len(buffer):
+                buffer.resize(min(2 * len(buffer), most))
+            buffer[end : end + len(piece)] = piece
             end += len(piece)
-    return memoryview(found)[:end].toreadonly()
+    return memoryview(buffer)[:end].toreadonly()
 
 
 def decompress_file(source: BinaryIO) -> Iterator[bytes]:
@@ -432,5 +432,5 @@ class _Stepwise:
         if self._stream.eof or not length:
             return b''
         data, self._data = self._data, b''
-        found: bytes = self._stream.decompress(data, length)
-        return found
+        plain: bytes = self._stream.decompress(data, length)
+        return plain

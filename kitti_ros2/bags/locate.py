@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 METADATA = 'metadata.yaml'
 _MOST_METADATA = 32 << 20  # of a recording in a hundred thousand files
 _REINDEXED = re.compile(r'.+_\d+\.[a-zA-Z0-9]+', re.ASCII)
-_LONGEST_MAGIC = max(len(each.magic) for each in CONTAINERS.values())
+_LONGEST_MAGIC = max(len(container.magic) for container in CONTAINERS.values())
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def is_bag(path: Path) -> bool:
     try:
         locate_bag(path)
     except NotABagError:
-        return path.suffix in {each.suffix for each in CONTAINERS.values()}
+        return path.suffix in {container.suffix for container in CONTAINERS.values()}
     return True
 
 
@@ -109,8 +109,8 @@ def locate_bag(path: Path) -> BagFiles:
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:
     """List the files of each container in a folder, in the order of their numbers."""
-    found = _listed(path) if is_remote(path) else os.listdir(path)  # noqa: PTH208 - speed
-    names = sorted(found, key=lambda name: (len(name), name))
+    listing = _listed(path) if is_remote(path) else os.listdir(path)  # noqa: PTH208 - speed
+    names = sorted(listing, key=lambda name: (len(name), name))
     return {
         storage: tuple(
             path / name
@@ -127,7 +127,7 @@ def _listed(path: RemotePath) -> Iterable[str]:
     return listing_of(path)
 
 
-def _without_metadata(path: Path, found: str) -> BagFiles:
+def _without_metadata(path: Path, reason: str) -> BagFiles:
     """Locate the files of a recorder that was killed before it wrote its metadata.
 
     Raises:
@@ -135,7 +135,7 @@ def _without_metadata(path: Path, found: str) -> BagFiles:
     """
     for storage, files in _files(path).items():
         if files and CONTAINERS[storage].in_rosbag2:
-            loss = f'{found}; its files are read as they are; {reindex_advice(path, files)}'
+            loss = f'{reason}; its files are read as they are; {reindex_advice(path, files)}'
             return BagFiles(path, storage, files, directory=True, losses=(loss,))
     raise NotABagError(path, f'is a directory without {METADATA}')
 
@@ -254,7 +254,7 @@ def _compression_mode(information: dict[str, Any]) -> str:
 
 # The bags in a folder, by the names of its files; none is opened.
 
-_GLOBS = tuple(glob for each in CONTAINERS.values() for glob in each.globs)
+_GLOBS = tuple(glob for container in CONTAINERS.values() for glob in container.globs)
 _ENDINGS = tuple(glob.removeprefix('*') for glob in _GLOBS)
 
 

@@ -158,7 +158,7 @@ def split_records(records: Buffer) -> Iterator[tuple[int, int, int]]:
 
 def messages_in(
     records: Buffer,
-    wanted: Collection[int],
+    channel_ids: Collection[int],
     since_ns: int,
     describe: Callable[[int, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
@@ -166,12 +166,12 @@ def messages_in(
 
     Args:
         records: The records of a chunk.
-        wanted: Ids of the requested channels.
+        channel_ids: Ids of the requested channels.
         since_ns: The first requested stamp.
         describe: Called with opcode and body of each record that is no message.
     """
     view = memoryview(records)
-    found: list[StoredMessage] = []
+    messages: list[StoredMessage] = []
     position, end = 0, len(view)
     head_size, message_size, unpack = RECORD_HEAD.size, _MESSAGE.size, _MESSAGE.unpack_from
     # The same as split_records; inlined because reading spends its time here.
@@ -179,17 +179,17 @@ def messages_in(
         opcode, length, channel_id, _, stamp_ns, _ = unpack(view, position)
         following = position + head_size + length
         if following > end or opcode == 0 or (opcode == _MESSAGE_OPCODE and length < _SHORTEST):
-            return found, position
+            return messages, position
         if opcode != _MESSAGE_OPCODE:
             describe(opcode, view[position + head_size : following])
-        elif channel_id in wanted and stamp_ns >= since_ns:
-            found.append((stamp_ns, channel_id, view[position + message_size : following]))
+        elif channel_id in channel_ids and stamp_ns >= since_ns:
+            messages.append((stamp_ns, channel_id, view[position + message_size : following]))
         position = following
     rest = position
     for opcode, start, following in split_records(view[rest:]):
         describe(opcode, view[rest + start : rest + following])
         position = rest + following
-    return found, position
+    return messages, position
 
 
 class McapFormat:
@@ -341,9 +341,9 @@ class Descriptions:
             channel_id, channel = _parse_channel(body)
             if channel_id not in self._channels:
                 self._room.add(len(body))
-            known = self._channels.setdefault(channel_id, channel)
-            if known.contradicts(channel):
-                return _two_ways('channel', channel_id, self._name(known), self._name(channel))
+            earlier = self._channels.setdefault(channel_id, channel)
+            if earlier.contradicts(channel):
+                return _two_ways('channel', channel_id, self._name(earlier), self._name(channel))
         return _NESTED if opcode == Opcode.CHUNK else ''
 
     def _name(self, channel: _McapChannel) -> str:
@@ -352,7 +352,7 @@ class Descriptions:
 
     def channels(self) -> dict[int, StoredChannel]:
         """Return the channels by id."""
-        texts = {key: each.data.decode(errors='replace') for key, each in self._schemas.items()}
+        texts = {key: schema.data.decode(errors='replace') for key, schema in self._schemas.items()}
         return {
             key: self._source_channel(channel, texts.get(channel.schema_id, ''))
             for key, channel in self._channels.items()
@@ -459,9 +459,9 @@ class McapFile(ChunkedFile[int]):
         self._clashes: dict[tuple[int, bytes], str] = {}
 
     def _messages_in(
-        self, records: Buffer, wanted: Collection[int], since_ns: int
+        self, records: Buffer, channel_ids: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
-        return messages_in(records, wanted, since_ns, self._compare_description)
+        return messages_in(records, channel_ids, since_ns, self._compare_description)
 
     def _compare_description(self, opcode: int, body: Buffer) -> None:
         """Enter a loss if a chunk describes a channel otherwise than others or the summary."""
@@ -489,13 +489,13 @@ class McapFile(ChunkedFile[int]):
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.uint64]]:
         start = piece.position + piece.length
         block = self._file.read(start, self._index_lengths[piece.position])
-        found = {}
+        stamps = {}
         for opcode, at, end in split_records(block):
             if opcode == Opcode.MESSAGE_INDEX:
                 channel_id, size = INDEX_BODY.unpack_from(block, at)
                 entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<u8')
-                found[channel_id] = entries[: size // 8 : 2]
-        return found
+                stamps[channel_id] = entries[: size // 8 : 2]
+        return stamps
 
     def _scanned(self) -> Mapping[int, array[int]]:
         return McapScan(self._file, self._findings).run().stamps or {}
@@ -544,8 +544,8 @@ def _summarized(
         elif described.enter(opcode, body):
             return None  # the scan tells where it contradicts itself
     contents.channels = described.channels()
-    found = sum(sum(piece.counts.values()) for piece in contents.pieces)
-    known = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
+    indexed = sum(sum(piece.counts.values()) for piece in contents.pieces)
+    has_channels = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
     places = sorted(
         (piece.position, piece.position + piece.length + contents.index_lengths[piece.position])
         for piece in contents.pieces
@@ -554,4 +554,4 @@ def _summarized(
     # Chunks and their indexes; each of those may otherwise be all of the file.
     apart = all(end <= after for (_, end), after in zip(places, starts, strict=False))
     # Messages outside of chunks, or chunks without index, are found by a scan only.
-    return (contents, described) if message_count == found and known and apart else None
+    return (contents, described) if message_count == indexed and has_channels and apart else None

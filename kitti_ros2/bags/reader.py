@@ -109,8 +109,8 @@ def in_time_order(
     with _Turns(files, since_ns) as turns:
         while True:
             while turns.start_ns is not None and (not active or turns.start_ns <= active[0][0]):
-                number, position, found = turns.take()
-                messages = iter(found)
+                number, position, chunk_messages = turns.take()
+                messages = iter(chunk_messages)
                 first = next(messages, None)
                 if first is not None:
                     heappush(active, (first[0], number, position, first, messages))
@@ -137,11 +137,11 @@ class _Turns:
         self._since_ns = since_ns
         waiting = [
             (number, piece)
-            for number, (file, wanted) in enumerate(files)
+            for number, (file, channel_ids) in enumerate(files)
             for piece in file.pieces
-            if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(wanted)
+            if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(channel_ids)
         ]
-        waiting.sort(key=lambda each: (each[1].start_ns, each[0], each[1].position))
+        waiting.sort(key=lambda pair: (pair[1].start_ns, pair[0], pair[1].position))
         self._waiting = deque(waiting)
         self._ahead: deque[ThreadTask[FetchedPiece] | None] = deque()
         self._most_ahead = 0
@@ -160,10 +160,10 @@ class _Turns:
         self._most_ahead = min(self._most_ahead + 1, _AHEAD, fitting)
         while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
-        file, wanted = self._files[number]
+        file, channel_ids = self._files[number]
         # What a thread could not read is tried again here, where errors are handled.
         fetched = None if ahead is None or ahead.error() else ahead.result()
-        return number, piece.position, file.read(piece, wanted, self._since_ns, fetched)
+        return number, piece.position, file.read(piece, channel_ids, self._since_ns, fetched)
 
     def _request(self, number: int, piece: Piece) -> ThreadTask[FetchedPiece] | None:
         file = self._files[number][0]
@@ -234,17 +234,17 @@ class BagMessages:
         self._first_lost: dict[tuple[Reading, str], int] = {}
         with ExitStack() as stack:
             entered = [stack.enter_context(opened(bag)) for bag in bags]
-            found = [
+            files = [
                 (bag.path, path, file)
                 for bag in entered
                 for path, file in bag.files(self._findings, stack)
             ]
-            self._files = [file for _, _, file in found]
+            self._files = [file for _, _, file in files]
             self._readings = {
                 (number, channel_id): Reading(
                     number, channel_id, bag, path, channel if as_ros else stored(channel)
                 )
-                for number, (bag, path, file) in enumerate(found)
+                for number, (bag, path, file) in enumerate(files)
                 for channel_id, channel in file.channels.items()
                 if topics is None or channel.topic in topics
             }
@@ -258,7 +258,9 @@ class BagMessages:
             self._stack = stack.pop_all()
         readings = self._readings.values()
         self.sources = {reading.channel.topic: reading.channel for reading in reversed(readings)}
-        self.channels = tuple(sorted((topic, each.msgtype) for topic, each in self.sources.items()))
+        self.channels = tuple(
+            sorted((topic, channel.msgtype) for topic, channel in self.sources.items())
+        )
         self.latched = {
             reading.channel.topic: reading.channel.depth
             for reading in readings
@@ -303,11 +305,11 @@ class BagMessages:
                 message before it is yielded if a topic is in several files. It is also asked some
                 messages ahead, without effect on what is yielded.
         """
-        known: list[dict[int, str]] = [{} for _ in self._files]
+        cdr_topics: list[dict[int, str]] = [{} for _ in self._files]
         for reading in self._readings.values():
             if is_stored_as_cdr(reading.channel):
-                known[reading.number][reading.channel_id] = reading.channel.topic
-        for file, topics in zip(self._files, known, strict=True):
+                cdr_topics[reading.number][reading.channel_id] = reading.channel.topic
+        for file, topics in zip(self._files, cdr_topics, strict=True):
             file.is_start_enough = partial(_is_enough, topics, is_enough)
 
     def __enter__(self) -> Self:
@@ -355,14 +357,14 @@ class BagMessages:
         Raises:
             BadBagError: No channel is left.
         """
-        found: set[str] = set()
+        encodings: set[str] = set()
         for reading in list(self._readings.values()):
             channel = reading.channel
             if channel.encoding not in READ:
-                found.add(channel.encoding)
+                encodings.add(channel.encoding)
                 self._leave_out(reading, why_unread(channel))
-        if found and not self._readings:
-            kinds = ', '.join(each or 'an encoding that is not named' for each in sorted(found))
+        if encodings and not self._readings:
+            kinds = ', '.join(name or 'an encoding that is not named' for name in sorted(encodings))
             expected = 'messages in cdr or of ROS 1, of which none is there'
             raise BadBagError(self._path, f'has messages in {kinds}', expected)
 
@@ -386,13 +388,13 @@ class BagMessages:
         first: dict[str, Reading] = {}
         for reading in list(self._readings.values()):
             topic, msgtype = reading.channel.topic, reading.channel.msgtype
-            known = first.setdefault(topic, reading)
-            if known.channel.msgtype == msgtype:
+            first_reading = first.setdefault(topic, reading)
+            if first_reading.channel.msgtype == msgtype:
                 continue
-            both = f'{topic} is {msgtype} here, and {known.channel.msgtype}'
-            if known.bag != reading.bag:
+            both = f'{topic} is {msgtype} here, and {first_reading.channel.msgtype}'
+            if first_reading.bag != reading.bag:
                 expected = 'bags of one recording, which agree; give those of the other apart'
-                raise BadBagError(reading.bag, f'{both} in {known.bag}', expected)
+                raise BadBagError(reading.bag, f'{both} in {first_reading.bag}', expected)
             self._lose_channel(reading, f'{both} before; the latter is read')
 
     def _define(self) -> None:
@@ -406,8 +408,8 @@ class BagMessages:
             conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
             if conflict:
                 self._leave_out_undefined(reading, conflict)
-        needed = {name for each in self._readings.values() for name in types_of(each.channel)}
-        undefined = definitions.complete(needed)
+        types = {name for reading in self._readings.values() for name in types_of(reading.channel)}
+        undefined = definitions.complete(types)
         self._definitions = definitions
         reasons = {
             msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
@@ -429,7 +431,7 @@ class BagMessages:
             MissingLibraryError: A library is not installed, and a topic was requested by name, or
                 nothing can be read without it.
         """
-        encodings = {stored(each.channel).encoding for each in self._readings.values()}
+        encodings = {stored(reading.channel).encoding for reading in self._readings.values()}
         for reading in list(self._readings.values()):
             try:
                 self._to_cdr.prepare(reading.channel, self._definitions)
@@ -461,11 +463,11 @@ class BagMessages:
     @cached_property
     def _counts(self) -> list[Counter[int]]:
         """Messages by file and channel id: a sum for each channel would take channels x pieces."""
-        found: list[Counter[int]] = [Counter() for _ in self._files]
-        for file, counts in zip(self._files, found, strict=True):
+        by_file: list[Counter[int]] = [Counter() for _ in self._files]
+        for file, counts in zip(self._files, by_file, strict=True):
             for piece in file.pieces:
                 counts.update(piece.counts)
-        return found
+        return by_file
 
 
 def _is_enough(
@@ -502,11 +504,11 @@ def summarize_bag(bags: Bags) -> BagSummary:
         OSError: A file cannot be read.
     """
     with ExitStack() as stack:
-        found = [stack.enter_context(opened(bag)) for bag in _each_once(bags)]
-        located = [bag.located for bag in found]
+        open_bags = [stack.enter_context(opened(bag)) for bag in _each_once(bags)]
+        located = [bag.located for bag in open_bags]
         containers = ', '.join(dict.fromkeys(bag.container for bag in located))
         files = tuple(file for bag in located for file in bag.files)
-        return summarize(containers, files, index_bag(found))
+        return summarize(containers, files, index_bag(open_bags))
 
 
 def index_bag(bags: Bags) -> BagIndex:
@@ -517,8 +519,8 @@ def index_bag(bags: Bags) -> BagIndex:
         OSError: A file cannot be read.
     """
     index = BagIndex()
-    for each in _each_once(bags):
-        with opened(each) as bag:
+    for source in _each_once(bags):
+        with opened(source) as bag:
             index.merge(bag.index)
     return index
 
@@ -556,12 +558,12 @@ def open_messages(
 def _each_once(bags: Bags) -> Sequence[BagSource]:
     if isinstance(bags, (Path, OpenBag)):
         return [bags]
-    known: set[str] = set()
+    seen: set[str] = set()
     for path in map(path_of, bags):
-        place = real_place(path)
-        if place in known:
+        real_path = real_place(path)
+        if real_path in seen:
             raise UsageError(f'{path}: is given twice; give each bag once')
-        known.add(place)
+        seen.add(real_path)
     return bags
 
 
@@ -668,15 +670,15 @@ def read_lead_ns(bag: BagSource) -> int:
     Raises:
         BadBagError: The bag cannot be read.
     """
-    found = ForwardStamps()
+    stamps = ForwardStamps()
     with open_messages(bag, {RECORDING}) as messages:
         if (RECORDING, STRING) not in messages.channels:
             return 0
         for message in messages:
             try:
                 text: Any = messages.typestore.deserialize_cdr(bytes(message.data), STRING)
-                found.take(RECORDING, text, message.stamp_ns)
+                stamps.take(RECORDING, text, message.stamp_ns)
             except Exception:  # noqa: BLE001 - generated code may raise anything
                 return 0
             break
-    return found.lead_ns
+    return stamps.lead_ns

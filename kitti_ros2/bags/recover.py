@@ -90,8 +90,8 @@ def recover(
                 progress(done, expected)
             if messages.losses and not any(copy.counts.values()):
                 reason = next(iter(messages.losses))
-                found = f'holds no message that can be read ({reason})'
-                raise BadBagError(path, found, 'one at least')
+                text = f'holds no message that can be read ({reason})'
+                raise BadBagError(path, text, 'one at least')
     losses = {**messages.losses, **copy.losses}
     return RecoveryReport(
         path=writer.path,
@@ -177,5 +177,5 @@ def _check_stamp(stamp_ns: int, storage: str) -> None:
 
 def _compression(messages: BagMessages, storage: str) -> str:
     """Return the bag's own compression if the new container supports it, else none."""
-    known = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
-    return known[0] if known else 'none'
+    supported = sorted(messages.compressions & CONTAINERS[storage].compressions.keys() - {'none'})
+    return supported[0] if supported else 'none'

@@ -159,7 +159,7 @@ def opcode_of(fields: Fields) -> int:
 
 def messages_in(
     records: Buffer,
-    wanted: Collection[int],
+    channel_ids: Collection[int],
     since_ns: int,
     describe: Callable[[Fields, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
@@ -167,12 +167,12 @@ def messages_in(
 
     Args:
         records: The records of a chunk.
-        wanted: Ids of the requested connections.
+        channel_ids: Ids of the requested connections.
         since_ns: The first requested stamp.
         describe: Called with header and data of each connection record.
     """
     view = memoryview(records)
-    found: list[StoredMessage] = []
+    messages: list[StoredMessage] = []
     position, end = 0, len(view)
     match_head = _MESSAGE_HEAD.match
     while position < end:
@@ -184,8 +184,8 @@ def messages_in(
             if conn is None or time is None or following > end:
                 break
             channel_id = int.from_bytes(conn, 'little')
-            if channel_id in wanted and (stamp_ns := parse_time(time)) >= since_ns:
-                found.append((stamp_ns, channel_id, view[start:following]))
+            if channel_id in channel_ids and (stamp_ns := parse_time(time)) >= since_ns:
+                messages.append((stamp_ns, channel_id, view[start:following]))
             position = following
             continue
         record = _record_at(view, position)
@@ -194,12 +194,12 @@ def messages_in(
         fields, start, following = record
         if opcode_of(fields) == MESSAGE:
             channel_id, stamp_ns = parse_message(fields)
-            if channel_id in wanted and stamp_ns >= since_ns:
-                found.append((stamp_ns, channel_id, view[start:following]))
+            if channel_id in channel_ids and stamp_ns >= since_ns:
+                messages.append((stamp_ns, channel_id, view[start:following]))
         elif opcode_of(fields) == CONNECTION:
             describe(fields, view[start:following])
         position = following
-    return found, position
+    return messages, position
 
 
 def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | None:
@@ -471,9 +471,9 @@ class Ros1File(ChunkedFile[Fields]):
                 self._chunk_end(self.pieces[0])
 
     def _messages_in(
-        self, records: Buffer, wanted: Collection[int], since_ns: int
+        self, records: Buffer, channel_ids: Collection[int], since_ns: int
     ) -> tuple[list[StoredMessage], int]:
-        return messages_in(records, wanted, since_ns, self._compare_connection)
+        return messages_in(records, channel_ids, since_ns, self._compare_connection)
 
     def _compare_connection(self, fields: Fields, body: Buffer) -> None:
         """Enter a loss if a chunk and the index describe a connection differently."""
@@ -482,24 +482,24 @@ class Ros1File(ChunkedFile[Fields]):
         except ValueError as error:
             self._findings.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
             return
-        known = self.channels.get(channel_id)
-        if known is not None and known != channel:
-            both = f'{known.topic} ({known.msgtype}) and {channel.topic} ({channel.msgtype})'
+        indexed = self.channels.get(channel_id)
+        if indexed is not None and indexed != channel:
+            both = f'{indexed.topic} ({indexed.msgtype}) and {channel.topic} ({channel.msgtype})'
             text = f'connection {channel_id} is described in two ways, {both}; the first counts'
             self._findings.lose(f'{self._file.name}: {text}', 0)
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         end = self._chunk_end(piece)
         block = self._file.read(piece.position + end, piece.length - end)
-        found = {}
+        stamps = {}
         position = 0
         while position < len(block):
             fields, start, position = split_record(block, position)
             if opcode_of(fields) == INDEX:
                 entries = np.frombuffer(block[start:position], _ENTRY)
                 times = entries['seconds'].astype(np.int64) * 10**9 + entries['nanoseconds']
-                found[int.from_bytes(fields[b'conn'], 'little')] = times
-        return found
+                stamps[int.from_bytes(fields[b'conn'], 'little')] = times
+        return stamps
 
     def _chunk_end(self, piece: Piece) -> int:
         """Return the offset in the piece of the indexes behind its chunk.
@@ -611,9 +611,9 @@ class Ros1Types:
         )
 
     def _complete(self, msgtype: str) -> None:
-        known = self._ros1.fielddefs
-        types = {**self._ros2.fielddefs, **known}
-        missing = {name: types[name] for name in closure(types, msgtype) if name not in known}
+        defined = self._ros1.fielddefs
+        types = {**self._ros2.fielddefs, **defined}
+        missing = {name: types[name] for name in closure(types, msgtype) if name not in defined}
         if missing:
             self._ros1.register(missing)
 

@@ -95,11 +95,11 @@ class Pages:
 
         Pages may lead to each other in a circle, which has data of any size.
         """
-        left = self._file.size
+        remaining = self._file.size
         # Pages that are made so have a cell for every two bytes.
         for row in self._file.limits.counted(0, self._cells()):
-            if row is not None and row.size <= left:
-                left -= row.size
+            if row is not None and row.size <= remaining:
+                remaining -= row.size
                 yield row
 
     def _cells(self) -> Iterator[Row | None]:
@@ -159,14 +159,14 @@ class Pages:
         """
         local = self.local(row.size)
         parts = [self._file.read(row.position, local)]
-        left = row.size - local
-        link = self._file.read(row.position + local, 4) if left else bytes(4)
+        remaining = row.size - local
+        link = self._file.read(row.position + local, 4) if remaining else bytes(4)
         if len(parts[0]) < local or len(link) < 4:
             raise ValueError('its page is missing')
-        while left:
+        while remaining:
             page = self._page(*UINT32.unpack(link))
-            parts.append(page[4 : min(self.usable, left + 4)])
-            left -= len(parts[-1])
+            parts.append(page[4 : min(self.usable, remaining + 4)])
+            remaining -= len(parts[-1])
             link = page[:4]
         if link != bytes(4):
             raise ValueError('its pages go on behind its end')

@@ -146,7 +146,7 @@ def scanned_topics(pages: Pages, room: DescriptionLimits) -> dict[int, StoredCha
 
 
 def _size(row: Sequence[object]) -> int:
-    return sum(len(each) for each in row if isinstance(each, (str, bytes)))
+    return sum(len(column) for column in row if isinstance(column, (str, bytes)))
 
 
 def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -> StoredChannel:
@@ -226,11 +226,11 @@ class SqliteFile(BagFile):
         except ValueError as error:
             self.close()
             raise BadBagError(file.name, f'is no rosbag2 sqlite3 file ({error})') from error
-        known = np.isin(rows['topic_id'], list(self.channels))
-        if not known.all():
-            count = int(np.count_nonzero(~known))
+        described = np.isin(rows['topic_id'], list(self.channels))
+        if not described.all():
+            count = int(np.count_nonzero(~described))
             self._lose(f'{count} messages are of topics that are not described', count)
-            rows = rows[known]
+            rows = rows[described]
         # Stable: equal stamps stay in the order of ids.
         self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
         self.pieces = [self._piece()] if len(rows) else []
@@ -238,16 +238,16 @@ class SqliteFile(BagFile):
     def read(
         self,
         piece: Piece,
-        wanted: Collection[int],
+        channel_ids: Collection[int],
         since_ns: int,
         fetched: FetchedPiece | None = None,
     ) -> Iterator[StoredMessage]:
         """Yield the messages of some topics from a stamp on, in time order."""
         del piece, fetched  # there is only one piece, which is read row by row
         rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
-        rows = rows[np.isin(rows['topic_id'], list(wanted))]
+        rows = rows[np.isin(rows['topic_id'], list(channel_ids))]
         done = 0
-        for message in self._in_one_query(rows, wanted):
+        for message in self._in_one_query(rows, channel_ids):
             yield message
             done += 1
         for row_id, topic_id, stamp_ns in rows[done:].tolist():
@@ -357,14 +357,14 @@ class SqliteFile(BagFile):
         return folder / files[0].name
 
     def _scanned_rows(self) -> npt.NDArray[np.void]:
-        found = self._scanned()
-        ids = np.array(sorted(found), dtype=np.int64)
+        by_id = self._scanned()
+        ids = np.array(sorted(by_id), dtype=np.int64)
         # Recorders number without gaps and delete nothing.
         for gap in np.flatnonzero(np.diff(ids) > 1).tolist():
             first, last = int(ids[gap]) + 1, int(ids[gap + 1]) - 1
             which = f'row {first}' if first == last else f'rows {first} to {last}'
             self._lose(f'{which} cannot be read', last - first + 1)
-        rows = [(row_id, found[row_id].topic_id, found[row_id].stamp_ns) for row_id in ids.tolist()]
+        rows = [(row_id, by_id[row_id].topic_id, by_id[row_id].stamp_ns) for row_id in ids.tolist()]
         return np.array(rows, _ROW)
 
     def _scanned(self) -> dict[int, MessageRow]:
@@ -379,19 +379,19 @@ class SqliteFile(BagFile):
         return self._by_id
 
     def _in_one_query(
-        self, rows: npt.NDArray[np.void], wanted: Collection[int]
+        self, rows: npt.NDArray[np.void], ids: Collection[int]
     ) -> Iterator[StoredMessage]:
         """Yield the messages of rows by the fastest query, up to the first damage."""
         if self._connection is None or not len(rows):
             return
         # The database's index sorts the rows, unless they are stored in order.
         query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
-        query = query.format(', '.join('?' * len(wanted)))
+        query = query.format(', '.join('?' * len(ids)))
         done = advised = 0
         with suppress(sqlite3.Error):
-            found = self._connection.execute(query, [self._size, *wanted, int(rows['stamp_ns'][0])])
+            cursor = self._connection.execute(query, [self._size, *ids, int(rows['stamp_ns'][0])])
             for (row_id, topic_id, stamp_ns), (found_id, data) in zip(
-                rows.tolist(), found, strict=False
+                rows.tolist(), cursor, strict=False
             ):
                 # SQLite reads zeros behind the end of a file that was cut meanwhile.
                 if found_id != row_id or not isinstance(data, bytes) or self._file.is_cut():

@@ -80,9 +80,9 @@ def shortened(text: str) -> str:
     """
     _check_length(len(text), _MOST_WITH_COMMENTS)
     lines = [line for line in text.splitlines() if line.strip() and line.strip()[0] != '#']
-    found = '\n'.join(lines)
-    _check_length(len(found), _MOST_CHARACTERS)
-    return found
+    short = '\n'.join(lines)
+    _check_length(len(short), _MOST_CHARACTERS)
+    return short
 
 
 def shortened_idl(text: str) -> str:
@@ -95,16 +95,16 @@ def shortened_idl(text: str) -> str:
     _check_length(len(text), _MOST_WITH_COMMENTS)
     texts: list[str] = []
 
-    def without_comment(found: re.Match[str]) -> str:
-        if not found[1]:
+    def without_comment(match: re.Match[str]) -> str:
+        if not match[1]:
             return ' '
-        texts.append(found[1])
+        texts.append(match[1])
         return f'"t{len(texts) - 1}"'
 
     plain = _TEXT_OR_COMMENT.sub(without_comment, text)
-    plain = _ANNOTATION.sub(lambda found: found[0] if found[1] == _VALUE else ' ', plain)
+    plain = _ANNOTATION.sub(lambda match: match[0] if match[1] == _VALUE else ' ', plain)
     _check_idl(plain)
-    return _KEPT_TEXT.sub(lambda found: texts[int(found[1])], plain)
+    return _KEPT_TEXT.sub(lambda match: texts[int(match[1])], plain)
 
 
 def _check_idl(plain: str) -> None:
@@ -122,8 +122,8 @@ def _check_idl(plain: str) -> None:
     if _LARGE_SHIFT.search(plain):
         raise ValueError('a shift by more than a number of two digits, which is not read')
     depth = 0
-    for found in _BRACKETS.findall(plain):
-        depth = {'<': depth + 1, '>': max(depth - 1, 0), ';': 0}.get(found, depth)
+    for bracket in _BRACKETS.findall(plain):
+        depth = {'<': depth + 1, '>': max(depth - 1, 0), ';': 0}.get(bracket, depth)
         if depth > _DEEPEST:
             raise ValueError('sequences that are nested too deeply')
 
@@ -254,9 +254,9 @@ class Definitions:
         own = [name for name in closure(self._types, msgtype) if name in self._origins]
         if not own:
             return
-        known = _jazzy()
+        jazzy = _jazzy()
         for name in own:
-            if name in known and known[name][1] != self._types[name][1]:
+            if name in jazzy and jazzy[name][1] != self._types[name][1]:
                 raise ValueError(f'{self._origins[name]} defines {name} otherwise than ROS 2 Jazzy')
 
     def typestore(self) -> Typestore:
@@ -274,19 +274,19 @@ class Definitions:
 
     def _enter(self, bag: Path, file: Path, key: tuple[str, str, str]) -> str:
         try:
-            found = parse_definition(*key)
-            _check_names(found)
+            types = parse_definition(*key)
+            _check_names(types)
         except Exception as error:  # noqa: BLE001 - a parser of any text may raise anything
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
             self._findings.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
             return ''
-        for name, (_, fields) in found.items():
+        for name, (_, fields) in types.items():
             if name in self._types and self._types[name][1] != fields:
                 if self._origins[name] != bag:
                     return f'{name} is defined otherwise than in {self._origins[name]}'
                 text = f'defines {name} in two ways; messages are read by the first'
                 self._findings.note(f'{file}: {text}')
-        for name, definition in found.items():
+        for name, definition in types.items():
             self._types.setdefault(name, definition)
             self._origins.setdefault(name, bag)
         return ''
@@ -322,9 +322,9 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
 
 def _parse_messages(msgtype: str, text: str) -> Typesdict:
     short = shortened(text)
-    found = parse_plain(msgtype, short)
+    types = parse_plain(msgtype, short)
     # Without a line break at its end, rosbags refuses a text whose last type has no fields.
-    return get_types_from_msg(f'{short}\n', msgtype) if found is None else found
+    return get_types_from_msg(f'{short}\n', msgtype) if types is None else types
 
 
 def _check_names(types: Typesdict) -> None:
@@ -335,8 +335,8 @@ def _check_names(types: Typesdict) -> None:
             constant is beyond its type, so that Python cannot spell it.
     """
     for name, (constants, fields) in types.items():
-        inner = [str(each[0]) for each in (*constants, *fields)]
-        if len({f'{each}_' if iskeyword(each) else each for each in inner}) < len(inner):
+        inner = [str(member[0]) for member in (*constants, *fields)]
+        if len({f'{word}_' if iskeyword(word) else word for word in inner}) < len(inner):
             raise ValueError(f'{name} has a name twice')
         for constant, _, value in constants:
             if isinstance(value, (int, float)) and not -(2**63) <= value < 2**64:
@@ -351,10 +351,10 @@ def _ros2_like(types: Typesdict) -> Typesdict:
     definitions = dict(types)
     if HEADER in definitions:
         constants, fields = definitions[HEADER]
-        definitions[HEADER] = (constants, [each for each in fields if each[0] != 'seq'])
-    for name, known in TYPESTORE.fielddefs.items():
-        if name in definitions and _kinds(definitions[name]) == _kinds(known):
-            definitions[name] = known
+        definitions[HEADER] = (constants, [member for member in fields if member[0] != 'seq'])
+    for name, definition in TYPESTORE.fielddefs.items():
+        if name in definitions and _kinds(definitions[name]) == _kinds(definition):
+            definitions[name] = definition
     return definitions
 
 
@@ -370,10 +370,10 @@ def _complete(types: Typesdict, msgtype: str) -> bool:
         return True
     # Loading all types of ROS 2 takes as long as reading a gigabyte; the common ones are at hand.
     for load in (_common, _jazzy):
-        known = {**load(), **types}
-        needed = list(closure(known, msgtype))
-        if all(name in known for name in needed):
-            types.update({name: known[name] for name in needed})
+        available = {**load(), **types}
+        needed = list(closure(available, msgtype))
+        if all(name in available for name in needed):
+            types.update({name: available[name] for name in needed})
             return True
     return False
 

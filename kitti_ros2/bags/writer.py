@@ -110,7 +110,7 @@ def _free_path(path: Path, *, single_file: bool) -> Path:
     stem, suffix = (path.stem, path.suffix) if single_file else (path.name, '')
     marks = chain([_PARTIAL], (f'{_PARTIAL}-{number}' for number in count(2)))
     paths = (path.with_name(f'{stem}.{mark}{suffix}') for mark in marks)
-    return next(each for each in paths if not os.path.lexists(each))
+    return next(candidate for candidate in paths if not os.path.lexists(candidate))
 
 
 # A bag as a sequence of files: staging, splitting, counting and metadata.yaml.
@@ -291,11 +291,11 @@ class BagWriter:
     def _give_up(self, error: BaseException) -> None:
         """Abort; if that is wanted, keep what was written, and name it in the error."""
         broken = isinstance(error, (OSError, OutputError))
-        kept = self._keep(broken=broken) if is_interruption(error) else None
+        partial_bag = self._keep(broken=broken) if is_interruption(error) else None
         self.abort()
         self._staging.tell_remains(error)
-        if kept is not None:
-            kept.name_in(error)
+        if partial_bag is not None:
+            partial_bag.name_in(error)
 
     def _keep(self, *, broken: bool) -> KeptBag | None:
         """Keep what was written under another name.
