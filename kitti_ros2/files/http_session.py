@@ -32,11 +32,11 @@ async def open_session(**options: object) -> ClientSession:
     Args:
         options: Those of fsspec and of its configuration.
     """
-    given: Any = options
-    headers = dict(given.get('headers') or {})
+    kwargs: Any = options
+    headers = dict(kwargs.get('headers') or {})
     others = {name: headers[name] for name in headers if name.lower() != 'accept-encoding'}
-    given['headers'] = {**others, 'Accept-Encoding': 'identity'}
-    return ClientSession(**{**given, 'response_class': _Response, 'auto_decompress': False})
+    kwargs['headers'] = {**others, 'Accept-Encoding': 'identity'}
+    return ClientSession(**{**kwargs, 'response_class': _Response, 'auto_decompress': False})
 
 
 class _Response(ClientResponse):

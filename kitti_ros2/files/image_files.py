@@ -196,7 +196,7 @@ def _is_harmless(warning: str) -> bool:
 
 
 @contextmanager
-def _warnings_of_libjpeg(found: list[str]) -> Iterator[None]:
+def _warnings_of_libjpeg(lines: list[str]) -> Iterator[None]:
     """Collect the warnings that libjpeg prints; all other output goes where it should.
 
     Where there is no standard error or no room for a file, they are not known.
@@ -219,7 +219,7 @@ def _warnings_of_libjpeg(found: list[str]) -> Iterator[None]:
             others = _WARNING.sub(b'', printed)
             if others:
                 os.write(own, others)
-        found += [each.decode('ascii', 'replace').strip() for each in _WARNING.findall(printed)]
+        lines += [text.decode('ascii', 'replace').strip() for text in _WARNING.findall(printed)]
 
 
 # PNG files as OpenCV decodes them fastest and without a word: inflated, checked, nothing else.
@@ -284,7 +284,7 @@ def inflated(png: bytes) -> bytes:
     if depth not in _DEPTHS.get(colour, ()) or methods not in ([0, 0, 0], [0, 0, 1]):
         raise ValueError(f'a PNG of colour type {colour} with {depth} bits, methods {methods}')
     passes = _passes(width, height, depth * _SAMPLES[colour], interlaced=methods[-1] == 1)
-    size = sum(each.rows * each.row_bytes for each in passes)
+    size = sum(pixel_rows.rows * pixel_rows.row_bytes for pixel_rows in passes)
     stored = sum(map(len, parts))
     if size > _MOST_INFLATED * stored:
         raise ValueError(
@@ -295,13 +295,13 @@ def inflated(png: bytes) -> bytes:
         raise ValueError(f'a PNG of {width} x {height} pixels')
     raw = _inflate(parts, size)
     _check_filters(raw, passes)
-    made = [PNG_SIGNATURE, *_chunk(b'IHDR', _HEADER.pack(*header))]
+    chunks = [PNG_SIGNATURE, *_chunk(b'IHDR', _HEADER.pack(*header))]
     if colour == _PALETTE:
         # All entries that pixels may name: libpng complains about others.
         most = _ENTRY_BYTES << depth
-        made += _chunk(b'PLTE', bytes(palette[:most]).ljust(most, b'\0'))
-    made += _chunk(b'IDAT', _STORED_HEAD, *_blocks(raw), _NUMBER.pack(adler32(raw)))
-    return b''.join([*made, *_chunk(b'IEND')])
+        chunks += _chunk(b'PLTE', bytes(palette[:most]).ljust(most, b'\0'))
+    chunks += _chunk(b'IDAT', _STORED_HEAD, *_blocks(raw), _NUMBER.pack(adler32(raw)))
+    return b''.join([*chunks, *_chunk(b'IEND')])
 
 
 def _essence(png: bytes) -> tuple[tuple[int, ...], memoryview, list[memoryview]]:
@@ -352,12 +352,12 @@ def _chunks(png: bytes) -> Iterator[tuple[bytes, memoryview]]:
 
 def _passes(width: int, height: int, bits: int, *, interlaced: bool) -> list[_PixelRows]:
     """Return the rows of an image's passes, which are one unless it is interlaced."""
-    found = []
-    for left, top, right, down in _PASSES if interlaced else ((0, 0, 1, 1),):
-        columns, rows = -(-(width - left) // right), -(-(height - top) // down)
+    passes = []
+    for x, y, dx, dy in _PASSES if interlaced else ((0, 0, 1, 1),):
+        columns, rows = -(-(width - x) // dx), -(-(height - y) // dy)
         if columns > 0 and rows > 0:
-            found.append(_PixelRows(rows, 1 + (columns * bits + 7) // 8))
-    return found
+            passes.append(_PixelRows(rows, 1 + (columns * bits + 7) // 8))
+    return passes
 
 
 def _inflate(parts: list[memoryview], size: int) -> bytes:
@@ -583,9 +583,9 @@ def parse_png(data: bytes, path: Path | str, size: int | None = None) -> Image:
             remedy=_REMEDY,
         )
     if size is None:
-        found = _find_damage(data)
-        if found:
-            raise BadFileError(path, f'the PNG is damaged: {found}', 'an image', remedy=_REMEDY)
+        defect = _find_damage(data)
+        if defect:
+            raise BadFileError(path, f'the PNG is damaged: {defect}', 'an image', remedy=_REMEDY)
     return Image(data, width, height, _CHANNELS[colour])
 
 
@@ -645,8 +645,8 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
         raise BadFileError(path, 'a broken JPEG header', 'a JPEG image', remedy=_REMEDY)
     # A thumbnail before the frame has an end of its own.
     if data.find(_JPEG_END, frame.end) < 0:
-        found = f'the JPEG is cut after {len(data) if size is None else size} bytes'
-        raise BadFileError(path, found, 'an image with its end', remedy=_REMEDY)
+        text = f'the JPEG is cut after {len(data) if size is None else size} bytes'
+        raise BadFileError(path, text, 'an image with its end', remedy=_REMEDY)
     return Image(data, frame.width, frame.height, 1 if frame.components == 1 else 3, JPEG)
 
 

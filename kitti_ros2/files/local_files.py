@@ -176,8 +176,8 @@ def _sync(path: Path, flags: int) -> None:
 
 def _entries(folder: Path | str) -> Iterator[os.DirEntry[str]]:
     """Yield all entries below a folder, folders before what is in them."""
-    with os.scandir(folder) as found:
-        entries = [*found]
+    with os.scandir(folder) as scan:
+        entries = [*scan]
     for entry in entries:
         yield entry
         if entry.is_dir(follow_symlinks=False):
@@ -328,15 +328,15 @@ class VectoredFile:
             os.close(fd)
 
     def _write_batch(self, buffers: Buffers) -> None:
-        left = sum(map(len, buffers))
-        while left > 0:
+        remaining = sum(map(len, buffers))
+        while remaining > 0:
             written = write_uncached(self._fd, buffers, self.position)
             self.position += written
-            left -= written
-            if left > 0:
+            remaining -= written
+            if remaining > 0:
                 # All but the last page; at most 2 GiB - 4 KiB; less where the disk fills up.
                 buffers = without_start(buffers, written)
-        if left:
+        if remaining:
             raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
 
 

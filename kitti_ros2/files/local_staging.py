@@ -113,7 +113,7 @@ def make_folder(folder: Path) -> None:
     """
     created = make_parents(folder)
     if created:
-        sync_folders(each.parent for each in created)
+        sync_folders(path.parent for path in created)
     elif not folder.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
 
@@ -232,7 +232,7 @@ class Staging:
             else:
                 self.content.rename(self.path)
         try:
-            self._sync_names(self.path.parent, *(each.parent for each in self._created))
+            self._sync_names(self.path.parent, *(folder.parent for folder in self._created))
         except OSError as error:
             raise NotDurableError(self.path, error) from error
         finally:
@@ -250,7 +250,7 @@ class Staging:
         with suppress(OSError):  # it is worth more than nothing
             if self._fsync:
                 sync_tree(path)
-            self._sync_names(path.parent, *(each.parent for each in created))
+            self._sync_names(path.parent, *(folder.parent for folder in created))
 
     def _replace(self) -> None:
         """Replace what a rename cannot; without an exchange the output is absent for a moment."""
@@ -337,8 +337,8 @@ class Staging:
 
     def _clear(self) -> None:
         self._restore()
-        found = {entry.name for entry in self._partial.iterdir()}
-        foreign = {name for name in found if name.partition('-')[0] not in _OWN}
+        names = {entry.name for entry in self._partial.iterdir()}
+        foreign = {name for name in names if name.partition('-')[0] not in _OWN}
         if foreign:
             # Neither this method nor discard may delete them.
             os.close(self._lock)
@@ -348,7 +348,7 @@ class Staging:
                 f'{self._partial} is in the way and holds {min(foreign)}',
                 'move it away, or choose another name',
             )
-        for name in found:
+        for name in names:
             _remove(self._partial / name)
 
     def _restore(self) -> None:

@@ -309,11 +309,11 @@ class _Fork(Generic[T, R]):
             raise KittiRos2Error(f'a worker process {how}; is there enough memory?') from None
         if error is not None:
             raise error
-        taken: R = result if self._slots is None else self._slots.take(result)
+        unpacked: R = result if self._slots is None else self._slots.take(result)
         if self._slots is not None and result.slot is not None:
             with suppress(BrokenPipeError, ConnectionResetError):  # noticed by the next receive
                 self.connection.send(result.slot)
-        return taken
+        return unpacked
 
     def stop(self) -> None:
         """End the process."""

@@ -137,18 +137,18 @@ def as_path(text: str | os.PathLike[str]) -> Path:
     """
     if isinstance(text, Path):
         return text
-    given = os.fspath(text)
-    _check_name(given)
-    if _CHAIN.match(given):
-        raise UsageError(f'{given.partition("::")[0]}::...: chained URLs are not supported')
-    match = URL.fullmatch(given)
+    name = os.fspath(text)
+    _check_name(name)
+    if _CHAIN.match(name):
+        raise UsageError(f'{name.partition("::")[0]}::...: chained URLs are not supported')
+    match = URL.fullmatch(name)
     if match is None:
-        return Path(given)
+        return Path(name)
     if match[1].lower() not in _LOCAL:
-        return RemotePath(given)
+        return RemotePath(name)
     local = match[2].removeprefix('localhost')
     if not local.startswith('/'):
-        raise UsageError(f'{given}: names no file of this machine; expected file:///FOLDER/NAME')
+        raise UsageError(f'{name}: names no file of this machine; expected file:///FOLDER/NAME')
     _check_name(unquote(local))
     return Path(unquote(local))
 

@@ -121,12 +121,12 @@ def forget(path: UrlPath) -> None:
     files = filesystem_of(path)
     with _KNOWN.lock:
         gone = {folder for folder in _KNOWN.folders if path in folder.parents} | {path, path.parent}
-        for each in gone:
-            _KNOWN.folders.pop(each, None)
-            if each.names:
-                files.invalidate_cache(key_of(each))
-        for each in {each for each in _KNOWN.alone if path in {each, *each.parents}}:
-            del _KNOWN.alone[each]
+        for url in gone:
+            _KNOWN.folders.pop(url, None)
+            if url.names:
+                files.invalidate_cache(key_of(url))
+        for url in {url for url in _KNOWN.alone if path in {url, *url.parents}}:
+            del _KNOWN.alone[url]
         _KNOWN.closed -= gone
 
 
@@ -148,13 +148,13 @@ def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
             if above is None and _KNOWN.alone.get(folder, _FOLDER) is None:
                 raise _missing(folder)
             try:
-                found = _listed(folder)
+                entries = _listed(folder)
             except FileNotFoundError:
                 _KNOWN.alone[folder] = None
                 raise
-            if found is None:
+            if entries is None:
                 raise NotADirectoryError(errno.ENOTDIR, 'is not a folder', str(folder))
-            _KNOWN.keep(folder, found)
+            _KNOWN.keep(folder, entries)
         return _KNOWN.folders[folder]
 
 
@@ -166,10 +166,10 @@ def entry_of(path: UrlPath) -> RemoteEntry:
         OSError, RemoteError: The store cannot be asked.
     """
     with _KNOWN.lock:
-        found = _entry_of(path)
-    if found is None:
+        entry = _entry_of(path)
+    if entry is None:
         raise _missing(path)
-    return found
+    return entry
 
 
 def _entry_of(path: UrlPath) -> RemoteEntry | None:
@@ -211,14 +211,14 @@ def sized_entry_of(path: UrlPath) -> RemoteEntry:
         FileNotFoundError: There is nothing.
         OSError, RemoteError: The store cannot be asked.
     """
-    found = entry_of(path)
-    if found.is_folder or found.size is not None:
-        return found
+    entry = entry_of(path)
+    if entry.is_folder or entry.size is not None:
+        return entry
     with _KNOWN.lock:
-        known = _KNOWN.alone.get(path)
-        if known is None:
-            known = _KNOWN.alone[path] = _described(path)
-    return known
+        sized = _KNOWN.alone.get(path)
+        if sized is None:
+            sized = _KNOWN.alone[path] = _described(path)
+    return sized
 
 
 def known_listing(folder: UrlPath) -> Mapping[str, RemoteEntry] | None:
@@ -232,9 +232,9 @@ def _asked(path: UrlPath) -> RemoteEntry | None:
     looks_like_file = bool(_SUFFIX.fullmatch(path.suffix)) or path.scheme in _HTTP
     try:
         if not looks_like_file:
-            found = _listed(path)
-            if found is not None:
-                _KNOWN.keep(path, found)
+            entries = _listed(path)
+            if entries is not None:
+                _KNOWN.keep(path, entries)
                 return _FOLDER
         entry = _described(path)
         if entry.is_folder:
@@ -332,17 +332,17 @@ def matches_of(pattern: UrlPath) -> list[UrlPath]:
         OSError, RemoteError: The store cannot be asked.
     """
     names = pattern.names
-    found: Iterable[UrlPath] = [pattern.parents[-1]]
+    matches: Iterable[UrlPath] = [pattern.parents[-1]]
     for position, name in enumerate(names):
         if name == _ALL_LEVELS:
-            found = [level for folder in found for level in _levels(folder)]
+            matches = [level for folder in matches for level in _levels(folder)]
         elif has_magic(name):
-            found = [folder / each for folder in found for each in _matching(folder, name)]
+            matches = [folder / child for folder in matches for child in _matching(folder, name)]
         else:
-            found = [folder / name for folder in found]
+            matches = [folder / name for folder in matches]
             if any(map(has_magic, names[:position])):
-                found = [each for each in found if each.exists()]
-    return sorted(set(found))
+                matches = [path for path in matches if path.exists()]
+    return sorted(set(matches))
 
 
 def _matching(folder: UrlPath, pattern: str) -> Iterator[str]:
@@ -416,34 +416,34 @@ class _Blocks:
                 self._process, self._held = os.getpid(), 0
                 self._of.clear()
                 self._ranges.clear()
-            found: list[_Range] = []
+            ranges: list[_Range] = []
             first = block = start // _BLOCK
             last = -(-end // _BLOCK)
             while block < last:
-                known = self._of.get((file, block))
-                if known is not None and known.data.has_failed():
-                    self._drop((file, known.start // _BLOCK))
-                    known = None
-                if known is None:
+                block_range = self._of.get((file, block))
+                if block_range is not None and block_range.data.has_failed():
+                    self._drop((file, block_range.start // _BLOCK))
+                    block_range = None
+                if block_range is None:
                     first, most = block, block + _MOST_REQUEST // _BLOCK
                     while block < min(last, most) and (file, block) not in self._of:
                         block += 1
-                    known = self._request(file, first, block)
-                self._ranges.move_to_end((file, known.start // _BLOCK))
-                found.append(known)
-                block = (known.start + known.length - 1) // _BLOCK + 1
-            self._shrink(len(found))
-            return found
+                    block_range = self._request(file, first, block)
+                self._ranges.move_to_end((file, block_range.start // _BLOCK))
+                ranges.append(block_range)
+                block = (block_range.start + block_range.length - 1) // _BLOCK + 1
+            self._shrink(len(ranges))
+            return ranges
 
     def _request(self, file: _Version, first: int, end: int) -> _Range:
         start, stop = first * _BLOCK, min(end * _BLOCK, file[1])
         data = BACKGROUND.submit(partial(_fetch, *file[:2], start, stop))
-        made = _Range(start, data, stop - start)
-        self._ranges[file, first] = made
-        self._held += made.length
+        block_range = _Range(start, data, stop - start)
+        self._ranges[file, first] = block_range
+        self._held += block_range.length
         for block in range(first, end):
-            self._of[file, block] = made
-        return made
+            self._of[file, block] = block_range
+        return block_range
 
     def _shrink(self, needed: int) -> None:
         """Drop the ranges that were not used for longest."""
@@ -510,8 +510,8 @@ class RemoteBytes:
         ranges = _BLOCKS.want(self._file, position, end)
         self._read_ahead(position, end)
         pieces = []
-        for each in ranges:
-            data, at = each.data.result(), each.start
+        for block_range in ranges:
+            data, at = block_range.data.result(), block_range.start
             pieces.append(data[max(position - at, 0) : end - at])
         return pieces[0] if len(pieces) == 1 else b''.join(pieces)
 
@@ -633,9 +633,9 @@ class _ReadFolder:
         gone = [place for place in self.pending if before is None or place < before]
         size = 0
         for place in gone:
-            task, held = self.pending.pop(place)
+            task, length = self.pending.pop(place)
             task.cancel()
-            size += held
+            size += length
         return size
 
 
@@ -648,8 +648,8 @@ class _Texts:
 
     def get(self, path: UrlPath, entry: RemoteEntry) -> bytes | None:
         """Return the content of a file, unless it is listed with another size or time."""
-        known = self._kept.get(path)
-        return known[1] if known is not None and known[0] == entry else None
+        cached = self._kept.get(path)
+        return cached[1] if cached is not None and cached[0] == entry else None
 
     def keep(self, path: UrlPath, entry: RemoteEntry, data: bytes) -> None:
         """Keep a file if it is a text of moderate size."""
@@ -690,8 +690,8 @@ class FilesAhead:
                 task = None
             elif entry is None:
                 raise FileNotFoundError(errno.ENOENT, 'no such file or folder', str(path))
-            elif (known := self._texts.get(path, entry)) is not None:
-                return known
+            elif (text := self._texts.get(path, entry)) is not None:
+                return text
             else:
                 task = self._take(path, folder)
         size = entry.size if entry is not None else None
@@ -717,9 +717,9 @@ class FilesAhead:
         return task
 
     def _folder(self, path: UrlPath) -> _ReadFolder | None:
-        listing, known = known_listing(path), self._folders.get(path)
-        if known is not None and known.listing is not listing:  # listed again
-            self._held -= known.drop()
+        listing, cached = known_listing(path), self._folders.get(path)
+        if cached is not None and cached.listing is not listing:  # listed again
+            self._held -= cached.drop()
             del self._folders[path]
         if listing is None:
             return None
@@ -737,12 +737,12 @@ class FilesAhead:
             place = folder.ahead + folder.step
             file = path / folder.names[place]
             size = folder.listing[file.name].size
-            held = _UNKNOWN_BYTES if size is None else size
-            if self._held + held > MOST_BYTES and not self._make_room():
+            length = _UNKNOWN_BYTES if size is None else size
+            if self._held + length > MOST_BYTES and not self._make_room():
                 break
             folder.ahead = place
-            folder.pending[place] = (BACKGROUND.submit(partial(fetch, file, size)), held)
-            self._held += held
+            folder.pending[place] = (BACKGROUND.submit(partial(fetch, file, size)), length)
+            self._held += length
 
     def _make_room(self) -> bool:
         """Drop what was read ahead in a folder that is not read any more; false without one."""

@@ -394,14 +394,14 @@ def objects_at(path: UrlPath) -> dict[str, StoredObject]:
         return {**system.find(key, detail=True), **own}
 
     try:
-        found = attempt(path, ask)
+        entries = attempt(path, ask)
     except FileNotFoundError:
         return {}
     except _ERRORS as error:
         raise StoreError(path, error) from error
     return {
         name[len(key) :].lstrip('/'): _stored(entry)
-        for name, entry in found.items()
+        for name, entry in entries.items()
         if name == key or name.startswith(f'{key}/')
     }
 

@@ -36,9 +36,9 @@ def losses_json(losses: Iterable[Loss]) -> list[dict[str, object]]:
 def _finite(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
     """Return the value with null for NaN and infinite numbers, which JSON does not support."""
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: _finite(member) for key, member in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(each) for each in value]
+        return [_finite(member) for member in value]
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
@@ -51,13 +51,13 @@ def _json_value(value: object) -> str:
 # Refusals for Staging: which existing outputs --overwrite may replace.
 
 _NO_BAG = 'it is no bag, so --overwrite does not touch it; choose another name'
-_IN_FILE = [each for each in CONTAINERS.values() if each.in_file]
-_MAGICS = tuple(each.magic for each in _IN_FILE)
+_IN_FILE = [kind for kind in CONTAINERS.values() if kind.in_file]
+_MAGICS = tuple(kind.magic for kind in _IN_FILE)
 _DIRECTORY_FILES = (
-    *(suffix for each in CONTAINERS.values() for suffix in (each.suffix, *each.side_suffixes)),
+    *(suffix for kind in CONTAINERS.values() for suffix in (kind.suffix, *kind.side_suffixes)),
     '.zstd',
 )
-_WITHOUT_METADATA = tuple(each.suffix for each in CONTAINERS.values() if not each.in_rosbag2)
+_WITHOUT_METADATA = tuple(kind.suffix for kind in CONTAINERS.values() if not kind.in_rosbag2)
 
 
 def keep_all_but_bags(path: Path) -> str | None:
@@ -97,8 +97,8 @@ def _looks_like_bag(path: Path) -> bool:
     if path.is_file():
         with path.open('rb') as file:
             head = file.read(max(map(len, _MAGICS)))
-        known = path.suffix in {each.suffix for each in _IN_FILE}
-        return known and (not head or head.startswith(_MAGICS))
+        has_suffix = path.suffix in {kind.suffix for kind in _IN_FILE}
+        return has_suffix and (not head or head.startswith(_MAGICS))
     if not path.is_dir():
         return False
     names = set()

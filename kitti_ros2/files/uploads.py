@@ -95,17 +95,17 @@ def send(uploads: Iterable[Upload]) -> Iterator[Sent]:
     finally:
         # Threads first: a part that arrives after the abort would stay.
         results.close()
-        for each in pending:
-            each.abort()
+        for multipart in pending:
+            multipart.abort()
 
 
-def is_same(expected: StoredObject, found: StoredObject | None) -> bool:
+def is_same(expected: StoredObject, stored: StoredObject | None) -> bool:
     """Whether an object arrived as it was sent, as far as the store shows it."""
-    if found is None or found.size != expected.size:
+    if stored is None or stored.size != expected.size:
         return False
     # A store may divide a file in its own parts, and say so in its digest.
-    comparable = bool(found.digest) and ('-' in found.digest) is ('-' in expected.digest)
-    return not comparable or found.digest == expected.digest
+    comparable = bool(stored.digest) and ('-' in stored.digest) is ('-' in expected.digest)
+    return not comparable or stored.digest == expected.digest
 
 
 def _call(task: Callable[[], Sent | _Multipart | None]) -> Sent | _Multipart | None:
@@ -234,9 +234,9 @@ class _Multipart:
                 lambda: self.system.call_s3('list_multipart_uploads', Bucket=bucket, Prefix=key),
             )
             begun = {
-                each['UploadId']: each['Initiated']
-                for each in answer.get('Uploads', ())
-                if each['Key'] == key
+                upload['UploadId']: upload['Initiated']
+                for upload in answer.get('Uploads', ())
+                if upload['Key'] == key
             }
             own = begun.pop(self.name['UploadId'], None)
             for upload, initiated in begun.items():
@@ -248,8 +248,8 @@ class _Multipart:
 def _is_there(target: RemotePath, expected: StoredObject) -> bool:
     """Whether an object has arrived though its request failed: an answer may have been lost."""
     with suppress(StoreError):
-        found = object_at(target)
-        return found is not None and found.digest == expected.digest
+        stored = object_at(target)
+        return stored is not None and stored.digest == expected.digest
     return False
 
 
@@ -327,13 +327,13 @@ class UploadStaging:
     def _find_replaced(self) -> tuple[Mapping[str, StoredObject], bool]:
         """Return the objects to replace, and whether they are of an upload that did not end."""
         forget(self.path)
-        found = objects_at(self.path)
+        objects = objects_at(self.path)
         marked = object_at(self._marker) is not None
-        if found and not marked:
+        if objects and not marked:
             refusal = self._refusal(self.path)
             if refusal is not None:
                 raise OutputExistsError(self.path, refusal)
-        return found, marked
+        return objects, marked
 
     def _publish_folder(self, replaced: Mapping[str, StoredObject]) -> None:
         uploads = self._uploads()
@@ -361,8 +361,8 @@ class UploadStaging:
             StoreError: There are some.
         """
         if foreign or read_object(self._marker) != run.encode():
-            found = f' and has sent {foreign[0]}' if foreign else ''
-            raise StoreError(self.path, OSError(f'another run is writing it{found}'))
+            detail = f' and has sent {foreign[0]}' if foreign else ''
+            raise StoreError(self.path, OSError(f'another run is writing it{detail}'))
 
     def _uploads(self) -> list[Upload]:
         """Return the files of the content in order of their names."""
@@ -382,15 +382,15 @@ class UploadStaging:
             All objects of the output.
         """
         for _ in range(_VERIFICATIONS):
-            found = objects_at(self.path)
+            objects = objects_at(self.path)
             by_path = {
-                self.path / name if name else self.path: each for name, each in found.items()
+                self.path / name if name else self.path: stored for name, stored in objects.items()
             }
-            bad = [path for path, each in sent.items() if not is_same(each, by_path.get(path))]
+            bad = [p for p, expected in sent.items() if not is_same(expected, by_path.get(p))]
             if not bad:
-                return found
+                return objects
             names = [path.names[len(self.path.names) :] for path in bad]
-            sources = [self.content.joinpath(*each) for each in names]
+            sources = [self.content.joinpath(*relative) for relative in names]
             self._send(map(Upload, sources, bad))
         if self.content.is_file():
             remove_objects([self.path])
@@ -573,9 +573,9 @@ def _is_dead(content: bytes | None) -> bool:
 
 def _parsed(content: bytes | None) -> dict[str, object]:
     with suppress(ValueError):
-        found = json.loads(content or b'{}')
-        if isinstance(found, dict):
-            return found
+        parsed = json.loads(content or b'{}')
+        if isinstance(parsed, dict):
+            return parsed
     return {}
 
 

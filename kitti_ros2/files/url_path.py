@@ -57,10 +57,10 @@ class UrlPath(PosixPath):
 
     def __new__(cls, url: str | PurePath, *segments: str | PurePath) -> Self:
         """Parse the URL."""
-        given = url.whole if isinstance(url, UrlPath) else str(url)
-        match = URL.fullmatch(given)
+        whole = url.whole if isinstance(url, UrlPath) else str(url)
+        match = URL.fullmatch(whole)
         if match is None:
-            raise UsageError(f'{given}: is no URL; expected SCHEME://FOLDER/NAME')
+            raise UsageError(f'{whole}: is no URL; expected SCHEME://FOLDER/NAME')
         scheme, rest, parameters = match[1].lower(), match[2], ''
         if scheme in {'http', 'https'}:
             rest, _, parameters = rest.partition('#')[0].partition('?')
@@ -178,15 +178,15 @@ class UrlPath(PosixPath):
         Raises:
             UsageError: A segment is an absolute path of this machine.
         """
-        found = self
+        path = self
         for segment in segments:
             if isinstance(segment, type(self)):
-                found = segment
+                path = segment
             elif (text := str(segment)).startswith('/'):
-                raise UsageError(f'{found}: cannot be joined with the local path {text}')
+                raise UsageError(f'{path}: cannot be joined with the local path {text}')
             else:
-                found = self._made(found.scheme, (*found.names, *_split(text)))
-        return found
+                path = self._made(path.scheme, (*path.names, *_split(text)))
+        return path
 
     def with_name(self, name: str) -> Self:
         """Return the path with another last name.
