@@ -159,16 +159,16 @@ def turn_notes(
             f'{points}: the scans are compensated for motion, so all points of a scan are of one'
             f' moment'
         )
-    found = {
+    noted = {
         number: turns[number]
         for number, stamp_ns in scans.items()
         if number in turns and (timed or stamp_ns == turns[number].start_ns)
     }
-    nominal = sorted(number for number, turn in found.items() if turn.nominal)
+    nominal = sorted(number for number, turn in noted.items() if turn.nominal)
     if nominal:
         notes.append(
             f'start and end of the turn are missing for scans {format_numbers(nominal)}: a nominal'
-            f' turn of {found[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
+            f' turn of {noted[nominal[0]].length_ns / NS_PER_S:g} s is used, facing forward at its'
             f' middle'
         )
     return notes
@@ -259,18 +259,18 @@ class Encoder:
         self.remarks = Remarks()
 
     def encode(
-        self, entry: Entry, wanted: Collection[int] | None = None
+        self, entry: Entry, active: Collection[int] | None = None
     ) -> tuple[list[Message], list[Loss]]:
         """Encode the messages of one sample; also return the losses, one for each topic.
 
         Args:
             entry: The sample.
-            wanted: Indices of the rows with a subscriber; other rows on demand are skipped. None:
+            active: Indices of the rows with a subscriber; other rows on demand are skipped. None:
                 all.
         """
         rows = self._rows[entry.stream]
-        if wanted is not None:
-            rows = [(index, row) for index, row in rows if index in wanted or not row.on_demand]
+        if active is not None:
+            rows = [(index, row) for index, row in rows if index in active or not row.on_demand]
         if not rows:
             return [], []
         path = self._recording.path(entry.stream, entry.number)
@@ -300,9 +300,9 @@ class Encoder:
         messages, losses = self._serialize(rows, sample, moment)
         return messages, losses + _missing_parts(sample, entry.stream)
 
-    def left_out(self, stream: Stream, wanted: Collection[int]) -> list[int]:
-        """Return the rows of a stream that encode skips: on demand, and not wanted."""
-        return [index for index, row in self._rows[stream] if row.on_demand and index not in wanted]
+    def left_out(self, stream: Stream, active: Collection[int]) -> list[int]:
+        """Return the rows of a stream that encode skips: on demand, and not active."""
+        return [index for index, row in self._rows[stream] if row.on_demand and index not in active]
 
     def concerned(self, losses: Iterable[Loss]) -> list[Loss]:
         """Return the losses of a recording that are within the selection."""
@@ -354,8 +354,8 @@ class Encoder:
         """Read the labels of a frame; None if it is not labelled."""
         if number not in self._labelled:
             recording = self._recording
-            known = has_complete_labels(recording.layout, recording.losses)
-            return FrameLabels() if self._labelled and known else None
+            complete = has_complete_labels(recording.layout, recording.losses)
+            return FrameLabels() if self._labelled and complete else None
         labels = self._recording.read(Stream.LABELS, number)
         return labels if isinstance(labels, FrameLabels) else FrameLabels()
 
@@ -363,8 +363,8 @@ class Encoder:
         """Read the predictions of a frame; None without any."""
         if number not in self._predicted:
             return None
-        found = self._recording.read(Stream.PREDICTIONS, number)
-        return found if isinstance(found, FrameLabels) else FrameLabels()
+        predictions = self._recording.read(Stream.PREDICTIONS, number)
+        return predictions if isinstance(predictions, FrameLabels) else FrameLabels()
 
     @cached_property
     def _labelled(self) -> frozenset[int]:
@@ -433,12 +433,12 @@ def _packets_of(recording: ReadableRecording) -> Stream:
 
 def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
     """Wrap a decoder to decode an image once for several messages."""
-    made: list[Pixels] = []
+    pixels: list[Pixels] = []
 
     def decoded(image: Image) -> Pixels:
-        if not made:
-            made.append(decode(image))
-        return made[0]
+        if not pixels:
+            pixels.append(decode(image))
+        return pixels[0]
 
     return decoded
 

@@ -53,13 +53,13 @@ class StampNumbers:
 
     def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
         """Return (N,) numbers of (N,) ascending stamps; equal stamps get theirs in order."""
-        known, numbers = self.pairs(stream)
-        first, after = (np.searchsorted(known, stamps_ns, side) for side in ('left', 'right'))
+        sorted_ns, numbers = self.pairs(stream)
+        first, after = (np.searchsorted(sorted_ns, stamps_ns, side) for side in ('left', 'right'))
         turn = np.arange(len(stamps_ns)) - np.searchsorted(stamps_ns, stamps_ns)
-        found = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
+        matched = np.full(len(stamps_ns), UNKNOWN, dtype=np.int64)
         is_known = after > first
-        found[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
-        return found
+        matched[is_known] = numbers[np.minimum(first + turn, after - 1)[is_known]]
+        return matched
 
     def pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
         """Return the stamps of a stream's messages, ascending, and the number of each."""
@@ -88,8 +88,8 @@ def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
 
 def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
     """Return a folder without files of its own, in the folder of a file of stamps."""
-    found = tuple(numbers)
-    return Folder(stamps, names.SIX_DIGITS, found, found)
+    frames = tuple(numbers)
+    return Folder(stamps, names.SIX_DIGITS, frames, frames)
 
 
 def _tracklet_stamps(blueprint: Blueprint) -> PurePosixPath:
@@ -114,16 +114,16 @@ def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
 
 def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, Cuboid]]:
     """Return the boxes of raw drives by the stamp of their frame's message, and by track."""
-    found: dict[int, dict[int, Cuboid]] = {}
+    by_stamp: dict[int, dict[int, Cuboid]] = {}
     for blueprint in blueprints:
         boxes = tracklets_of(blueprint)
         if boxes:
             stamps, numbers = StampNumbers(blueprint).pairs(Stream.LABELS)
             for stamp_ns, number in zip(stamps.tolist(), numbers.tolist(), strict=True):
-                found[stamp_ns] = {
-                    each.track_id: each for each in boxes[number] if each.track_id is not None
+                by_stamp[stamp_ns] = {
+                    box.track_id: box for box in boxes[number] if box.track_id is not None
                 }
-    return found
+    return by_stamp
 
 
 def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
@@ -144,8 +144,8 @@ def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
     losses = []
     for stream, folder in folders.items():
         listed = _listed(blueprint, stream)
-        found = sorted((common if listed is None else listed).difference(folder.numbers))
-        absent = tuple(found if span is None else (number for number in found if number in span))
+        gaps = sorted((common if listed is None else listed).difference(folder.numbers))
+        absent = tuple(gaps if span is None else (number for number in gaps if number in span))
         # A stream that has files here, and none in the bag, was not selected.
         has_no_file = listed is not None and not (span or listed).intersection(folder.numbers)
         if absent and (folder.carried or has_no_file):
@@ -246,34 +246,34 @@ class NumberedBag(NamedTuple):
         """
         if not self.common:
             return nearest_frames(stamps_ns, *self._reference())
-        log_ns = np.concatenate([each.log_ns for each in self.topics.values()])
-        numbers = np.concatenate([each.numbers for each in self.topics.values()])
+        log_ns = np.concatenate([topic.log_ns for topic in self.topics.values()])
+        numbers = np.concatenate([topic.numbers for topic in self.topics.values()])
         order = np.lexsort((numbers, log_ns))
         last = np.searchsorted(log_ns[order], stamps_ns, 'right') - 1
         frames = frame_runs(numbers[order])[np.maximum(last, 0)]
-        for each in (self.topics[topic] for topic in topics if topic in self.topics):
-            known = (each.numbers != UNKNOWN) & np.isin(each.log_ns, stamps_ns)
-            frames[np.searchsorted(stamps_ns, each.log_ns[known])] = each.numbers[known]
+        for topic in (self.topics[name] for name in topics if name in self.topics):
+            is_known = (topic.numbers != UNKNOWN) & np.isin(topic.log_ns, stamps_ns)
+            frames[np.searchsorted(stamps_ns, topic.log_ns[is_known])] = topic.numbers[is_known]
         return frames
 
     def _reference(self) -> tuple[Int64Array, Int64Array]:
         """Return log times and numbers of the stream that defines frames without common numbers."""
         present = self.by_stream()
-        stream = next(each for each in FRAME_STREAMS if len(present.get(each, ())))
+        stream = next(stream for stream in FRAME_STREAMS if len(present.get(stream, ())))
         topic = next(t for t in self.topics.values() if t.stream is stream and t.is_numbered)
-        known = topic.numbers != UNKNOWN
-        log_ns = topic.log_ns[known]
+        is_known = topic.numbers != UNKNOWN
+        log_ns = topic.log_ns[is_known]
         if stream is Stream.SCAN and self.blueprint.scan_stamp is ScanStamp.START:
             # Images come after facing forward: between both is the middle of a frame.
             log_ns = log_ns + self.blueprint.period_ns // 4
-        return log_ns, frame_runs(topic.numbers[known])
+        return log_ns, frame_runs(topic.numbers[is_known])
 
     def by_stream(self) -> dict[Stream, Int64Array]:
         """Return by stream (N,) the file numbers of its topics, ascending."""
-        found: dict[Stream, list[Int64Array]] = {}
+        numbers: dict[Stream, list[Int64Array]] = {}
         for topic in self.topics.values():
-            found.setdefault(topic.stream, []).append(topic.numbers[topic.numbers != UNKNOWN])
-        return {stream: np.unique(np.concatenate(parts)) for stream, parts in found.items()}
+            numbers.setdefault(topic.stream, []).append(topic.numbers[topic.numbers != UNKNOWN])
+        return {stream: np.unique(np.concatenate(parts)) for stream, parts in numbers.items()}
 
 
 def has_common_numbers(blueprint: Blueprint) -> bool:
@@ -322,14 +322,14 @@ def number_bag(
             if row.stream in FRAME_STREAMS or row.stream in blueprint.folders
         }
         mapped = StampNumbers(blueprint)
-        found = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
-        if by_header and not _is_numbered(found):
-            found = _by_header(bag, mapped, streams)
+        topics = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
+        if by_header and not _is_numbered(topics):
+            topics = _by_header(bag, mapped, streams)
     except OSError:
         raise
     except Exception:  # noqa: BLE001 - a description may hold anything; reading the bag names damage
         return None
-    return NumberedBag(blueprint, found) if _is_numbered(found) else None
+    return NumberedBag(blueprint, topics) if _is_numbered(topics) else None
 
 
 def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
@@ -350,7 +350,7 @@ def _by_header(
     bag: BagSource, mapped: StampNumbers, streams: Mapping[str, Stream]
 ) -> dict[str, NumberedTopic]:
     """Number by the stamps in headers, and by the names in texts."""
-    found: dict[str, list[tuple[int, int, int]]] = {}
+    rows_by_topic: dict[str, list[tuple[int, int, int]]] = {}
     with open_messages(bag, set(streams), must_read=False) as messages:
         for message in messages:
             stamp_ns, number = message.stamp_ns, UNKNOWN
@@ -366,9 +366,9 @@ def _by_header(
             except Exception:  # noqa: BLE001, S112 - damage is reported where the bag is read
                 continue
             row = (message.stamp_ns, stamp_ns, number)
-            found.setdefault(message.topic, []).append(row)
+            rows_by_topic.setdefault(message.topic, []).append(row)
     topics = {}
-    for name, rows in found.items():
+    for name, rows in rows_by_topic.items():
         log_ns, stamps_ns, numbers = np.array(rows, dtype=np.int64).T
         if not own_topics()[name].is_frame_text:
             order = np.argsort(stamps_ns, kind='stable')
@@ -420,8 +420,8 @@ def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOpt
     calibrations = blueprint.calibrations
     folder = blueprint.folders.get(Stream.CALIBRATION)
     if folder is not None:
-        kept = {folder.file(number) for number in selected.get(Stream.CALIBRATION, ())}
-        calibrations = {path: text for path, text in calibrations.items() if path in kept}
+        paths = {folder.file(number) for number in selected.get(Stream.CALIBRATION, ())}
+        calibrations = {path: text for path, text in calibrations.items() if path in paths}
     return replace(blueprint, selected=selected, calibrations=calibrations)
 
 
@@ -434,8 +434,8 @@ def select_times(
         UsageError: The topic has no sample of these numbers.
     """
     numbered = number_bag(source, bag_stamps(source), blueprint=blueprint)
-    found = None if numbered is None else numbered.topics.get(topic)
-    if found is None or not found.is_numbered:
+    samples = None if numbered is None else numbered.topics.get(topic)
+    if samples is None or not samples.is_numbered:
         return selection
     bounds: list[Bound | None] = []
     for bound, compare, outer in (
@@ -443,9 +443,9 @@ def select_times(
         (selection.end, np.less_equal, np.max),
     ):
         if bound is not None and bound.frame is not None:
-            stamps_ns = found.stamps_ns[compare(found.numbers, bound.frame)]
+            stamps_ns = samples.stamps_ns[compare(samples.numbers, bound.frame)]
             if not len(stamps_ns):
-                raise nothing_selected(source, found.numbers)
+                raise nothing_selected(source, samples.numbers)
             bounds.append(Bound(stamp_ns=int(outer(stamps_ns))))
         else:
             bounds.append(bound)

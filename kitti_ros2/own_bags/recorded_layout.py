@@ -93,8 +93,8 @@ def inside(name: str, bag: Path) -> PurePosixPath:
         BadBagError: It would be outside of the output.
     """
     if not is_inside(name):
-        found = f'names a file {shown(name)}, which would lie outside of the output'
-        raise BadBagError(bag, found, 'paths within the recording')
+        text = f'names a file {shown(name)}, which would lie outside of the output'
+        raise BadBagError(bag, text, 'paths within the recording')
     return PurePosixPath(name)
 
 
@@ -241,7 +241,7 @@ def _columns(values: Mapping[str, Any]) -> ScanColumns | None:
 
 
 def _folder(entry: Mapping[str, Any], stems: tuple[str, ...], path: Path) -> Folder:
-    found = names.parse_names(entry, stems)
+    file_names = names.parse_names(entry, stems)
     limit = len(stems) or 10**names.MOST_DIGITS
     numbers = tuple(_numbers(entry['numbers'], limit))
     carried = numbers
@@ -249,7 +249,7 @@ def _folder(entry: Mapping[str, Any], stems: tuple[str, ...], path: Path) -> Fol
         carried = tuple(_numbers(entry['carried'], limit))
         if not set(numbers).issuperset(carried):
             raise ValueError('files that the recording does not have')
-    return Folder(inside(entry['folder'], path), found, numbers, carried)
+    return Folder(inside(entry['folder'], path), file_names, numbers, carried)
 
 
 def _count(spans: Iterable[tuple[int, int]]) -> int:
@@ -316,11 +316,11 @@ class Blueprint(DescribedRecording):
         stamps = self._stamps(stream)
         if stamps is None:
             return None
-        found: dict[int, list[int]] = {}
+        numbers: dict[int, list[int]] = {}
         for number in self.folders[stream].carried:
             if number in stamps:
-                found.setdefault(stamps[number], []).append(number)
-        return found
+                numbers.setdefault(stamps[number], []).append(number)
+        return numbers
 
     def stamps_path(self, stream: Stream) -> PurePosixPath:
         """Return the text file with a stream's stamps, in layouts that have one."""
@@ -329,9 +329,9 @@ class Blueprint(DescribedRecording):
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""
         stamps = self.file_stamps(stream)
-        left = self.stamped_as(stream)
-        if left is not stream:
-            return self._paired_stamps(left, stream)
+        left_stream = self.stamped_as(stream)
+        if left_stream is not stream:
+            return self._paired_stamps(left_stream, stream)
         if (
             stream is not Stream.SCAN
             or stamps is None
@@ -344,19 +344,19 @@ class Blueprint(DescribedRecording):
 
     def stamped_as(self, stream: Stream) -> Stream:
         """Return the stream whose stamps a stream's messages have: itself, or its left images."""
-        left = LEFT_STREAM_OF.get(stream, stream)
-        return left if self.stereo and left in self.folders else stream
+        left_stream = LEFT_STREAM_OF.get(stream, stream)
+        return left_stream if self.stereo and left_stream in self.folders else stream
 
     def _paired_stamps(self, *pair: Stream) -> dict[int, int] | None:
         """Map the numbers of right images to stamps of messages; see kitti/prepare.py."""
-        found = []
+        pair_ns = []
         for stream in pair:
             stamps = self.file_stamps(stream)
             if stamps is None:
                 return None
             numbers = self.folders[stream].numbers
-            found.append({number: stamps[number] for number in numbers if number in stamps})
-        left_ns, right_ns = found
+            pair_ns.append({number: stamps[number] for number in numbers if number in stamps})
+        left_ns, right_ns = pair_ns
         return pair_stamps(left_ns, right_ns, common=not self.layout.traits.is_extract(self.name))
 
     @property
@@ -413,10 +413,10 @@ class Blueprint(DescribedRecording):
         losses = []
         for stream, folder in self.folders.items():
             rows = (row for row in own_topics().values() if row.restores and row.stream is stream)
-            found = max((counts.get(row.topic, 0) for row in rows), default=0)
-            absent = len(folder.carried) - found
+            count = max((counts.get(row.topic, 0) for row in rows), default=0)
+            absent = len(folder.carried) - count
             if absent > 0:
-                text = f'the bag holds {found} of {len(folder.carried)} {stream.value} messages'
+                text = f'the bag holds {count} of {len(folder.carried)} {stream.value} messages'
                 losses.append(Loss(stream.value, absent, text))
         return tuple(losses)
 
@@ -440,14 +440,14 @@ def without_absent_streams(
 
 
 def implied_texts(
-    description: RecordingDescription, topics: Collection[str], found: Collection[PurePosixPath]
+    description: RecordingDescription, topics: Collection[str], paths: Collection[PurePosixPath]
 ) -> tuple[PurePosixPath, ...]:
     """Return the text files of a recording that follow from the topics of its bag.
 
     Args:
         description: Of the recording.
         topics: Of the bag.
-        found: The text files in the bag.
+        paths: The text files in the bag.
     """
     rules = {
         Layout.RAW: _of_raw,
@@ -455,7 +455,7 @@ def implied_texts(
         Layout.TRACKING: _of_tracking,
     }
     rule = rules.get(description.layout)
-    return () if rule is None else tuple(rule(description, topics, found))
+    return () if rule is None else tuple(rule(description, topics, paths))
 
 
 def _streams(topics: Collection[str]) -> set[Stream]:
@@ -463,7 +463,7 @@ def _streams(topics: Collection[str]) -> set[Stream]:
 
 
 def _of_raw(
-    description: RecordingDescription, topics: Collection[str], found: Collection[PurePosixPath]
+    description: RecordingDescription, topics: Collection[str], paths: Collection[PurePosixPath]
 ) -> list[PurePosixPath]:
     drive, streams = PurePosixPath(description.name), _streams(topics)
     carrying = [folder for folder in description.folders.values() if folder.carried]
@@ -471,19 +471,19 @@ def _of_raw(
     if SWEEP in topics:
         scans = drive / names.RAW_SCANS
         expected += [scans / names.TIMESTAMPS_START, scans / names.TIMESTAMPS_END]
-    elif not set(expected).intersection(found):
+    elif not set(expected).intersection(paths):
         expected.clear()  # a drive without time stamps
     if Stream.LABELS in streams:
         expected.append(drive / names.RAW_TRACKLETS)
     if Stream.CALIBRATION in streams:
         files = names.RAW_CALIB
-        first = next((path for path in found if path.name in files), PurePosixPath(files[0]))
+        first = next((path for path in paths if path.name in files), PurePosixPath(files[0]))
         expected += [first.parent / file for file in files]
     return expected
 
 
 def _of_odometry(
-    description: RecordingDescription, topics: Collection[str], found: Collection[PurePosixPath]
+    description: RecordingDescription, topics: Collection[str], paths: Collection[PurePosixPath]
 ) -> list[PurePosixPath]:
     streams = _streams(topics)
     expected = []
@@ -493,14 +493,14 @@ def _of_odometry(
     if Stream.POSE in streams:
         common = PurePosixPath(names.POSES) / f'{description.name}{names.TXT}'
         beside = f'{names.POSES}{names.TXT}'
-        expected.append(next((path for path in found if path.name == beside), common))
+        expected.append(next((path for path in paths if path.name == beside), common))
     return expected
 
 
 def _of_tracking(
     description: RecordingDescription,
     topics: Collection[str],
-    found: Collection[PurePosixPath],  # noqa: ARG001 - one form for all
+    paths: Collection[PurePosixPath],  # noqa: ARG001 - one form for all
 ) -> list[PurePosixPath]:
     split = next((folder.path.parents[1] for folder in description.folders.values()), None)
     if split is None or Stream.CALIBRATION not in _streams(topics):
@@ -656,8 +656,8 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
         with open_messages(bag, {RECORDING, FILES, CALIBRATION} & topics) as messages:
             texts = _Source(messages, bag.path)
             damaged |= messages.losses
-    found = texts.blueprint(topics, damaged)
-    return replace(found, losses=(*unread, *found.losses))
+    source_files = texts.blueprint(topics, damaged)
+    return replace(source_files, losses=(*unread, *source_files.losses))
 
 
 def read_blueprint(
@@ -674,15 +674,15 @@ def read_blueprint(
     if RECORDING not in counts:
         return None, ()
     try:
-        found = find_blueprint(bag)
+        source_files = find_blueprint(bag)
     except EarlierVersionError:
         return None, ()
     except BadBagError as error:
         return None, (Loss(RECORDING, 1, str(error)),)
-    if found is None:
+    if source_files is None:
         return None, ()
-    damaged = damage(found.damage, path_of(bag).name)
-    return found, (*damaged, *found.losses, *found.shortfall(counts))
+    damaged = damage(source_files.damage, path_of(bag).name)
+    return source_files, (*damaged, *source_files.losses, *source_files.shortfall(counts))
 
 
 class _Source:
@@ -713,8 +713,8 @@ class _Source:
             reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]
             because = f' ({reasons[0]})' if reasons else ''
             raise UndescribedError(self._path, f'has no readable {RECORDING}{because}')
-        found = self._files(description)
-        texts, calibrations = found.of(FILES), found.of(CALIBRATION)
+        files = self._files(description)
+        texts, calibrations = files.of(FILES), files.of(CALIBRATION)
         present = dict.fromkeys((*texts, *calibrations))
         if description.texts is None:
             description = without_absent_streams(description, topics)
@@ -730,16 +730,16 @@ class _Source:
             missing=frozenset(missing),
             losses=(*self._tally.losses(), *absent),
             damage=damaged,
-            **{each.name: getattr(description, each.name) for each in fields(DescribedRecording)},
+            **{attr.name: getattr(description, attr.name) for attr in fields(DescribedRecording)},
         )
 
     def _files(self, description: RecordingDescription) -> TextFiles:
         """Collect the valid text files; the others are losses."""
         listed = {FILES: description.texts, CALIBRATION: description.calibrations}
-        found = TextFiles(description.folders, {} if description.texts is None else listed)
+        files = TextFiles(description.folders, {} if description.texts is None else listed)
         for topic, stamp_ns, file in self._found:
             try:
-                found.add(topic, file)
+                files.add(topic, file)
             except ValueError as error:
                 self._tally.lose(topic, stamp_ns, str(error))
-        return found
+        return files

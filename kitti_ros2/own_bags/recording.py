@@ -144,10 +144,10 @@ class BagRecording:
 
     def _sample(self, stream: Stream, number: int) -> Sample:
         decode = decoders()[self._topics[stream]]
-        found: Any = decode(self._message(stream, number), Origin(self.root, self.base_t_imu))
+        decoded: Any = decode(self._message(stream, number), Origin(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
-            return parse_packet(found.text, found.name, number + 1, found)
-        sample: Sample = labels_of_text(found) if stream is Stream.LABELS else found
+            return parse_packet(decoded.text, decoded.name, number + 1, decoded)
+        sample: Sample = labels_of_text(decoded) if stream is Stream.LABELS else decoded
         if isinstance(sample, Scan):
             return replace(sample, turn=self.turns.get(number))
         return sample
@@ -179,7 +179,7 @@ class BagRecording:
         The first in the table's order. Tracklets are read from their file; any topic made of them
         has their numbers.
         """
-        found: dict[Stream, str] = {}
+        topics: dict[Stream, str] = {}
         for name, row in own_topics().items():
             topic = self._bag.topics.get(name)
             if topic is None or row.latched or not topic.is_numbered:
@@ -187,8 +187,8 @@ class BagRecording:
             is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
             surveyed = self._survey.topics.get(name)  # None: the bag does not define its type
             if is_read and surveyed is not None and surveyed.msgtype == row.msgtype:
-                found.setdefault(row.stream, name)
-        return found
+                topics.setdefault(row.stream, name)
+        return topics
 
     @cached_property
     def _tracklets(self) -> Mapping[int, list[Cuboid]]:
@@ -200,7 +200,7 @@ class BagRecording:
         topics = {
             name: stream for stream, name in self._topics.items() if stream not in self._places
         }
-        found: dict[Stream, dict[int, Any]] = {stream: {} for stream in topics.values()}
+        samples: dict[Stream, dict[int, Any]] = {stream: {} for stream in topics.values()}
         turns: Counter[tuple[str, int]] = Counter()
         with open_messages(self._source, set(topics)) as messages:
             decode = Decoder(messages.typestore)
@@ -211,8 +211,8 @@ class BagRecording:
                 turns[message.topic, message.stamp_ns] += 1
                 if place < len(numbered.numbers):
                     number = int(numbered.numbers[place])
-                    found[topics[message.topic]].setdefault(number, _decoded(decode, message))
-        return found
+                    samples[topics[message.topic]].setdefault(number, _decoded(decode, message))
+        return samples
 
     def _message(self, stream: Stream, number: int) -> Any:  # noqa: ANN401 - of the bag's types
         if stream in self._places:
@@ -225,7 +225,7 @@ class BagRecording:
     @cached_property
     def base_t_imu(self) -> Transform:
         """imu_link in base_link, as in the static transforms of the bag."""
-        links = {(each.frames.base, each.frames.imu) for each in every_naming()}
+        links = {(naming.frames.base, naming.frames.imu) for naming in every_naming()}
         for parent, child, transform in self._survey.static:
             if (parent, child) in links:
                 return transform
@@ -236,15 +236,15 @@ class BagRecording:
         if self.layout.traits.dated:
             texts = {path.name: text for path, text in files.items()}
             return parse_raw_calibration(texts, self.root, rectified=self.common_numbers)
-        found = [*files.items()]
+        pairs = [*files.items()]
         if self.layout.traits.calibration_per_frame:
             folder = self._blueprint.folders.get(Stream.CALIBRATION)
             # A file equal to the one before it is not repeated in the bag.
-            known = folder is not None and number in folder.numbers
-            found = [each for each in found if known and self._number(each[0]) <= number]
-        if not found:
+            listed = folder is not None and number in folder.numbers
+            pairs = [pair for pair in pairs if listed and self._number(pair[0]) <= number]
+        if not pairs:
             return _no_calibration(f'{self.root}: no calibration of frame {number}')
-        path, text = max(found, key=lambda each: self._number(each[0]))
+        path, text = max(pairs, key=lambda pair: self._number(pair[0]))
         try:
             return parse_calibration(text, Path(path), str(path))
         except BadFileError as error:
@@ -311,7 +311,9 @@ def open_own_recording(
         BadBagError: The bag cannot be read.
     """
     log_ns = {
-        name: np.array(each.log_ns, np.int64) for name, each in survey.topics.items() if each.count
+        name: np.array(topic.log_ns, np.int64)
+        for name, topic in survey.topics.items()
+        if topic.count
     }
     numbered = number_bag(bag, log_ns, blueprint=blueprint)
     if numbered is None:

@@ -47,22 +47,22 @@ def wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
     """
     if not asked:
         return set(Stream)
-    wanted: set[Stream] = set()
+    streams: set[Stream] = set()
     for name in asked:
         if name == 'image':
-            wanted |= set(IMAGE_STREAMS)
+            streams |= set(IMAGE_STREAMS)
         elif name in {stream.value for stream in Stream}:
-            wanted |= _PACKETS if name == Stream.OXTS.value else {Stream(name)}
+            streams |= _PACKETS if name == Stream.OXTS.value else {Stream(name)}
         else:
             raise _no_stream(name)
-    return wanted
+    return streams
 
 
 def _no_stream(name: str) -> UsageError:
-    known = ['image', *(stream.value for stream in Stream)]
+    choices = ['image', *(stream.value for stream in Stream)]
     other = STREAM_ALIASES.get(name.lower())
-    hint = f'; did you mean {other.value}?' if other else did_you_mean(_numbered(name), known)
-    return UsageError(f'there is no stream {name!r}{hint or f"; choose from {either(known)}"}')
+    hint = f'; did you mean {other.value}?' if other else did_you_mean(_numbered(name), choices)
+    return UsageError(f'there is no stream {name!r}{hint or f"; choose from {either(choices)}"}')
 
 
 def _numbered(name: str) -> str:
@@ -117,7 +117,7 @@ def select_window(
 
 def numbered(recording: ReadableRecording) -> dict[Stream, StreamIndex]:
     """Return the streams of a recording whose file numbers are its own."""
-    return {each: at for each, at in recording.streams.items() if each not in UNNUMBERED}
+    return {s: index for s, index in recording.streams.items() if s not in UNNUMBERED}
 
 
 def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) -> UsageError:
@@ -130,16 +130,16 @@ def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) 
         if UNLIMITED[0] < last < first < UNLIMITED[1]:
             return selection.reversed_error()
     present = {stream.value: index for stream, index in numbered(recording).items()}
-    wanted = [name for name in selection.streams if name in {*present, 'image'}]
-    if selection.streams and not wanted:
+    requested = [name for name in selection.streams if name in {*present, 'image'}]
+    if selection.streams and not requested:
         return UsageError(
             f'{recording.name}: the selection takes no sample: no {either(selection.streams)};'
             f' it has {", ".join(present)}'
         )
-    found = list(present.values())
+    indexes = list(present.values())
     if not recording.common_numbers:  # frames are those of the reference stream
-        found = [recording.streams[_reference(numbered(recording))]]
-    numbers = np.unique(np.concatenate([index.numbers for index in found]))
+        indexes = [recording.streams[_reference(numbered(recording))]]
+    numbers = np.unique(np.concatenate([index.numbers for index in indexes]))
     stamps_ns = np.sort(np.concatenate([index.stamps_ns for index in present.values()]))
     extent = describe_extent(numbers, stamps_ns, selection)
     return UsageError(f'{recording.name}: {selection} takes no sample; it has {extent}')
@@ -164,8 +164,8 @@ def describe_extent(numbers: Int64Array, stamps_ns: Int64Array, selection: Selec
 
 
 def _reference(streams: Mapping[Stream, StreamIndex]) -> Stream:
-    found: Stream = next(s for s in (Stream.SCAN, *Stream) if s in streams)
-    return found
+    reference: Stream = next(s for s in (Stream.SCAN, *Stream) if s in streams)
+    return reference
 
 
 def _bound_ns(streams: Mapping[Stream, StreamIndex], bound: Bound, side: int) -> int:
@@ -238,7 +238,7 @@ class Schedule:
     def part(self, start: int, stop: int) -> list[Entry]:
         """Return the samples from one position to another, which is not included."""
         columns = (
-            each[start:stop].tolist() for each in (self.streams, self.numbers, self.stamps_ns)
+            column[start:stop].tolist() for column in (self.streams, self.numbers, self.stamps_ns)
         )
         return [
             Entry(_STREAMS[code], number, ns) for code, number, ns in zip(*columns, strict=True)
@@ -276,8 +276,8 @@ class Schedule:
             return np.zeros(len(self), dtype=np.int64)
         if self.common_numbers:
             # Streams of the whole recording are due with the first sample.
-            known = np.isin(self.numbers, frames) & ~np.isin(self.streams, _UNNUMBERED)
-            return frame_runs(np.where(known, self.numbers, UNKNOWN))
+            in_frame = np.isin(self.numbers, frames) & ~np.isin(self.streams, _UNNUMBERED)
+            return frame_runs(np.where(in_frame, self.numbers, UNKNOWN))
         reference = next(stream for stream in FRAME_STREAMS if stream in streams)
         chosen = self.streams == _STREAMS.index(reference)
         numbers, reference_ns = self.numbers[chosen], self.stamps_ns[chosen]
@@ -303,8 +303,8 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
         numbers: The file numbers of each stream.
         common: Whether a number is the same moment in all streams.
     """
-    found = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
-    every = np.concatenate([*(found if common else found[:1]), np.empty(0, np.int64)])
+    arrays = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
+    every = np.concatenate([*(arrays if common else arrays[:1]), np.empty(0, np.int64)])
     # Without return_index numpy imports numpy.ma, which takes longer than a short drive.
     frames, _ = np.unique(every, return_index=True)
     return frames
@@ -316,13 +316,13 @@ def frame_runs(numbers: Int64Array) -> Int64Array:
     Frames follow each other in order of their first sample. A sample of number UNKNOWN, or of an
     earlier frame, belongs to the frame of the one before it; those before the first to the first.
     """
-    known = numbers != UNKNOWN
-    if not known.any():
+    is_known = numbers != UNKNOWN
+    if not is_known.any():
         return np.zeros_like(numbers)
-    values, first, place = np.unique(numbers[known], return_index=True, return_inverse=True)
+    values, first, inverse = np.unique(numbers[is_known], return_index=True, return_inverse=True)
     order = np.argsort(first)
     ranks = np.zeros(len(numbers), dtype=np.int64)
-    ranks[known] = np.argsort(order)[place]
+    ranks[is_known] = np.argsort(order)[inverse]
     frames: Int64Array = values[order][np.maximum.accumulate(ranks)]
     return frames
 
@@ -351,15 +351,15 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     Raises:
         UsageError: A stream's name is unknown, or the selection is empty.
     """
-    wanted = wanted_streams(selection.streams)
+    streams = wanted_streams(selection.streams)
     common = recording.common_numbers
     own = numbered(recording)
     window = select_window(own, selection, common=common)
-    taken = {stream: window.takes(index) for stream, index in own.items()}
-    rows = [_row(stream, own[stream], taken[stream]) for stream in own if stream in wanted]
-    rows += _rows_around(recording, taken, wanted)
+    masks = {stream: window.takes(index) for stream, index in own.items()}
+    rows = [_row(stream, own[stream], masks[stream]) for stream in own if stream in streams]
+    rows += _rows_around(recording, masks, streams)
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
-    if not len(stamps) and wanted <= set(ONCE):
+    if not len(stamps) and streams <= set(ONCE):
         stamps = np.concatenate([index.stamps_ns for index in own.values()])
     if not len(stamps):
         raise nothing_selected(recording, selection)
@@ -369,27 +369,27 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     rows += [
         (stream, np.zeros(1, np.int64), once)
         for stream in ONCE
-        if stream in wanted and stream not in present and _has_once(recording, stream, present)
+        if stream in streams and stream not in present and _has_once(recording, stream, present)
     ]
     if not rows:
         raise nothing_selected(recording, selection)
-    spans = {stream: _span(rows, stream, recording, window) for stream in wanted}
-    known = {stream: span for stream, span in spans.items() if span is not None}
-    return _in_order(rows, known, recording)
+    spans = {stream: _span(rows, stream, recording, window) for stream in streams}
+    known_spans = {stream: span for stream, span in spans.items() if span is not None}
+    return _in_order(rows, known_spans, recording)
 
 
-def _row(stream: Stream, index: StreamIndex, taken: npt.NDArray[np.bool_]) -> _Row:
-    return stream, index.numbers[taken], index.stamps_ns[taken]
+def _row(stream: Stream, index: StreamIndex, mask: npt.NDArray[np.bool_]) -> _Row:
+    return stream, index.numbers[mask], index.stamps_ns[mask]
 
 
 def _rows_around(
     recording: ReadableRecording,
-    taken: Mapping[Stream, npt.NDArray[np.bool_]],
-    wanted: set[Stream],
+    masks: Mapping[Stream, npt.NDArray[np.bool_]],
+    streams: set[Stream],
 ) -> list[_Row]:
     """Return the rows of UNNUMBERED streams, as long as the taken samples of the others."""
-    present = recording.streams.keys() & wanted & UNNUMBERED
-    span = time_span(recording.streams, recording.turns, taken) if present else None
+    present = recording.streams.keys() & streams & UNNUMBERED
+    span = time_span(recording.streams, recording.turns, masks) if present else None
     if span is None:
         return []
     indexed = [(stream, recording.streams[stream]) for stream in present]
@@ -406,8 +406,8 @@ def _span(
     if window.stamps_ns == UNLIMITED:
         return window.numbers
     indexed = recording.streams.keys() - UNNUMBERED
-    taken = [row[1] for row in rows if len(row[1]) and row[0] in indexed]
-    basis = own or (taken if recording.common_numbers else [])
+    numbers = [row[1] for row in rows if len(row[1]) and row[0] in indexed]
+    basis = own or (numbers if recording.common_numbers else [])
     if not basis:
         return None
     return min(int(part.min()) for part in basis), max(int(part.max()) for part in basis)

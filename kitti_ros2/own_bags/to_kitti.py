@@ -144,11 +144,11 @@ class _Written:
 def _topics(present: Collection[str]) -> set[str]:
     """Return the topics to read; pixels and other clouds only without the file's own."""
     rows = (row for row in own_topics().values() if row.restores and not row.latched)
-    wanted = {row.topic for row in rows}.intersection(present)
+    topics = {row.topic for row in rows}.intersection(present)
     if POINTS in present:
-        scans = {topic for topic in wanted if own_topics()[topic].stream is Stream.SCAN}
-        wanted -= scans - {POINTS}
-    return {topic for topic in wanted if f'{topic}/compressed' not in present}
+        scans = {topic for topic in topics if own_topics()[topic].stream is Stream.SCAN}
+        topics -= scans - {POINTS}
+    return {topic for topic in topics if f'{topic}/compressed' not in present}
 
 
 def restore(
@@ -174,10 +174,10 @@ def restore(
         OutputExistsError: The folder is not empty.
         OutputError: It cannot be written.
     """
-    known: dict[tuple[Layout, str], Path] = {}
+    paths: dict[tuple[Layout, str], Path] = {}
     for bag, blueprint in recordings:
         path = path_of(bag)
-        other = known.setdefault((blueprint.layout, blueprint.name), path)
+        other = paths.setdefault((blueprint.layout, blueprint.name), path)
         if other is not path:
             raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
@@ -250,9 +250,9 @@ class _Writer:
         """Report a message without a file; to-bag logs a sample at its own stamp."""
         self._losses.lose(message.topic, message.stamp_ns, reason)
         stream = own_topics()[message.topic].stream
-        found = (self._numbers.get(stream) or {}).get(message.stamp_ns)
-        if found:
-            self._lost[stream].add(found.pop(0))
+        numbers = (self._numbers.get(stream) or {}).get(message.stamp_ns)
+        if numbers:
+            self._lost[stream].add(numbers.pop(0))
         else:
             self._unplaced[stream] += 1
 
@@ -282,11 +282,11 @@ class _Writer:
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = own_topics()[message.topic].stream
-        found = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
-        if not found:
+        numbers = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
+        if not numbers:
             self._lose(message, self._why_unplaced(stream))
             return None
-        number = found.pop(0)
+        number = numbers.pop(0)
         path = self._blueprint.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, Origin(path))
         if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
@@ -301,7 +301,7 @@ class _Writer:
         folder = self._blueprint.folders.get(stream)
         if folder is not None and self._numbers[stream] is None:
             streams = (self._blueprint.stamped_as(stream), stream)
-            paths = [self._blueprint.stamps_path(each) for each in streams]
+            paths = [self._blueprint.stamps_path(stream) for stream in streams]
             path = next((path for path in paths if path in self._blueprint.missing), paths[0])
             return f'its file number is unknown, for the bag does not hold {path}'
         return f'no file of {self._blueprint.name} has this stamp'
@@ -336,8 +336,8 @@ class _Writer:
         for stream, folder in self._blueprint.folders.items():
             written = self._written[stream]
             if stream is Stream.CALIBRATION:
-                found = self._blueprint.calibrations
-                written = {number for number in folder.carried if folder.file(number) in found}
+                files = self._blueprint.calibrations
+                written = {number for number in folder.carried if folder.file(number) in files}
             requested = self._blueprint.requested(stream)
             absent = sorted(requested - written - self._lost[stream])
             if len(absent) > self._unplaced[stream]:
@@ -355,14 +355,14 @@ class _Writer:
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
-        for stream, made in self._as_png.items():
+        for stream, frames in self._as_png.items():
             text = (
                 f'{stream.value} of frames {{}} is written as PNG, for the bag has pixels, no JPEG'
             )
-            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
-        for stream, made in self._grey.items():
+            missing.append(Loss(stream.value, len(frames), text, tuple(sorted(frames))))
+        for stream, frames in self._grey.items():
             text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
-            missing.append(Loss(stream.value, len(made), text, tuple(sorted(made))))
+            missing.append(Loss(stream.value, len(frames), text, tuple(sorted(frames))))
         return ImportReport(
             layout=self._blueprint.layout,
             name=self._blueprint.name,
@@ -386,12 +386,12 @@ class _Writer:
         stamps = bag_stamps(self._bag)
         numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
         common = numbered.by_stream() if numbered is not None else {}
-        written = {stream: np.array([*found]) for stream, found in self._written.items() if found}
-        numbers = {stream: found for stream, found in common.items() if stream in _IN_COMMON_FILES}
+        written = {s: np.array([*frames]) for s, frames in self._written.items() if frames}
+        numbers = {s: frames for s, frames in common.items() if s in _IN_COMMON_FILES}
         selected = self._blueprint.selected
         if selected is not None:
             numbers = {
-                s: found[np.isin(found, [*selected.get(s, ())])] for s, found in numbers.items()
+                s: frames[np.isin(frames, [*selected.get(s, ())])] for s, frames in numbers.items()
             }
         return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
 
@@ -438,9 +438,9 @@ class Conversion:
                 '--origin is for oxts that are made of poses; to-bag wrote this bag, and its files'
                 ' come back as they were: leave it out, or give a plan with --plan-file'
             )
-        selected = [(bag, select_part(bag, each, options.selection)) for bag, each in own]
+        selected = [(bag, select_part(bag, blueprint, options.selection)) for bag, blueprint in own]
         files = sum(blueprint.files for _, blueprint in selected)
-        frames = sum(_count_frames(*each) for each in selected)
+        frames = sum(_count_frames(*pair) for pair in selected)
         with self.progress(files, frames) as show:
             return restore(
                 selected, self.out, show, overwrite=options.overwrite, fsync=options.fsync
@@ -476,17 +476,17 @@ class Conversion:
             for remark in passed_over(survey, plan):
                 self.note(remark)
         else:
-            found = guess(self.bags, survey, self.options)
-            plan, losses = found.plan, (*losses, *found.losses)
-            for remark in found.notes:
+            guessed = guess(self.bags, survey, self.options)
+            plan, losses = guessed.plan, (*losses, *guessed.losses)
+            for remark in guessed.notes:
                 self.note(remark)
-            reported |= set(found.notes)
+            reported |= set(guessed.notes)
         for remark in mend(self.out) if self.options.append else ():
             self.note(remark)
         plans = plans_of(plan).values()
         options = replace(self.options, selection=selected(recordings, plan, self.options))
         samples = sum(
-            topic_of(survey, topic).count for each in plans for topic in frame_topics(each).values()
+            topic_of(survey, topic).count for plan in plans for topic in frame_topics(plan).values()
         )
         with self.progress(samples, samples) as show:
             reports = convert(self.bags, plan, survey, self.out, options, show)
@@ -507,7 +507,7 @@ def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
 
 def is_restored(recordings: Sequence[tuple[OpenBag, Blueprint]], options: ImportOptions) -> bool:
     """Whether the original files of bags written by to-bag come back, without a plan."""
-    return bool(recordings) and all(options.keeps(each.layout) for _, each in recordings)
+    return bool(recordings) and all(options.keeps(blueprint.layout) for _, blueprint in recordings)
 
 
 def selected(
@@ -534,8 +534,8 @@ def selected(
 
 def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, Blueprint]]) -> Survey:
     """Add the tracklets of raw drives to the survey of their bags."""
-    found = tracklets_by_stamp(blueprint for _, blueprint in recordings)
-    return replace(survey, tracklets=found) if found else survey
+    tracklets = tracklets_by_stamp(blueprint for _, blueprint in recordings)
+    return replace(survey, tracklets=tracklets) if tracklets else survey
 
 
 def own_bags(
@@ -555,7 +555,7 @@ def own_bags(
         BadBagError: One is not a bag.
         UndescribedError: A description is unusable, and there is no plan.
     """
-    found, losses = [], []
+    recordings, losses = [], []
     for bag in bags:
         try:
             blueprint = find_blueprint(bag)
@@ -566,8 +566,8 @@ def own_bags(
                 losses.append(Loss(RECORDING, 1, str(error)))
             continue
         if blueprint is not None:
-            found.append((bag, blueprint))
-    return found if len(found) == len(bags) else [], tuple(losses)
+            recordings.append((bag, blueprint))
+    return recordings if len(recordings) == len(bags) else [], tuple(losses)
 
 
 # The plan by which bags would be converted, before anything is written.
@@ -631,13 +631,13 @@ def make_outlook(
         plans = _every_plan(bags, survey, options)
         layout, reason = _choose_layout(plans, survey)
         options = replace(options, layout=layout)
-        layouts = {each: _streams(plan, survey) for each, plan in plans.items()}
-    found = guess(bags, survey, options)
-    notes += (*found.notes, *(loss.text() for loss in (*damaged, *found.losses)))
+        layouts = {layout: _streams(plan, survey) for layout, plan in plans.items()}
+    guessed = guess(bags, survey, options)
+    notes += (*guessed.notes, *(loss.text() for loss in (*damaged, *guessed.losses)))
     notes += (*survey.notes, *survey.losses)
-    options = replace(options, selection=selected(own, found.plan, options))
+    options = replace(options, selection=selected(own, guessed.plan, options))
     notes = tuple(dict.fromkeys(notes))
-    return Outlook(survey, found.plan, options, notes, restored, reason, layouts)
+    return Outlook(survey, guessed.plan, options, notes, restored, reason, layouts)
 
 
 def _as_recorded(
@@ -659,15 +659,15 @@ def _every_plan(
     Raises:
         MissingDataError: None is.
     """
-    found, errors = {}, []
+    plans, errors = {}, []
     for layout in Layout:
         try:
-            found[layout] = guess(bags, survey, replace(options, layout=layout)).plan
+            plans[layout] = guess(bags, survey, replace(options, layout=layout)).plan
         except (MissingDataError, UsageError) as error:
             errors.append(error)
-    if not found:
+    if not plans:
         raise errors[-1]
-    return found
+    return plans
 
 
 _PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan, Survey], bool], str]] = (
@@ -703,5 +703,5 @@ def _choose_layout(plans: Mapping[Layout, Plan], survey: Survey) -> tuple[Layout
 
 def _streams(plan: Plan, survey: Survey) -> tuple[str, ...]:
     """Return the streams of a plan, by name."""
-    found = {name for names in streams_of_topics(plan, survey).values() for name in names}
-    return tuple(each.value for each in Stream if each.value in found)
+    present = {name for names in streams_of_topics(plan, survey).values() for name in names}
+    return tuple(stream.value for stream in Stream if stream.value in present)

@@ -145,11 +145,11 @@ def on_third_sample(monkeypatch):
     parent, encode, calls = os.getpid(), Encoder.encode, []
 
     def set_act(act):
-        def encode_or_act(self, entry, wanted=None):
+        def encode_or_act(self, entry, active=None):
             calls.append(entry)
             if os.getpid() != parent and len(calls) == 3:
                 act(parent)
-            return encode(self, entry, wanted)
+            return encode(self, entry, active)
 
         monkeypatch.setattr(Encoder, 'encode', encode_or_act)
 
@@ -173,7 +173,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests 
 from kitti_ros2.own_bags.encode import Encoder
 parent, encode, calls = os.getpid(), Encoder.encode, []
 
-def encode_or_interrupt(self, entry, wanted=None):
+def encode_or_interrupt(self, entry, active=None):
     calls.append(entry)
     if os.getpid() != parent and len(calls) == 1:  # so that all the rest is still to be done
         os.kill(os.getpid(), signal.SIGINT)  # as a terminal does; a worker ignores it
@@ -183,7 +183,7 @@ def encode_or_interrupt(self, entry, wanted=None):
             pass
         else:
             os.kill(parent, signal.SIGINT)
-    return encode(self, entry, wanted)
+    return encode(self, entry, active)
 
 Encoder.encode = encode_or_interrupt
 from kitti_ros2.cli import main
