@@ -24,7 +24,7 @@ from ..model.errors import (
     UsageError,
     naming,
 )
-from .container_file import BagIndex, Findings, NamedFile, ros2_spelling
+from .container_file import BagIndex, NamedFile, Problems, ros2_spelling
 from .decompression import ZSTD_MAGIC, decompress_file
 from .locate import METADATA, locate_bag, looks_like_bag, reindex_advice
 
@@ -39,12 +39,12 @@ _ROS2_TYPE = re.compile(r'\w+/(msg/)?\w+', re.ASCII)
 _ROS2_TEXTS = frozenset({'ros2msg', 'ros2idl', ''})
 
 
-def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+def open_files(bag: BagFiles, problems: Problems, stack: ExitStack) -> list[tuple[Path, BagFile]]:
     """Open the files of a bag; if some of several cannot be read, they are entered as losses.
 
     Args:
         bag: The bag to open.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
         stack: Closes the files.
 
     Raises:
@@ -52,17 +52,17 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         OSError: A file cannot be opened.
     """
     for loss in bag.losses:
-        findings.lose(loss)
+        problems.lose(loss)
     from .stored_messages import appearing  # noqa: PLC0415 - 20 ms, for bags only
 
     files: list[tuple[Path, BagFile]] = []
     failure: BadBagError | None = None
     for path in bag.files:
         try:
-            file = _open_file(bag.storage, _unpacked(path, stack), findings)
+            file = _open_file(bag.storage, _unpacked(path, stack), problems)
         except BadBagError as error:
             failure = failure or error
-            findings.lose(str(error))
+            problems.lose(str(error))
             continue
         stack.callback(file.close)
         unnamed = {
@@ -70,7 +70,7 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         }
         if unnamed:
             topics = f'{len(unnamed)} of its {len(file.channels)} topics'
-            findings.note(
+            problems.note(
                 f'{path}: {topics} have an empty serialization_format; they are read as cdr'
             )
         channels = {**file.channels, **unnamed}
@@ -83,11 +83,11 @@ def open_files(bag: BagFiles, findings: Findings, stack: ExitStack) -> list[tupl
         for topic in bag.topics:
             if topic not in file_topics:
                 text = f'metadata.yaml names the topic {topic}, which its files lack'
-                findings.lose(f'{bag.path}: {text}', 0)
+                problems.lose(f'{bag.path}: {text}', 0)
     return files
 
 
-def _open_file(storage: str, file: NamedFile, findings: Findings) -> BagFile:
+def _open_file(storage: str, file: NamedFile, problems: Problems) -> BagFile:
     """Open a file of a container, one of model.bag_formats.
 
     Its reader is imported here: the libraries behind all of them take some tenths of a second.
@@ -95,14 +95,14 @@ def _open_file(storage: str, file: NamedFile, findings: Findings) -> BagFile:
     if storage == 'mcap':
         from .mcap_reader import McapFile  # noqa: PLC0415
 
-        return McapFile(file, findings)
+        return McapFile(file, problems)
     if storage == 'sqlite3':
         from .sqlite_reader import SqliteFile  # noqa: PLC0415
 
-        return SqliteFile(file, findings)
+        return SqliteFile(file, problems)
     from .ros1_bag import Ros1File  # noqa: PLC0415
 
-    return Ros1File(file, findings)
+    return Ros1File(file, problems)
 
 
 def _is_unnamed(channel: StoredChannel) -> bool:
@@ -141,39 +141,39 @@ class OpenBag:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.located = locate_bag(path)
-        self._findings = Findings()
+        self._problems = Problems()
         self._users = 1
         self._is_open = True
         with ExitStack() as stack:
-            self._files = open_files(self.located, self._findings, stack)
+            self._files = open_files(self.located, self._problems, stack)
             self._stack = stack.pop_all()
 
-    def files(self, findings: Findings, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+    def files(self, problems: Problems, stack: ExitStack) -> list[tuple[Path, BagFile]]:
         """Return the open files with their paths.
 
         Args:
-            findings: What was found damaged is entered there, and what these files will find.
+            problems: Collects the problems found so far, and those that these files find later.
             stack: Ends their use.
         """
         self._users += 1
         stack.callback(self._leave)
-        findings.add(self._findings)
-        return [(path, file.reporting_to(findings)) for path, file in self._files]
+        problems.add(self._problems)
+        return [(path, file.reporting_to(problems)) for path, file in self._files]
 
     @cached_property
     def index(self) -> BagIndex:
         """The stamps of the messages without their payloads."""
-        index, findings = BagIndex(), Findings()
+        index, problems = BagIndex(), Problems()
         with ExitStack() as stack:
-            for _, file in self.files(findings, stack):
+            for _, file in self.files(problems, stack):
                 index.merge(file.index())
         if self.located.compression_mode:
             index.compressions.add('zstd')
-        index.complete = findings.complete
-        index.findings += findings.lines
+        index.complete = problems.complete
+        index.problems += problems.lines
         expected = self.located.message_count
         if expected is not None and expected != index.total:
-            index.findings.append(
+            index.problems.append(
                 f'{self.path}: metadata.yaml counts {expected} messages, the files hold'
                 f' {index.total}; {reindex_advice(self.path, self.located.files)}'
             )

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..files.remote import RemotePath
-    from .container_file import Findings, NamedFile, StoredChannel, StoredMessage
+    from .container_file import NamedFile, Problems, StoredChannel, StoredMessage
     from .decompression import Buffer, FileLimits
 
 
@@ -324,7 +324,7 @@ class ChunkScan(ABC, Generic[Head]):
 
     Args:
         file: The file to read.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
         form: Its record format.
 
     Attributes:
@@ -339,9 +339,9 @@ class ChunkScan(ABC, Generic[Head]):
     footer: ClassVar[int | None] = None
     data_end: ClassVar[int | None] = None
 
-    def __init__(self, file: FileBytes, findings: Findings, form: RecordFormat[Head]) -> None:
+    def __init__(self, file: FileBytes, problems: Problems, form: RecordFormat[Head]) -> None:
         self._file = file
-        self._findings = findings
+        self._problems = problems
         self._form = form
         self._pieces: list[Piece] = []
         self._compressions: set[str] = set()
@@ -361,23 +361,23 @@ class ChunkScan(ABC, Generic[Head]):
         try:
             ended = self._walk()
         except LimitError as error:
-            self._findings.lose(f'{file.name}: {error}; what follows is not read')
+            self._problems.lose(f'{file.name}: {error}; what follows is not read')
             ended = True
         if not ended and (self.footer is not None or self._cut_at is not None):
             place = '' if self._cut_at is None else f', in the record at {self._cut_at}'
             text = f'{file.name}: cut off at byte {file.size}{place}; {self._read} was read'
-            self._findings.lose(text, 0 if self._read == 'every message' else None)
+            self._problems.lose(text, 0 if self._read == 'every message' else None)
         channels = self._channels()
         left_out = {
             key: len(self._stamps.pop(key)) for key in self._stamps.keys() - channels.keys()
         }
         if self._refused is not None:
             text = f'{file.name}: {self._refused}; the messages of all others are left out'
-            self._findings.lose(text, sum(left_out.values()))
+            self._problems.lose(text, sum(left_out.values()))
         else:
             for channel_id, count in left_out.items():
                 text = f'{self.noun} {channel_id} is not described; its messages are left out'
-                self._findings.lose(f'{file.name}: {text}', count)
+                self._problems.lose(f'{file.name}: {text}', count)
         return FileContents(channels, self._pieces, self._compressions, self._stamps)
 
     def _walk(self) -> bool:
@@ -404,13 +404,13 @@ class ChunkScan(ABC, Generic[Head]):
         """Enter a loss if more than the closing magic bytes is behind the footer."""
         end += self._form.start
         if self._file.size > end:
-            self._findings.lose(
+            self._problems.lose(
                 f'{self._file.name}: it ends at byte {end}, and what follows is not read; if files'
                 f' were joined there, take them apart'
             )
 
     def _lose_bytes(self, start: int, end: int) -> None:
-        self._findings.lose(f'{self._file.name}: bytes {start} to {end} are damaged')
+        self._problems.lose(f'{self._file.name}: bytes {start} to {end} are damaged')
 
     def _enter(self, record: Record) -> None:
         whole = record.end <= self._file.size
@@ -444,7 +444,7 @@ class ChunkScan(ABC, Generic[Head]):
             return  # its records follow, one by one
         run = Run(record.position, record.position + len(data))
         for head, body in piece_records(
-            self._form, self._file, record.position, data, self._findings
+            self._form, self._file, record.position, data, self._problems
         ):
             self._enter_record(head, body, run)
         run.end_in(self._pieces, self._file.limits)
@@ -480,7 +480,7 @@ def piece_records(
     file: FileBytes,
     position: int,
     data: Buffer,
-    findings: Findings,
+    problems: Problems,
     cost: int | None = None,
 ) -> Iterator[tuple[Head, memoryview]]:
     """Yield the records of a piece, head and body; skip damaged bytes.
@@ -490,7 +490,7 @@ def piece_records(
         file: The file of the piece.
         position: Of its first byte.
         data: A chunk, or records outside of chunks.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
         cost: Number of messages lost if nothing of it can be read.
     """
     place = f'{file.name}: the chunk at byte {position} is damaged'
@@ -504,11 +504,11 @@ def piece_records(
     except DamagedHeadError:
         pass  # if it is not compressed, its records can be found below
     except ValueError as error:
-        findings.lose(f'{place} ({error})', cost)
+        problems.lose(f'{place} ({error})', cost)
         return
 
     def lose(start: int, stop: int) -> None:
-        findings.lose(f'{place} (bytes {start} to {stop} of it)')
+        problems.lose(f'{place} (bytes {start} to {stop} of it)')
 
     if whole:
         search = Search(file.limits, position)
@@ -520,7 +520,7 @@ def piece_records(
                 else:
                     lose(record.position, len(view))
         except LimitError as error:
-            findings.lose(f'{place} ({error})')
+            problems.lose(f'{place} ({error})')
 
 
 # A bag's file opened by position, on a disk or in a store.
@@ -580,20 +580,20 @@ class ChunkedFile(BagFile, Generic[Head]):
 
     Args:
         file: The bytes.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
         contents: From the file's index, or from a scan of the file.
         form: The format of the records.
     """
 
     def __init__(
-        self, file: FileBytes, findings: Findings, contents: FileContents, form: RecordFormat[Head]
+        self, file: FileBytes, problems: Problems, contents: FileContents, form: RecordFormat[Head]
     ) -> None:
         self.channels = contents.channels
         self.pieces = contents.pieces
         self.compressions: set[str] = contents.compressions
         self._stamps = contents.stamps
         self._file = file
-        self._findings = findings
+        self._problems = problems
         self._form = form
         self.fetches = not file.waits
 
@@ -626,7 +626,7 @@ class ChunkedFile(BagFile, Generic[Head]):
             messages, sound = [], False
         messages.sort(key=itemgetter(0))  # costs little if it is sorted already
         if len(data) < piece.length:
-            self._findings.lose(f'{self._file.name}: cut off at byte {end} while it was read')
+            self._problems.lose(f'{self._file.name}: cut off at byte {end} while it was read')
         elif sound and since_ns <= piece.start_ns:
             self._compare(piece, channel_ids, messages)
         if not sound or len(data) < piece.length:
@@ -655,7 +655,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         if listed != there or outside:
             lost = sum((Counter(listed) - there).values())
             place = f'{self._file.name}: the chunk at byte {piece.position}'
-            self._findings.lose(f'{place} has other messages than its index lists', lost)
+            self._problems.lose(f'{place} has other messages than its index lists', lost)
 
     def expect(self, piece: Piece) -> None:
         """Ask the system to read a piece ahead of its turn."""
@@ -685,8 +685,8 @@ class ChunkedFile(BagFile, Generic[Head]):
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
         """Yield the recoverable messages of a damaged piece in file order; enter the losses."""
-        findings = self._findings
-        for head, body in piece_records(self._form, self._file, position, data, findings, cost):
+        problems = self._problems
+        for head, body in piece_records(self._form, self._file, position, data, problems, cost):
             message = self._form.stored_message(head, body)
             if message is not None:
                 yield message

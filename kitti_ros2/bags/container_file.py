@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Findings:
+class Problems:
     """Notes and losses of a bag, each listed once.
 
     Attributes:
@@ -63,7 +63,7 @@ class Findings:
         """Enter one more message that is lost for the same reason as others."""
         self.losses[text] = (self.losses.get(text) or 0) + 1
 
-    def add(self, other: Findings) -> None:
+    def add(self, other: Problems) -> None:
         """Enter what others hold so far."""
         self.notes |= other.notes
         self.losses |= other.losses
@@ -198,13 +198,13 @@ class BagIndex:
         stamps: Nanoseconds by topic and type, in any order, in any number of pieces.
         compressions: Names of the compressions found.
         complete: Whether no file is truncated or damaged.
-        findings: Notes and losses, one line each.
+        problems: Notes and losses, one line each.
     """
 
     stamps: dict[TopicKey, list[StampArray]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     complete: bool = True
-    findings: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
         """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
@@ -219,7 +219,7 @@ class BagIndex:
             self.stamps.setdefault(key, []).extend(pieces)
         self.compressions |= other.compressions
         self.complete = self.complete and other.complete
-        self.findings += other.findings
+        self.problems += other.problems
 
     def by_topic(self) -> dict[str, StampArray]:
         """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""
@@ -272,7 +272,7 @@ class BagSummary:
         topics: By name.
         compression: none, or the names of the compressions found.
         complete: False if a file is truncated or damaged; readable messages are counted.
-        findings: Notes and losses, one line each.
+        problems: Notes and losses, one line each.
     """
 
     container: str
@@ -283,7 +283,7 @@ class BagSummary:
     topics: tuple[TopicSummary, ...]
     compression: str
     complete: bool
-    findings: tuple[str, ...]
+    problems: tuple[str, ...]
 
     @property
     def message_count(self) -> int:
@@ -308,7 +308,7 @@ def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSu
         topics=topics,
         compression=', '.join(sorted(index.compressions - {'none', ''})) or 'none',
         complete=index.complete,
-        findings=tuple(index.findings),
+        problems=tuple(index.problems),
     )
 
 
@@ -428,7 +428,7 @@ class BagFile(ABC):
     compressions: Collection[str] = ()
     is_start_enough: Callable[[int], bool] | None = None
     fetches: bool = False
-    _findings: Findings
+    _problems: Problems
 
     @abstractmethod
     def read(
@@ -440,7 +440,7 @@ class BagFile(ABC):
     ) -> Iterable[StoredMessage]:
         """Return the messages of some channels in a piece from a stamp on, in time order.
 
-        Unreadable messages are skipped and entered into the bag's findings.
+        Unreadable messages are skipped and entered as losses.
 
         Args:
             piece: One of pieces.
@@ -476,10 +476,10 @@ class BagFile(ABC):
     def expect(self, piece: Piece) -> None:  # noqa: B027 - a database reads as it is asked
         """Ask the system to read a piece ahead of its turn; it is only advice."""
 
-    def reporting_to(self, findings: Findings) -> Self:
-        """Return the same open file, which enters what it finds damaged into other findings."""
+    def reporting_to(self, problems: Problems) -> Self:
+        """Return the same open file, which enters its problems elsewhere."""
         other = copy(self)
-        other._findings = findings  # noqa: SLF001 - of the same class
+        other._problems = problems  # noqa: SLF001 - of the same class
         return other
 
     @abstractmethod

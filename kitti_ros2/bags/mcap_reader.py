@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .chunked_file import Run, Source
-    from .container_file import FileBytes, Findings, NamedFile, StoredMessage
+    from .container_file import FileBytes, NamedFile, Problems, StoredMessage
     from .decompression import Buffer, DescriptionLimits
 
 
@@ -395,7 +395,7 @@ class McapScan(ChunkScan[int]):
 
     Args:
         file: The file to read.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
 
     Attributes:
         described: The schemas and channels so far.
@@ -406,8 +406,8 @@ class McapScan(ChunkScan[int]):
     footer = Opcode.FOOTER
     data_end = Opcode.DATA_END
 
-    def __init__(self, file: FileBytes, findings: Findings) -> None:
-        super().__init__(file, findings, MCAP)
+    def __init__(self, file: FileBytes, problems: Problems) -> None:
+        super().__init__(file, problems, MCAP)
         self.described = Descriptions(file.limits.descriptions())
 
     def _enter_record(self, head: int, body: Buffer, run: Run) -> None:
@@ -422,10 +422,10 @@ class McapScan(ChunkScan[int]):
             self._refused = error
         except RECORD_ERRORS as error:
             kind = Opcode(head).name.lower()
-            self._findings.lose(f'{self._file.name}: a {kind} record is damaged ({error})')
+            self._problems.lose(f'{self._file.name}: a {kind} record is damaged ({error})')
         else:
             if clash:
-                self._findings.lose(f'{self._file.name}: {clash}', None if clash is _NESTED else 0)
+                self._problems.lose(f'{self._file.name}: {clash}', None if clash is _NESTED else 0)
 
     def _channels(self) -> dict[int, StoredChannel]:
         return self.described.channels()
@@ -442,19 +442,19 @@ class McapFile(ChunkedFile[int]):
 
     Args:
         file: The file.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
 
     Raises:
         BadBagError: The magic bytes are missing.
         OSError: The file cannot be read.
     """
 
-    def __init__(self, file: NamedFile, findings: Findings) -> None:
+    def __init__(self, file: NamedFile, problems: Problems) -> None:
         data = open_bytes(file)
         if data.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(file.name, 'does not begin as an MCAP file does')
-        contents, self._described = _read_summary(data, findings) or _scan(data, findings)
-        super().__init__(data, findings, contents, MCAP)
+        contents, self._described = _read_summary(data, problems) or _scan(data, problems)
+        super().__init__(data, problems, contents, MCAP)
         self._index_lengths = contents.index_lengths
         self._clashes: dict[tuple[int, bytes], str] = {}
 
@@ -472,7 +472,7 @@ class McapFile(ChunkedFile[int]):
             self._clashes[key] = self._clash(*key)
         if self._clashes[key]:
             cost = None if opcode == Opcode.CHUNK else 0
-            self._findings.lose(f'{self._file.name}: {self._clashes[key]}', cost)
+            self._problems.lose(f'{self._file.name}: {self._clashes[key]}', cost)
 
     def _clash(self, opcode: int, body: bytes) -> str:
         """Return what a record in a chunk contradicts, empty for nothing."""
@@ -498,15 +498,15 @@ class McapFile(ChunkedFile[int]):
         return stamps
 
     def _scanned(self) -> Mapping[int, array[int]]:
-        return McapScan(self._file, self._findings).run().stamps or {}
+        return McapScan(self._file, self._problems).run().stamps or {}
 
 
-def _scan(file: FileBytes, findings: Findings) -> tuple[FileContents, Descriptions]:
-    scan = McapScan(file, findings)
+def _scan(file: FileBytes, problems: Problems) -> tuple[FileContents, Descriptions]:
+    scan = McapScan(file, problems)
     return scan.run(), scan.described
 
 
-def _read_summary(file: FileBytes, findings: Findings) -> tuple[FileContents, Descriptions] | None:
+def _read_summary(file: FileBytes, problems: Problems) -> tuple[FileContents, Descriptions] | None:
     """Parse the summary; None unless it indexes every message."""
     if file.size < _FOOTER.size + len(MAGIC):
         return None
@@ -520,7 +520,7 @@ def _read_summary(file: FileBytes, findings: Findings) -> tuple[FileContents, De
         section = file.read_part(start, file.size - len(MAGIC) - start)
         if not agrees(section[:-_CRC_SIZE], crc):
             text = f'its summary, at byte {start}, is damaged (wrong checksum)'
-            findings.lose(f'{file.name}: {text}', 0)
+            problems.lose(f'{file.name}: {text}', 0)
             return None
         return _summarized(file, section, start)
     except RECORD_ERRORS:

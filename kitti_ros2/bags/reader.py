@@ -21,7 +21,7 @@ from ..model.bag_formats import STRING
 from ..model.errors import BadBagError, Loss, UsageError
 from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .bag_files import BagSource, OpenBag, opened, path_of
-from .container_file import LAST_NS, BagIndex, BagSummary, Findings, TopicSummary, summarize
+from .container_file import LAST_NS, BagIndex, BagSummary, Problems, TopicSummary, summarize
 from .stored_messages import (
     READ,
     Definitions,
@@ -189,7 +189,7 @@ _LAST_STORED_NS = 2**64 - 1
 class BagMessages:
     """The messages of bags: a context manager, and inside it an iterable in time order.
 
-    Damaged messages are skipped and entered into the findings when they are found, which may be
+    Damaged messages are skipped, and entered as losses when they are found, which may be
     while messages are read.
 
     Args:
@@ -224,7 +224,7 @@ class BagMessages:
         must_read: bool = True,
     ) -> None:
         self._path = path_of(bags[0])
-        self._findings = Findings()
+        self._problems = Problems()
         self._must_read = must_read and topics is not None
         self._as_stored = as_stored
         as_ros = not as_stored if as_ros is None else as_ros
@@ -237,7 +237,7 @@ class BagMessages:
             files = [
                 (bag.path, path, file)
                 for bag in entered
-                for path, file in bag.files(self._findings, stack)
+                for path, file in bag.files(self._problems, stack)
             ]
             self._files = [file for _, _, file in files]
             self._readings = {
@@ -280,12 +280,12 @@ class BagMessages:
     @property
     def complete(self) -> bool:
         """Whether no file is known to be truncated or damaged, as far as it was read."""
-        return self._findings.complete
+        return self._problems.complete
 
     @property
-    def findings(self) -> tuple[str, ...]:
+    def problems(self) -> tuple[str, ...]:
         """Notes and losses found so far, one line each."""
-        return self._findings.lines
+        return self._problems.lines
 
     @property
     def expected(self) -> int:
@@ -295,7 +295,7 @@ class BagMessages:
     @property
     def losses(self) -> dict[str, int | None]:
         """The damage, one line each, with the number of messages lost; None if unknown."""
-        return dict(self._findings.losses)
+        return dict(self._problems.losses)
 
     def skim(self, is_enough: Callable[[str], bool]) -> None:
         """Let the MessageStart of a large message do, where files save work by it.
@@ -349,7 +349,7 @@ class BagMessages:
         reason = ' '.join(str(error).split())
         first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
         place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
-        self._findings.lose_one(f'{place} cannot be read ({reason})')
+        self._problems.lose_one(f'{place} cannot be read ({reason})')
 
     def _leave_out_encodings(self) -> None:
         """Skip channels that cannot be converted to CDR.
@@ -375,9 +375,9 @@ class BagMessages:
         channel, count = reading.channel, self._count(reading)
         self.left_out.append((channel, Loss(channel.topic, count, reason)))
         if self._as_stored:
-            self._findings.lose(reason, count)
+            self._problems.lose(reason, count)
         else:
-            self._findings.note(reason)
+            self._problems.note(reason)
 
     def _leave_out_second_types(self) -> None:
         """Read only the first type of each topic.
@@ -403,7 +403,7 @@ class BagMessages:
         Raises:
             BadBagError: Such a topic was requested by name.
         """
-        definitions = Definitions(self._findings)
+        definitions = Definitions(self._problems)
         for reading in list(self._readings.values()):
             conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
             if conflict:
@@ -417,7 +417,7 @@ class BagMessages:
         }
         if self._as_stored:
             for reason in reasons.values():
-                self._findings.note(f'{self._path}: {reason}; it is copied as it is')
+                self._problems.note(f'{self._path}: {reason}; it is copied as it is')
             return
         for reading in list(self._readings.values()):
             lacking = [name for name in types_of(reading.channel) if name in reasons]
@@ -455,7 +455,7 @@ class BagMessages:
     def _lose_channel(self, reading: Reading, text: str) -> None:
         """Skip a channel whose messages are lost."""
         del self._readings[reading.number, reading.channel_id]
-        self._findings.lose(f'{reading.file}: {text}', self._count(reading))
+        self._problems.lose(f'{reading.file}: {text}', self._count(reading))
 
     def _count(self, reading: Reading) -> int:
         return self._counts[reading.number][reading.channel_id]
@@ -512,7 +512,7 @@ def summarize_bag(bags: Bags) -> BagSummary:
 
 
 def index_bag(bags: Bags) -> BagIndex:
-    """Return the stamps of the messages of bags, and findings about damage.
+    """Return the stamps of the messages of bags, and their problems.
 
     Raises:
         BadBagError: A path holds no bag, or one that cannot be read at all.

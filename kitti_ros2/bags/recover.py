@@ -100,7 +100,7 @@ def recover(
         losses=tuple(losses),
         lost=sum(filter(None, losses.values())),
         lost_exactly=None not in losses.values(),
-        notes=tuple(finding for finding in messages.findings if finding not in losses),
+        notes=tuple(problem for problem in messages.problems if problem not in losses),
     )
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from ..model.bag_formats import Channel
     from .chunked_file import Run, Source
-    from .container_file import Findings, NamedFile, StoredMessage
+    from .container_file import NamedFile, Problems, StoredMessage
     from .decompression import Buffer, DescriptionLimits, FileLimits
     from .segment_writer import Parts, SegmentContext
 
@@ -385,14 +385,14 @@ class Ros1Scan(ChunkScan[Fields]):
 
     Args:
         file: The file to read.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
     """
 
     noun = 'connection'
     descriptions = (CONNECTION,)
 
-    def __init__(self, file: FileBytes, findings: Findings) -> None:
-        super().__init__(file, findings, ROS1)
+    def __init__(self, file: FileBytes, problems: Problems) -> None:
+        super().__init__(file, problems, ROS1)
         self._connections = DescribedConnections(file.limits.descriptions())
 
     def _enter_record(self, head: Fields, body: Buffer, run: Run) -> None:
@@ -408,7 +408,7 @@ class Ros1Scan(ChunkScan[Fields]):
                 self._refused = error
             except ValueError as error:
                 text = f'{self._file.name}: a connection is damaged ({error})'
-                self._findings.lose(text)
+                self._problems.lose(text)
 
     def _channels(self) -> dict[int, StoredChannel]:
         return self._connections.by_id
@@ -453,19 +453,19 @@ class Ros1File(ChunkedFile[Fields]):
 
     Args:
         file: The file.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
 
     Raises:
         BadBagError: The magic bytes are missing.
         OSError: The file cannot be read.
     """
 
-    def __init__(self, file: NamedFile, findings: Findings) -> None:
+    def __init__(self, file: NamedFile, problems: Problems) -> None:
         data = open_bytes(file)
         if data.read(0, len(MAGIC)) != MAGIC:
             raise BadBagError(file.name, 'does not begin as a ROS 1 bag of format 2.0 does')
-        contents = _read_index(data, findings) or Ros1Scan(data, findings).run()
-        super().__init__(data, findings, contents, ROS1)
+        contents = _read_index(data, problems) or Ros1Scan(data, problems).run()
+        super().__init__(data, problems, contents, ROS1)
         if self.pieces:
             with suppress(ValueError):
                 self._chunk_end(self.pieces[0])
@@ -480,13 +480,13 @@ class Ros1File(ChunkedFile[Fields]):
         try:
             channel_id, channel = parse_connection(fields, body)
         except ValueError as error:
-            self._findings.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
+            self._problems.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
             return
         indexed = self.channels.get(channel_id)
         if indexed is not None and indexed != channel:
             both = f'{indexed.topic} ({indexed.msgtype}) and {channel.topic} ({channel.msgtype})'
             text = f'connection {channel_id} is described in two ways, {both}; the first counts'
-            self._findings.lose(f'{self._file.name}: {text}', 0)
+            self._problems.lose(f'{self._file.name}: {text}', 0)
 
     def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
         end = self._chunk_end(piece)
@@ -513,16 +513,16 @@ class Ros1File(ChunkedFile[Fields]):
         return end
 
     def _scanned(self) -> Mapping[int, array[int]]:
-        return Ros1Scan(self._file, self._findings).run().stamps or {}
+        return Ros1Scan(self._file, self._problems).run().stamps or {}
 
 
-def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
+def _read_index(file: FileBytes, problems: Problems) -> FileContents | None:
     """Read the index at the end; None if it is missing or damaged."""
     try:
         fields, _, _ = split_record(file.read(len(MAGIC), _CHUNK_HEAD_READ), 0)
         start = int.from_bytes(fields.get(b'index_pos', b''), 'little')
         if start == 0 and opcode_of(fields) == BAG_HEADER:
-            findings.lose(f'{file.name}: was not closed by its recorder', 0)
+            problems.lose(f'{file.name}: was not closed by its recorder', 0)
             return None
         if start > file.size:
             return None  # the scan reports where it is truncated
@@ -531,7 +531,7 @@ def _read_index(file: FileBytes, findings: Findings) -> FileContents | None:
     except LimitError:
         return None  # the scan tells what is left out
     except ValueError as error:
-        findings.lose(f'{file.name}: its index is damaged ({error})', 0)
+        problems.lose(f'{file.name}: its index is damaged ({error})', 0)
         return None
 
 

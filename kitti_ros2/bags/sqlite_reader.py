@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from .container_file import FetchedPiece, Findings, NamedFile, StoredMessage
+    from .container_file import FetchedPiece, NamedFile, Problems, StoredMessage
     from .decompression import DescriptionLimits
     from .sqlite_pages import MessageRow
 
@@ -190,7 +190,7 @@ class SqliteFile(BagFile):
 
     Args:
         file: The file.
-        findings: Damage is entered there.
+        problems: Collects notes and losses.
 
     Attributes:
         channels: By the id of their row.
@@ -202,7 +202,7 @@ class SqliteFile(BagFile):
         OSError: The file cannot be read.
     """
 
-    def __init__(self, file: NamedFile, findings: Findings) -> None:
+    def __init__(self, file: NamedFile, problems: Problems) -> None:
         if is_remote(file.path):
             raise BadBagError(
                 file.name,
@@ -210,7 +210,7 @@ class SqliteFile(BagFile):
                 'an MCAP file or a ROS 1 bag at a URL; copy it to this machine first',
             )
         self._name = file.name
-        self._findings = findings
+        self._problems = problems
         self._file = FileBytes(file)
         self._connection: sqlite3.Connection | None = None
         self._by_id: dict[int, MessageRow] | None = None
@@ -272,7 +272,7 @@ class SqliteFile(BagFile):
             yield topic_id, by_topic.get(topic_id, stamps[:0])
 
     def _lose(self, text: str, messages: int | None) -> None:
-        self._findings.lose(f'{self._name}: {text}', messages)
+        self._problems.lose(f'{self._name}: {text}', messages)
 
     def _piece(self) -> Piece:
         stamps = self._rows['stamp_ns']

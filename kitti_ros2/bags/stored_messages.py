@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-    from .container_file import Findings
+    from .container_file import Problems
     from .decompression import Buffer
 
 
@@ -214,8 +214,8 @@ class Definitions:
     bag defines are those of ROS 2 Jazzy.
     """
 
-    def __init__(self, findings: Findings) -> None:
-        self._findings = findings
+    def __init__(self, problems: Problems) -> None:
+        self._problems = problems
         self._types: Typesdict = {}
         self._origins: dict[str, Path] = {}
         self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
@@ -278,14 +278,14 @@ class Definitions:
             _check_names(types)
         except Exception as error:  # noqa: BLE001 - a parser of any text may raise anything
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
-            self._findings.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
+            self._problems.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
             return ''
         for name, (_, fields) in types.items():
             if name in self._types and self._types[name][1] != fields:
                 if self._origins[name] != bag:
                     return f'{name} is defined otherwise than in {self._origins[name]}'
                 text = f'defines {name} in two ways; messages are read by the first'
-                self._findings.note(f'{file}: {text}')
+                self._problems.note(f'{file}: {text}')
         for name, definition in types.items():
             self._types.setdefault(name, definition)
             self._origins.setdefault(name, bag)

@@ -348,10 +348,10 @@ def _topics(params: Mapping[str, Any]) -> Iterable[str]:
     if located.topics:
         return located.topics
     from ..bags.bag_files import open_files
-    from ..bags.container_file import Findings
+    from ..bags.container_file import Problems
 
     with ExitStack() as exit_stack:
-        files = open_files(located, Findings(), exit_stack)
+        files = open_files(located, Problems(), exit_stack)
         return [channel.topic for _, file in files for channel in file.channels.values()]
 
 

@@ -489,7 +489,7 @@ def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Su
         messages.skim(taken.needs_start_only)
         taken.take_all(messages)
         losses = messages.losses
-        notes = [text for text in messages.findings if text not in losses]
+        notes = [text for text in messages.problems if text not in losses]
         return taken.survey(notes, losses, messages.left_out)
 
 

@@ -248,7 +248,7 @@ class BagProgram:
             if not self._topics:
                 raise BadBagError(bag.path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
-            self.losses = tuple(dict.fromkeys((*bag.index.findings, *messages.findings)))
+            self.losses = tuple(dict.fromkeys((*bag.index.problems, *messages.problems)))
             self.channels: Sequence[Channel] = played.channels(
                 messages, {topic: len(stamps[topic]) for topic in self._topics}
             )
@@ -358,7 +358,7 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        new = [finding for finding in self._messages.findings if finding not in self.losses]
+        new = [problem for problem in self._messages.problems if problem not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
     def _read_latched(self, bag: OpenBag) -> list[Message]:

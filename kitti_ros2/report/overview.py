@@ -298,7 +298,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         cameras=cameras,
         links=links,
         losses=losses,
-        notes=(*cut, *moved, *summary.findings, *notes),
+        notes=(*cut, *moved, *summary.problems, *notes),
         complete=summary.complete,
         origins={} if numbered is None else _origins(numbered),
     )

@@ -142,7 +142,7 @@ class _BagPass:
                     each for each in messages.losses if each not in self._facts.left_out
                 ]
                 self._facts.notes = [
-                    finding for finding in messages.findings if finding not in messages.losses
+                    finding for finding in messages.problems if finding not in messages.losses
                 ]
         except BadBagError as error:  # none of its messages can be read
             self._facts.left_out = [str(error)]
@@ -150,7 +150,7 @@ class _BagPass:
         known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [
             *self._facts.notes,
-            *(finding for finding in index.findings if finding not in known),
+            *(finding for finding in index.problems if finding not in known),
             *find_differences(self._bag.path, index),
         ]
         self._facts.messages = index.total

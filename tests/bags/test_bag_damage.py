@@ -102,7 +102,7 @@ def read(path, topics=None):
     """What is read, whether it is all, and what is told."""
     with open_messages(path, topics) as messages:
         found = [(each.stamp_ns, each.topic, bytes(each.data)) for each in messages]
-        return found, messages.complete, messages.findings
+        return found, messages.complete, messages.problems
 
 
 @pytest.fixture(scope='module')
@@ -473,7 +473,7 @@ def test_one_bad_file_of_a_split_bag_costs_its_own_messages(storage, damage, tmp
     assert any(file.name in text for text in warnings)
     summary = summarize_bag(path)
     assert not summary.complete
-    assert any('metadata.yaml counts' in text for text in summary.findings)
+    assert any('metadata.yaml counts' in text for text in summary.problems)
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])

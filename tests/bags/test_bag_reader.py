@@ -55,7 +55,7 @@ def triples(samples):
 def test_real_bags(real_bags, name, container, topics, messages, compression):
     summary = summarize_bag(real_bags / name)
     assert summary.complete
-    assert summary.findings == ()
+    assert summary.problems == ()
     assert (summary.container, summary.compression) == (container, compression)
     assert (len(summary.topics), summary.message_count) == (topics, messages)
     found = read(real_bags / name)
@@ -150,8 +150,8 @@ def test_cut_mcap_is_read_as_far_as_it_goes(compression, part, samples, tmp_path
         file.truncate(int(path.stat().st_size * part))
     summary = summarize_bag(path)
     assert not summary.complete
-    assert len(summary.findings) == 1
-    assert str(path) in summary.findings[0]
+    assert len(summary.problems) == 1
+    assert str(path) in summary.problems[0]
     with open_messages(path) as messages:
         found = [(each.topic, each.stamp_ns, bytes(each.data)) for each in messages]
         assert not messages.complete
@@ -170,7 +170,7 @@ def test_damaged_chunk_of_a_cut_file_is_passed_over(samples, tmp_path):
     path.write_bytes(data)
     summary = summarize_bag(path)
     assert not summary.complete
-    assert 'wrong checksum' in summary.findings[0]
+    assert 'wrong checksum' in summary.problems[0]
     found = read(path)
     assert 0 < len(found) == summary.message_count < len(samples)
 
@@ -184,7 +184,7 @@ def test_damage_in_a_finished_file_costs_the_messages_it_hits(samples, tmp_path)
         found = [(each.topic, each.stamp_ns, bytes(each.data)) for each in messages]
         assert not messages.complete
         assert messages.losses
-        assert any(str(path) in text and 'damaged' in text for text in messages.findings)
+        assert any(str(path) in text and 'damaged' in text for text in messages.problems)
     assert 0 < len(found) < len(samples)
     assert not Counter(found) - Counter(triples(samples))
 
@@ -257,7 +257,7 @@ def test_metadata_that_miscounts_is_said(samples, tmp_path):
     metadata.write_text(
         metadata.read_text().replace(f'message_count: {len(samples)}', 'message_count: 7')
     )
-    (warning,) = summarize_bag(path).findings
+    (warning,) = summarize_bag(path).problems
     assert 'counts 7 messages' in warning
 
 
@@ -324,7 +324,7 @@ def test_what_was_cut_off_is_read_as_far_as_it_goes(storage, part, tmp_path):
         opened.truncate(int(file.stat().st_size * part))
     summary = summarize_bag(path)
     assert not summary.complete
-    assert any(f'{file}: cut off at byte' in warning for warning in summary.findings)
+    assert any(f'{file}: cut off at byte' in warning for warning in summary.problems)
     found = read(path)
     assert len(whole) / 4 < len(found) < len(whole)
     # The row at the cut still counts where only the rest of its data is gone.
@@ -337,7 +337,7 @@ def test_a_directory_without_metadata_is_read_by_its_files(samples, tmp_path):
     write_bag(path, BagOptions(), samples)
     (path / 'metadata.yaml').unlink()
     assert read(path) == triples(samples)
-    assert any('metadata.yaml' in warning for warning in summarize_bag(path).findings)
+    assert any('metadata.yaml' in warning for warning in summarize_bag(path).problems)
 
 
 def test_recorder_that_did_not_close_its_database(samples, tmp_path):
@@ -346,7 +346,7 @@ def test_recorder_that_did_not_close_its_database(samples, tmp_path):
     shutil.copy(file, f'{file}-wal')
     summary = summarize_bag(file)
     assert not summary.complete
-    assert 'did not close' in summary.findings[0]
+    assert 'did not close' in summary.problems[0]
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.bag', 'a.db3', 'metadata.yaml'])
@@ -381,7 +381,7 @@ def test_metadata_of_any_shape_is_no_reason_to_fail(text, samples, tmp_path):
     path = write_bag(tmp_path / 'bag', BagOptions(), samples[: len(CHANNELS)])
     (path / 'metadata.yaml').write_text(text)
     assert len(read(path)) == len(CHANNELS)
-    assert 'no metadata of rosbag2' in summarize_bag(path).findings[0]
+    assert 'no metadata of rosbag2' in summarize_bag(path).problems[0]
 
 
 def test_a_database_whose_topics_have_no_names_is_damaged(samples, tmp_path):
@@ -418,7 +418,7 @@ def test_what_is_not_read_among_others_is_told(encoding, tmp_path):
         writer.finish()
     with open_messages(path) as messages:
         assert [each.topic for each in messages] == ['/text']
-        assert messages.findings == (f'{path}: /other is {encoding}, which is not read',)
+        assert messages.problems == (f'{path}: /other is {encoding}, which is not read',)
         assert messages.complete
 
 
@@ -459,14 +459,14 @@ def test_a_bag_without_a_serialization_format_is_read_as_cdr(name, samples, tmp_
     with open_messages(path) as messages:
         assert [each.topic for each in messages] == expected
         note = f'{file}: {few} topics have an empty serialization_format; they are read as cdr'
-        assert messages.findings == (note,)
+        assert messages.problems == (note,)
         assert messages.complete
         assert {each.msgtype for each in messages.sources.values()} <= {
             each.msgtype for each in CHANNELS
         }
     index = summarize_bag(path)
     assert index.complete
-    assert note in index.findings
+    assert note in index.problems
 
 
 def test_a_damaged_database_without_a_serialization_format_is_read(samples, tmp_path):
@@ -477,7 +477,7 @@ def test_a_damaged_database_without_a_serialization_format_is_read(samples, tmp_
         database.truncate(file.stat().st_size - 4096)
     with open_messages(path) as messages:
         assert sum(1 for _ in messages) > len(samples) // 2
-        assert any('they are read as cdr' in each for each in messages.findings)
+        assert any('they are read as cdr' in each for each in messages.problems)
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,7 @@ def test_summary_counts_every_topic(written, samples):
     path, options = written
     summary = summarize_bag(path)
     assert summary.complete
-    assert summary.findings == ()
+    assert summary.problems == ()
     assert summary.start_ns == START_NS
     assert summary.end_ns == samples[-1].stamp_ns
     assert summary.compression == options.compression

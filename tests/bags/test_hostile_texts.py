@@ -36,7 +36,7 @@ def test_a_count_that_is_no_number_is_named_and_the_files_are_read(folder, count
     (folder / 'metadata.yaml').write_text(METADATA.format(paths='[a_0.mcap]', count=count))
     summary = summarize_bag(folder)
     assert [topic.count for topic in summary.topics] == [1]
-    assert 'is no metadata of rosbag2' in summary.findings[0]
+    assert 'is no metadata of rosbag2' in summary.problems[0]
 
 
 def test_a_name_that_no_file_can_have_is_a_missing_file(folder):
@@ -44,7 +44,7 @@ def test_a_name_that_no_file_can_have_is_a_missing_file(folder):
     (folder / 'metadata.yaml').write_text(METADATA.format(paths=f'[a_0.mcap, {long}]', count=1))
     summary = summarize_bag(folder)
     assert [topic.count for topic in summary.topics] == [1]
-    assert any(f'{long} is missing' in finding for finding in summary.findings)
+    assert any(f'{long} is missing' in problem for problem in summary.problems)
 
 
 @pytest.mark.parametrize('depth', ['.inf', '-.inf', '.nan', '[]', '1e300'])
@@ -188,4 +188,4 @@ def test_a_type_that_python_cannot_spell_costs_its_topic(text, tmp_path):
     with open_messages(path) as messages:
         assert messages.typestore.fielddefs
         assert [each.topic for each in messages] == ['/t1']
-        assert any('the definition of a/msg/B cannot be read' in each for each in messages.findings)
+        assert any('the definition of a/msg/B cannot be read' in each for each in messages.problems)

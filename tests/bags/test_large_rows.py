@@ -49,12 +49,12 @@ def database(path, *pragmas):
 def read(path, since_ns=None):
     with open_messages(path) as messages:
         found = [(each.stamp_ns, bytes(each.data)) for each in messages.since(since_ns)]
-        return found, messages.findings
+        return found, messages.problems
 
 
 def check_skimming(path, since_ns=None):
     """A reader that skims finds the same messages and the same damage."""
-    found, findings = read(path, since_ns)
+    found, problems = read(path, since_ns)
     with open_messages(path) as messages:
         messages.skim(lambda topic: topic == '/text')
         skimmed = [
@@ -62,7 +62,7 @@ def check_skimming(path, since_ns=None):
             for each in messages.since(since_ns)
         ]
         assert skimmed == [(stamp_ns, len(data), data[:SHOWN]) for stamp_ns, data in found]
-        assert messages.findings == findings
+        assert messages.problems == problems
 
 
 def write(connection, data):
@@ -144,10 +144,10 @@ def test_a_damaged_chain_is_read_as_sqlite_reads_it(tmp_path):
             except sqlite3.Error:
                 failed = True
         connection.close()
-        found, findings = read(path)
+        found, problems = read(path)
         broken[place, link] = found != rows
         assert found == expected
-        assert bool(findings) == failed
+        assert bool(problems) == failed
         check_skimming(path)
     assert any(broken.values())
 

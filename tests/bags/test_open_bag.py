@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""An open bag: one set of files for its index and all messages, findings by reader.
+"""An open bag: one set of files for its index and all messages, problems by reader.
 
 A command opens its bag, surveys it, makes its plan and reads its description once.
 """
@@ -127,11 +127,11 @@ def test_damage_is_reported_to_the_reader_that_meets_it(tmp_path):
     path.write_bytes(data)
     with OpenBag(path) as bag, open_messages(bag) as first, open_messages(bag) as second:
         list(first)
-        assert len(first.findings) == 1
-        assert second.findings == ()
-        assert bag.index.findings == []
+        assert len(first.problems) == 1
+        assert second.problems == ()
+        assert bag.index.problems == []
         list(second)
-        assert second.findings == first.findings
+        assert second.problems == first.problems
 
 
 @pytest.mark.one_in(3)

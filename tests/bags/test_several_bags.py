@@ -111,7 +111,7 @@ def test_damage_of_one_bag_is_told_of_all(tmp_path):
     with open_messages([sound, bad]) as messages:
         assert {each.topic for each in messages} == {'/a', '/b'}
         assert not messages.complete
-        assert str(bad) in messages.findings[0]
+        assert str(bad) in messages.problems[0]
 
 
 def test_a_topic_of_two_types_is_an_error_that_names_both(tmp_path):
@@ -142,7 +142,7 @@ def test_a_topic_of_two_types_in_one_bag_is_read_as_the_first(tmp_path):
     with open_messages(path) as messages:
         assert [each.stamp_ns for each in messages] == [0]
         assert messages.channels == (('/a', 'std_msgs/msg/String'),)
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         assert not messages.complete
     assert POINT in warning
     assert 'std_msgs/msg/String' in warning
@@ -161,7 +161,7 @@ def test_a_type_that_bags_define_otherwise_is_read_of_the_first(nested, tmp_path
     ]
     with open_messages(paths) as messages:
         assert [each.topic for each in messages] == ['/a', '/both', '/both']
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         assert messages.losses == {warning: 1}
         assert not messages.complete
     for part in (*map(str, paths), '/b', 'my_msgs/msg/Hub' if nested else FOREIGN):
@@ -179,7 +179,7 @@ def test_two_definitions_in_one_bag_are_told(tmp_path):
     schemas = {FOREIGN: f'{hub}int32 size\n', 'my_msgs/msg/Axle': f'{hub}float64 size\n'}
     rows = [('/a', FOREIGN, 1, bytes(8)), ('/b', 'my_msgs/msg/Axle', 2, bytes(12))]
     with open_messages(write_mcap(tmp_path / 'a.mcap', rows, schemas)) as messages:
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         assert 'my_msgs/msg/Hub' in warning
         assert messages.complete
         assert len(list(messages)) == 2
@@ -195,7 +195,7 @@ def test_types_that_nobody_defines_are_told_and_left_out(tmp_path):
     path = write_mcap(tmp_path / 'a.mcap', rows, STRING)
     with open_messages(path) as messages:
         assert [each.topic for each in messages] == ['/a', '/c']
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         ((channel, loss),) = messages.left_out
         assert (channel.topic, channel.msgtype) == ('/b', FOREIGN)
         assert loss == Loss('/b', 2, warning)
@@ -205,14 +205,14 @@ def test_types_that_nobody_defines_are_told_and_left_out(tmp_path):
     with pytest.raises(BadBagError, match=FOREIGN):
         open_messages(path, ['/b'])
     with open_messages(path, ['/a']) as messages:
-        assert messages.findings == ()
+        assert messages.problems == ()
 
 
 def test_a_definition_that_cannot_be_read_is_told_and_jazzys_is_used(tmp_path):
     rows = [('/a', 'std_msgs/msg/String', 1, text('a'))]
     path = write_mcap(tmp_path / 'a.mcap', rows, {'std_msgs/msg/String': 'string ?? data ;;'})
     with open_messages(path) as messages:
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         (message,) = messages
         decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
     assert decoded.data == 'a'
@@ -240,7 +240,7 @@ def test_databases_of_earlier_versions_have_jazzys_types(tmp_path):
             decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
             assert decoded.data == 'old'
             assert messages.latched == ({'/a': 7} if qos else {})
-            assert messages.findings == ()
+            assert messages.problems == ()
 
 
 def test_other_encodings_are_told(tmp_path):
@@ -255,6 +255,6 @@ def test_other_encodings_are_told(tmp_path):
         writer.finish()
     with open_messages(path) as messages:
         assert [each.topic for each in messages] == ['/a']
-        (warning,) = messages.findings
+        (warning,) = messages.problems
         assert messages.complete
     assert '/b is json' in warning

@@ -80,7 +80,7 @@ def read(bag, monkeypatch, workers, since_ns=None):
         found = [
             (each.topic, each.stamp_ns, hash(bytes(each.data))) for each in messages.since(since_ns)
         ]
-        return found, messages.findings, messages.losses
+        return found, messages.problems, messages.losses
 
 
 @pytest.fixture

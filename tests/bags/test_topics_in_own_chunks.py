@@ -37,7 +37,7 @@ def test_twice_the_topics_take_twice_the_work(tmp_path, other):
         with BagMessages([path]) as messages:
             assert messages.expected == count // 2
             assert len([*messages]) == count // 2
-            lost = [each for each in messages.findings if 'cannot be read' in each]
+            lost = [each for each in messages.problems if 'cannot be read' in each]
             assert len(lost) == count // 2 or len(messages.left_out) == count // 2
 
     calls = []

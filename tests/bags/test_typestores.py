@@ -12,7 +12,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from kitti_ros2.bags.container_file import Findings, StoredChannel
+from kitti_ros2.bags.container_file import Problems, StoredChannel
 from kitti_ros2.bags.stored_messages import Definitions
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
@@ -23,7 +23,7 @@ OTHER = 'uint8 LEVEL=4\nuint8 level\nstd_msgs/Header header\n'
 
 
 def definitions(text, path='bag'):
-    found = Definitions(Findings())
+    found = Definitions(Problems())
     assert not found.add(Path(path), Path(path), StoredChannel('/a', NAME, 'cdr', text, 'ros2msg'))
     assert not found.complete([NAME])
     return found

@@ -342,7 +342,7 @@ def test_schemas_that_are_no_ros_messages_are_named(tmp_path):
             f'{path}: /video is foxglove.CompressedVideo in protobuf, which is not read: single'
             ' images of a video cannot be read; write them as CompressedImage (JPEG or PNG)'
         )
-        assert messages.findings == (
+        assert messages.problems == (
             video,
             f'{path}: /map is foxglove.Grid in protobuf, which is not read',
         )

@@ -42,7 +42,7 @@ def read_bag(path: Path) -> None:
         with open_messages(bag) as messages:
             for message in messages:
                 bytes(message.data[:4])
-            _ = messages.losses, messages.findings, messages.expected, messages.complete
+            _ = messages.losses, messages.problems, messages.expected, messages.complete
 
 
 def reader(name: str):
@@ -62,7 +62,7 @@ def _database(data: bytes) -> None:
             if skims:
                 messages.skim(lambda _: True)
             stamps = [(each.topic, each.stamp_ns, size_of(each.data)) for each in messages]
-            found.append((stamps, messages.findings))
+            found.append((stamps, messages.problems))
     assert found[0] == found[1]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from kitti_ros2.bags.container_file import Findings, StoredChannel, offered_qos, qos_faults
+from kitti_ros2.bags.container_file import Problems, StoredChannel, offered_qos, qos_faults
 from kitti_ros2.bags.reader import BagMessage, Decoder
 from kitti_ros2.bags.stored_messages import Definitions
 from kitti_ros2.kitti.store import decode_text
@@ -32,14 +32,14 @@ def _definition(data: bytes) -> None:
     name, _, text = decode_text(data, Path('definition')).partition('\n')
     for encoding in ('ros2msg', 'ros1msg', 'ros2idl', 'other'):
         channel = StoredChannel('/t', name, 'cdr', text, encoding)
-        Definitions(Findings()).add(Path('a'), Path('a'), channel)
+        Definitions(Problems()).add(Path('a'), Path('a'), channel)
 
 
 def _typestore(data: bytes) -> None:
     """Go on to messages of the type, which is slow."""
     name, _, text = decode_text(data, Path('definition')).partition('\n')
     for encoding in ('ros2msg', 'ros1msg', 'ros2idl'):
-        definitions = Definitions(Findings())
+        definitions = Definitions(Problems())
         for bag, each in ((Path('a'), text), (Path('b'), text.replace('64', '32'))):
             channel = StoredChannel('/t', name, 'cdr', each, encoding)
             definitions.add(bag, bag, channel)

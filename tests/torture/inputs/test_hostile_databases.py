@@ -66,7 +66,7 @@ def make(path, *statements):
 def test_what_computes_is_refused(tmp_path, statements, reason):
     path = make(tmp_path / 'a.db3', *statements)
     try:
-        found = ' '.join(summarize_bag(path).findings)
+        found = ' '.join(summarize_bag(path).problems)
     except BadBagError as error:
         found = str(error)
     assert reason in found
@@ -79,7 +79,7 @@ def test_other_tables_and_triggers_do_not_matter(tmp_path):
         'CREATE TRIGGER t AFTER INSERT ON messages BEGIN DELETE FROM messages; END',
     )  # fmt: skip
     summary = summarize_bag(path)
-    assert not summary.findings
+    assert not summary.problems
     assert [topic.count for topic in summary.topics] == [1]
 
 
@@ -115,7 +115,7 @@ def test_a_tree_that_leads_to_one_page_again_and_again_ends(tmp_path):
         data[cell : cell + 4] = data[at[0] : at[0] + 4]
     damaged.write_bytes(data)
     summary = summarize_bag(damaged)
-    assert summary.findings
+    assert summary.problems
 
 
 @pytest.mark.parametrize('size', [70_000, 900_000_000, 2**40])
