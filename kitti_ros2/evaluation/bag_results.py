@@ -130,17 +130,17 @@ class ResultBoxes:
 
     def notes(self, topic: str) -> tuple[str, ...]:
         """Return remarks on the boxes so far."""
-        found = [f'{topic}: {count} boxes {what}' for what, count in self._counts.items()]
+        notes = [f'{topic}: {count} boxes {what}' for what, count in self._counts.items()]
         if self._nominal:
             width, height = NOMINAL_SIZE
-            found.append(f'{self._nominal}; 2D boxes are clipped to {width}x{height}')
+            notes.append(f'{self._nominal}; 2D boxes are clipped to {width}x{height}')
         if self._frames.completed:
             names = ', '.join(sorted(self._frames.completed))
-            found.append(
+            notes.append(
                 f"{topic}: the bag's transforms do not join {names} to velo_link; those that the"
                 f' player publishes by default are used'
             )
-        return tuple(found)
+        return tuple(notes)
 
     def _solid(self, result: ResultMessage) -> list[Box]:
         calibration = self._checked(self._recording.calibration(result.number))
@@ -178,14 +178,14 @@ class ResultBoxes:
 
     def _classified(self, cuboids: Sequence[Cuboid]) -> list[Cuboid]:
         """Return the boxes with KITTI's classes, without those that are left out."""
-        kept = []
+        classified = []
         for cuboid in cuboids:
             namespace = cuboid.identity.rpartition('/')[0] if self._msgtype == MARKERS else ''
             class_name = self._classes.find(cuboid.class_name, namespace)
             if class_name:
                 score = self._score(cuboid.score)
-                kept.append(replace(cuboid, class_name=class_name, score=score))
-        return kept
+                classified.append(replace(cuboid, class_name=class_name, score=score))
+        return classified
 
     def _score(self, score: float | None) -> float:
         if score is None:
@@ -193,14 +193,14 @@ class ResultBoxes:
         return _SURE if score is None else score
 
     def _in_image(self, result: ResultMessage) -> list[Box]:
-        found, left_out = boxes_of_detections_2d(result.message)
+        detections, left_out = boxes_of_detections_2d(result.message)
         self._unusable.update(left_out)
-        bounds = np.array([each.box_2d for each in found]).reshape(-1, 4)
+        bounds = np.array([detection.box_2d for detection in detections]).reshape(-1, 4)
         cut, _ = clip_bounds(bounds, self._size(result.number))
         boxes = []
-        for each, four in zip(found, cut, strict=True):
-            class_name = self._classes.find(each.class_name)
-            if not class_name or not self._is_of_camera(each):
+        for detection, four in zip(detections, cut, strict=True):
+            class_name = self._classes.find(detection.class_name)
+            if not class_name or not self._is_of_camera(detection):
                 continue
             if not np.isfinite(four).all():
                 self._counts['out of the image are not scored'] += 1
@@ -216,16 +216,16 @@ class ResultBoxes:
                     size_hwl=(-1.0, -1.0, -1.0),
                     location=(-1000.0, -1000.0, -1000.0),
                     rotation_y=-10.0,
-                    score=self._score(each.score),
-                    track_id=self._tracks.number(each.identity),
+                    score=self._score(detection.score),
+                    track_id=self._tracks.number(detection.identity),
                 )
             )
         return boxes
 
     def _is_of_camera(self, box: ImageBox) -> bool:
         """Whether a 2D box may be in pixels of the camera: its frame is not another camera's."""
-        found = self._frames.camera_of(box.frame)
-        if found in {None, self._camera, _LEFT.get(self._camera)}:
+        camera = self._frames.camera_of(box.frame)
+        if camera in {None, self._camera, _LEFT.get(self._camera)}:
             return True
         self._unusable[f'in pixels of {box.frame}; those of camera {self._camera} are scored'] += 1
         return False
@@ -256,8 +256,8 @@ def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int
         return seen_by.size
     index = recording.streams.get(IMAGE_STREAMS[camera])
     numbers = [] if index is None else index.numbers.tolist()
-    wanted = number if varies else next(iter(numbers), number)
-    image = recording.read(IMAGE_STREAMS[camera], wanted) if wanted in numbers else None
+    image_number = number if varies else next(iter(numbers), number)
+    image = recording.read(IMAGE_STREAMS[camera], image_number) if image_number in numbers else None
     if isinstance(image, Image):
         return image.width, image.height
     raise MissingDataError(f'{recording.root}: no image of camera {camera} with a known size')
@@ -347,13 +347,13 @@ class ResultFrames:
                 return velo_t_sensor @ sensor_t_frame
         placed = {link[1] for link in (*static, *moved, *lost)}
         added = [link for link in links if link[1] not in placed]
-        found = FrameTree([*static, *moved, *added], lost).find(_VELO, frame)
-        if found is None:
+        velo_t_frame = FrameTree([*static, *moved, *added], lost).find(_VELO, frame)
+        if velo_t_frame is None:
             raise MissingDataError(
                 f'no transform at its stamp joins frame {frame!r} to {_VELO}; the bag has {of_bag}'
             )
         self.completed.add(frame)
-        return found
+        return velo_t_frame
 
     def _own_tree(self, calibration: Calibration) -> tuple[list[Link], Mapping[str, Transform]]:
         """Return the links that the player publishes, and velo_T_sensor by frame."""
@@ -362,9 +362,9 @@ class ResultFrames:
             links = [static_links(calibration, base_t_unit, names) for names in self._names]
             tree = FrameTree(link for several in links for link in several)
             cameras = (names.camera(index) for names in self._names for index in names.cameras)
-            found = {name: tree.find(_VELO, name) for name in (_VELO, *cameras)}
+            transforms = {name: tree.find(_VELO, name) for name in (_VELO, *cameras)}
             sensors = {
-                name: transform for name, transform in found.items() if transform is not None
+                name: transform for name, transform in transforms.items() if transform is not None
             }
             self._own = calibration, links[0], sensors
         return self._own[1:]
@@ -375,9 +375,9 @@ class ResultFrames:
         if not self._topics:
             return [], {}
         with open_messages(self._bag, self._topics) as messages:
-            found = self._read_transforms(messages)
+            transforms = self._read_transforms(messages)
             self.damage = messages.losses
-            return found
+            return transforms
 
     def _read_transforms(
         self, messages: BagMessages
@@ -543,10 +543,10 @@ def read_messages(
         damage = messages.losses
     placed, notes = _place(bag, types, topic, received, frames)
     by_frame: dict[int, ResultMessage] = {}
-    for found in placed:
-        other = by_frame.get(found.number)
-        if other is None or found.distance_ns <= other.distance_ns:
-            by_frame[found.number] = found
+    for result in placed:
+        other = by_frame.get(result.number)
+        if other is None or result.distance_ns <= other.distance_ns:
+            by_frame[result.number] = result
     unanswered = tuple(number for number in frames.numbers if number not in by_frame)
     unused = (
         _strays(topic, received, placed, frames),
@@ -563,8 +563,8 @@ def _header_ns(message: Any) -> int | None:  # noqa: ANN401 - of the bag's types
     Of markers those that are added come first.
     """
     inner = [*getattr(message, 'detections', ()), *getattr(message, 'markers', ())]
-    added = sorted(inner, key=lambda each: getattr(each, 'action', 0) != 0)
-    headers = [each.header for each in (message, *added) if hasattr(each, 'header')]
+    added = sorted(inner, key=lambda part: getattr(part, 'action', 0) != 0)
+    headers = [part.header for part in (message, *added) if hasattr(part, 'header')]
     return next((stamp for header in headers if (stamp := stamp_ns_of(header)) > 0), None)
 
 
@@ -580,19 +580,19 @@ def _place(
     Raises:
         BadBagError: None does.
     """
-    stamped = [each for each in received if each.header_ns is not None]
+    stamped = [message for message in received if message.header_ns is not None]
     placed = [
-        _placed(*found, each.header_ns, each, frames)
-        for each in stamped
-        if each.header_ns is not None and (found := frames.nearest(each.header_ns))
+        _placed(*match, message.header_ns, message, frames)
+        for message in stamped
+        if message.header_ns is not None and (match := frames.nearest(message.header_ns))
     ]
-    others = [each for each in received if each.header_ns is None] if placed else received
+    others = [message for message in received if message.header_ns is None] if placed else received
     if others:
         time = _played_time(bag, types)
         arrived = [
-            _placed(*found, frames.stamp_of(found[0]), other, frames)
+            _placed(*match, frames.stamp_of(match[0]), other, frames)
             for other in others
-            if (found := frames.latest(time.at(other.log_ns)))
+            if (match := frames.latest(time.at(other.log_ns)))
         ]
         if not placed and not arrived:
             raise _no_frame(bag, topic, received, frames)
@@ -622,12 +622,12 @@ def _no_frame(
     bag: BagSource, topic: str, received: Sequence[_Received], frames: StampedFrames
 ) -> BadBagError:
     stamp_ns = received[0].header_ns or received[0].log_ns
-    found = (
+    fault = (
         f'none of the {format_count(len(received), "message")} of {topic} belongs to a frame: they'
         f' begin at {format_stamp(stamp_ns)}, the frames at {format_stamp(frames.first_ns)}'
     )
     expected = 'the stamps that the frames were played with (--epoch and --period change them)'
-    return BadBagError(path_of(bag), found, expected)
+    return BadBagError(path_of(bag), fault, expected)
 
 
 def _played_time(bag: BagSource, types: Mapping[str, str]) -> PlayedTime:
@@ -654,8 +654,8 @@ def _strays(
     frames: StampedFrames,
 ) -> Loss:
     """Return the messages that belong to no frame as a loss; its count may be 0."""
-    kept = {id(each.message) for each in placed}
-    strays = [each for each in received if id(each.message) not in kept]
+    used = {id(result.message) for result in placed}
+    strays = [message for message in received if id(message.message) not in used]
     first = format_stamp(strays[0].header_ns or strays[0].log_ns) if strays else ''
     text = (
         f'{topic}: no frame within {frames.tolerance_ns / 1e6:.1f} ms of the stamp of messages, the'
@@ -666,7 +666,7 @@ def _strays(
 
 def _repeated(topic: str, placed: Sequence[ResultMessage]) -> Loss:
     """Return the further messages of frames as a loss; its count may be 0."""
-    counts = Counter(each.number for each in placed)
+    counts = Counter(result.number for result in placed)
     several = tuple(sorted(number for number, count in counts.items() if count > 1))
     text = f'{topic}: several messages for frames {{}}; the nearest in time is used, or the last'
     return Loss(topic, len(placed) - len(counts), text, several)
@@ -719,26 +719,26 @@ def read_bag_results(
         UsageError: There is no such topic, it has no boxes, or several topics have.
     """
     frames, tally = frames_of(recording, tolerance_ns), LossTally()
-    known = ClassMap(class_map, classes)
+    kitti_classes = ClassMap(class_map, classes)
     boxes: dict[int, Sequence[Box]] = {}
     with opened(bag) as source:
         with open_messages(source) as messages:
             types = dict(messages.channels)
         name = choose_topic(source, types, topic)
-        found = read_messages(source, types, name, frames)
+        results = read_messages(source, types, name, frames)
         tree = ResultFrames(source, types, recording.cameras, frames.tolerance_ns, tally)
-        converter = ResultBoxes(recording, types[name], tree, known, camera)
-        for number, result in found.by_frame.items():
+        converter = ResultBoxes(recording, types[name], tree, kitti_classes, camera)
+        for number, result in results.by_frame.items():
             try:
                 boxes[number] = converter.convert(result)
             except (ValueError, KittiRos2Error) as error:
                 tally.lose(name, result.log_ns, str(error))
-        damaged = damage({**found.damage, **tree.damage}, source.path.name)
-    losses = (*tally.losses(), *known.losses(name), *converter.losses(name))
+        damaged = damage({**results.damage, **tree.damage}, source.path.name)
+    losses = (*tally.losses(), *kitti_classes.losses(name), *converter.losses(name))
     return BagResults(
         name,
         boxes,
-        found.unanswered,
-        (*damaged, *found.losses, *losses),
-        (*found.notes, *converter.notes(name)),
+        results.unanswered,
+        (*damaged, *results.losses, *losses),
+        (*results.notes, *converter.notes(name)),
     )

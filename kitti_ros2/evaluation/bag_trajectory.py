@@ -57,8 +57,8 @@ def survey_poses(bag: OpenBag) -> Survey:
         BadBagError: It cannot be read.
     """
     with open_messages(bag) as every:
-        wanted = {name for name, kind in every.channels if kind in {*_POSES, *types.TF_TYPES}}
-    return look([bag], wanted)
+        topics = {name for name, kind in every.channels if kind in {*_POSES, *types.TF_TYPES}}
+    return look([bag], topics)
 
 
 def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> PosePlan:
@@ -69,13 +69,13 @@ def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> Pos
     """
     if options.tf:
         return _link(bag, survey, options.tf)
-    found = survey.of_type(*_POSES)
+    topics = survey.of_type(*_POSES)
     if options.topic is not None:
-        chosen = [each for each in found if each.name == options.topic]
+        chosen = [topic for topic in topics if topic.name == options.topic]
         reason = f'has no poses on {options.topic}'
-        reason += did_you_mean(options.topic, [each.name for each in found]).rstrip('?')
+        reason += did_you_mean(options.topic, [topic.name for topic in topics]).rstrip('?')
     else:
-        chosen = [each for each in found if each.name not in own_topics()] or found
+        chosen = [topic for topic in topics if topic.name not in own_topics()] or topics
         reason = 'has several topics with poses' if chosen else 'has no topic with poses'
     if len(chosen) != 1:
         raise UsageError(f'{bag.path}: {reason}; {_usable(survey)}')
@@ -92,7 +92,7 @@ def plan_of(topic: TopicSurvey) -> PosePlan:
 
 def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
     parent, child = (name.lstrip('/') for name in link)
-    topics = [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    topics = [topic for topic in survey.of_type(*types.TF_TYPES) if 'static' not in topic.name]
     if not topics or (parent, child) not in survey.moving:
         raise UsageError(f'{bag.path}: has no moving link {parent} -> {child}; {_usable(survey)}')
     plain = [topic for topic in topics if topic.name == '/tf']
@@ -101,7 +101,7 @@ def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
 
 def _usable(survey: Survey, other_than: str = '') -> str:
     """List the topics and links that may be a result."""
-    others = [each for each in survey.of_type(*_POSES) if each.name != other_than]
+    others = [topic for topic in survey.of_type(*_POSES) if topic.name != other_than]
     topics = [f'{other.name} ({other.msgtype})' for other in others]
     links = [f'{parent} {child}' for parent, child in survey.moving]
     parts = [f'--topic takes {some_of(topics, _SHOWN)}'] if topics else []
@@ -183,8 +183,8 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
             f'{bag.path}: has no poses; a ground truth in a bag is an Odometry, a PoseStamped, a'
             f' Path or a moving link of base_link'
         )
-    found = read_poses(bag, survey, plan.pose)
-    notes = [*found.notes, BY_POSITION]
+    trajectory = read_poses(bag, survey, plan.pose)
+    notes = [*trajectory.notes, BY_POSITION]
     try:
         body_t_cam0 = Rigging(plan, survey).body_t_rect()
     except KittiRos2Error as error:
@@ -192,17 +192,17 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
         body_t_cam0 = Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
     links = [link for link in survey.static if link[1] != CAMERA_0]
     links.append((plan.pose.body, CAMERA_0, body_t_cam0))
-    poses = found.moved(body_t_cam0.matrix()).poses
+    poses = trajectory.moved(body_t_cam0.matrix()).poses
     numbers = np.arange(len(poses), dtype=np.int64)
     placed = replace(
-        found,
+        trajectory,
         poses=np.linalg.inv(poses[0]) @ poses,
         numbers=numbers,
         frame='',
         notes=tuple(notes),
     )
     frames = None
-    if found.stamps_ns is not None:
-        samples = StreamIndex(numbers, found.stamps_ns)
-        frames = StampedFrames([samples], default_tolerance_ns(found.stamps_ns))
+    if trajectory.stamps_ns is not None:
+        samples = StreamIndex(numbers, trajectory.stamps_ns)
+        frames = StampedFrames([samples], default_tolerance_ns(trajectory.stamps_ns))
     return GroundTruth(bag.path.stem, placed, frames, links)

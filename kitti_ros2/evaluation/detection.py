@@ -89,22 +89,22 @@ def read_frames(
         _refuse_bag_options(results, recorded)
     truth = read_ground_truth(ground_truth, read, progress)
     if in_bag:
-        found = _read_bag(results, ground_truth, read, recorded)
+        detections = _read_bag(results, ground_truth, read, recorded)
     else:
-        found = read_boxes(results, 'results', progress, truth.frames)
-    labelled, detected = _scores(truth), _scores(found)
+        detections = read_boxes(results, 'results', progress, truth.frames)
+    labelled, detected = _scores(truth), _scores(detections)
     if labelled and None not in labelled and {*detected} == {None}:
         raise UsageError(
             f'{ground_truth}: all labels have scores, and {results} has none; give GROUND_TRUTH'
             f' first, then RESULTS'
         )
-    return truth, found
+    return truth, detections
 
 
 def _refuse_bag_options(results: Path, recorded: BagResultsOptions) -> None:
-    for each in options_of(BagResultsOptions):
-        if results.exists() and getattr(recorded, each.field) != each.default:
-            name = each.name.replace('_', '-')
+    for option in options_of(BagResultsOptions):
+        if results.exists() and getattr(recorded, option.field) != option.default:
+            name = option.name.replace('_', '-')
             raise UsageError(f'{results}: is no bag; --{name} is for results in a bag')
 
 
@@ -119,58 +119,58 @@ def _read_bag(
     from ..bags.open_source import open_bag_source, open_folder  # noqa: PLC0415 - as below
     from .bag_results import read_bag_results  # noqa: PLC0415 - readers of bags take 0.2 s
 
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         recording: NumberedRecording
         if holds_bag(ground_truth):
-            recording = stack.enter_context(open_truth_bag(ground_truth))
+            recording = exit_stack.enter_context(open_truth_bag(ground_truth))
         else:
             recording = open_folder(*recording_of(ground_truth, read))
-        found = read_bag_results(
-            stack.enter_context(open_bag_source(path)),
+        recorded = read_bag_results(
+            exit_stack.enter_context(open_bag_source(path)),
             options.topic,
             recording,
             dict(options.class_map),
             tolerance_ns=options.tolerance_ns,
         )
-    return FrameBoxes(path, found.boxes, losses=found.losses, notes=found.notes)
+    return FrameBoxes(path, recorded.boxes, losses=recorded.losses, notes=recorded.notes)
 
 
 # The frames that have both labels and results; all others are named.
 
 
 def common_frames(
-    truth: FrameBoxes, found: FrameBoxes, listed: Path | None
+    truth: FrameBoxes, results: FrameBoxes, listed: Path | None
 ) -> tuple[list[int], list[Loss]]:
     """Return the frames to score, and all losses: also the frames that cannot be scored.
 
     Args:
         truth: The labels.
-        found: The results.
+        results: The results.
         listed: A list of the frames to score; None for all with labels and results.
 
     Raises:
         UsageError: There is none to score.
     """
-    labelled, answered = ({*each.boxes, *_unread(each)} for each in (truth, found))
-    wanted, losses = (labelled | answered, []) if listed is None else _read_list(listed, truth)
-    losses += [loss for each in (truth, found) for loss in each.losses if _concerns(loss, wanted)]
-    labelled |= wanted if truth.complete else set()
-    answered |= labelled if found.complete else set()
-    absent = sorted((wanted & labelled) - answered)
+    labelled, answered = ({*side.boxes, *_unread(side)} for side in (truth, results))
+    chosen, losses = (labelled | answered, []) if listed is None else _read_list(listed, truth)
+    losses += [loss for side in (truth, results) for loss in side.losses if _concerns(loss, chosen)]
+    labelled |= chosen if truth.complete else set()
+    answered |= labelled if results.complete else set()
+    absent = sorted((chosen & labelled) - answered)
     if absent:
         message = (
-            f'{found.source}: no file for frames {{}}, which are not scored (give an empty file for'
-            f' a frame without detections, or --frames with a list of the frames to score)'
+            f'{results.source}: no file for frames {{}}, which are not scored (give an empty file'
+            f' for a frame without detections, or --frames with a list of the frames to score)'
         )
         losses.append(Loss('results', len(absent), message, tuple(absent)))
-    extra = sorted(wanted - labelled)
+    extra = sorted(chosen - labelled)
     if extra:
         message = f'{truth.source}: no labels for frames {{}}, which are not scored'
         losses.append(Loss('ground truth', len(extra), message, tuple(extra)))
-    unread = {*_unread(truth), *_unread(found)}
-    numbers = sorted((wanted & labelled & answered) - unread)
+    unread = {*_unread(truth), *_unread(results)}
+    numbers = sorted((chosen & labelled & answered) - unread)
     if not numbers:
-        raise _no_frames(truth, found, listed)
+        raise _no_frames(truth, results, listed)
     return numbers, losses
 
 
@@ -185,23 +185,23 @@ def _unread(frames: FrameBoxes) -> set[int]:
 
 def _read_list(path: Path, truth: FrameBoxes) -> tuple[set[int], list[Loss]]:
     """Read the numbers of a list of frames; its invalid lines are losses."""
-    known = truth.frames
-    found = parse_image_set(STORE.read_text(path), path, frames=True, known=known)
-    losses = [Loss('frames', 1, reason) for reason in found.invalid]
-    numbers = (known.number(name) for name in found.entries)
+    names = truth.frames
+    image_set = parse_image_set(STORE.read_text(path), path, frames=True, known=names)
+    losses = [Loss('frames', 1, reason) for reason in image_set.invalid]
+    numbers = (names.number(name) for name in image_set.entries)
     return {number for number in numbers if number is not None}, losses
 
 
-def _no_frames(truth: FrameBoxes, found: FrameBoxes, listed: Path | None) -> UsageError:
-    for each in (found, truth):
-        if each.losses and not each.boxes:
-            return UsageError(f'{each.source}: no frame can be scored: {each.losses[0].text()}')
+def _no_frames(truth: FrameBoxes, results: FrameBoxes, listed: Path | None) -> UsageError:
+    for side in (results, truth):
+        if side.losses and not side.boxes:
+            return UsageError(f'{side.source}: no frame can be scored: {side.losses[0].text()}')
     described = [
-        f'{each.source} has {describe_frames(sorted(each.boxes)) if each.boxes else "no frames"}'
-        for each in (found, truth)
+        f'{side.source} has {describe_frames(sorted(side.boxes)) if side.boxes else "no frames"}'
+        for side in (results, truth)
     ]
     among = f' among those of {listed}' if listed is not None else ''
-    lost = [loss for each in (found, truth) if not each.boxes for loss in each.losses]
+    lost = [loss for side in (results, truth) if not side.boxes for loss in side.losses]
     reason = f' ({max(lost, key=lambda loss: loss.count).text()})' if lost else ''
     return UsageError(
         f'no frame{among} has both results and labels: {", ".join(described)}{reason};'
@@ -255,7 +255,7 @@ def worst_frames(
         classes: Classes whose errors count, in lower case; empty for all.
     """
     weigh = _weight(results)
-    found = []
+    worst = []
     for number, boxes in ground_truth.items():
         labels, predictions = compared(_objects(boxes), _objects(results.get(number, ())), overlaps)
         missed = _of_verdict(labels, Verdict.FALSE_NEGATIVE, classes)
@@ -264,8 +264,8 @@ def worst_frames(
             wrong.sort(key=weigh, reverse=True)
             penalty = len(missed) + sum(map(weigh, wrong))
             reason = _reason(missed, wrong)
-            found.append(WorstFrame(number, penalty, len(missed), len(wrong), reason))
-    return sorted(found, key=lambda each: (-each.penalty, each.number))[:count]
+            worst.append(WorstFrame(number, penalty, len(missed), len(wrong), reason))
+    return sorted(worst, key=lambda frame: (-frame.penalty, frame.number))[:count]
 
 
 def _objects(boxes: Sequence[Box]) -> list[LabelledObject]:
@@ -277,11 +277,11 @@ def _of_verdict(
     objects: Sequence[LabelledObject], verdict: Verdict, classes: Collection[str]
 ) -> list[LabelledObject]:
     return [
-        each
-        for each in objects
-        if each.match is not None
-        and each.match.verdict is verdict
-        and (not classes or each.class_name.lower() in classes)
+        obj
+        for obj in objects
+        if obj.match is not None
+        and obj.match.verdict is verdict
+        and (not classes or obj.class_name.lower() in classes)
     ]
 
 
@@ -292,19 +292,19 @@ def _weight(results: Mapping[int, Sequence[Box]]) -> Callable[[LabelledObject], 
     if low >= 0 and high <= 1:
         low, high = 0.0, 1.0
     span = high - low
-    return lambda each: (each.score - low) / span if span and each.score is not None else 1.0
+    return lambda obj: (obj.score - low) / span if span and obj.score is not None else 1.0
 
 
 def _reason(missed: Sequence[LabelledObject], wrong: Sequence[LabelledObject]) -> str:
     """Describe errors: missed: 2 Car, 1 Cyclist; false positives: Car 0.93, Car 0.81."""
     parts = []
     if missed:
-        classes = Counter(each.class_name for each in missed).most_common()
+        classes = Counter(obj.class_name for obj in missed).most_common()
         parts.append(f'missed: {", ".join(f"{n} {class_name}" for class_name, n in classes)}')
     if wrong:
         named = [
-            each.class_name if each.score is None else f'{each.class_name} {each.score:.2f}'
-            for each in wrong
+            obj.class_name if obj.score is None else f'{obj.class_name} {obj.score:.2f}'
+            for obj in wrong
         ]
         noun = 'false positive' if len(wrong) == 1 else 'false positives'
         parts.append(f'{noun}: {some_of(named)}')
@@ -374,15 +374,15 @@ def evaluate_detection(
 
     Examples:
         >>> from kitti_ros2 import evaluation
-        >>> found = evaluation.evaluate_detection('object/training', 'object/training/label_2')
-        >>> found.frames, found.scores['car']['3d']['moderate'].r40
+        >>> scores = evaluation.evaluate_detection('object/training', 'object/training/label_2')
+        >>> scores.frames, scores.scores['car']['3d']['moderate'].r40
         (..., ...)
     """
     read, chosen, recorded = make_detection_options(by_name(options, DETECTION))
     show = progress or no_progress
-    found = score_detection(as_path(ground_truth), as_path(results), read, chosen, recorded, show)
-    warn_of(found.losses)
-    return found
+    scores = score_detection(as_path(ground_truth), as_path(results), read, chosen, recorded, show)
+    warn_of(scores.losses)
+    return scores
 
 
 def score_detection(
@@ -410,16 +410,16 @@ def score_detection(
 
 
 def score_frames(
-    truth: FrameBoxes, found: FrameBoxes, options: DetectionOptions
+    truth: FrameBoxes, results: FrameBoxes, options: DetectionOptions
 ) -> DetectionScores:
     """Score results by frame with labels by frame.
 
     Raises:
         KittiRos2Error: No frame has both.
     """
-    numbers, losses = common_frames(truth, found, options.frames)
+    numbers, losses = common_frames(truth, results, options.frames)
     labels, detections = (
-        table_of([each.boxes.get(number, ()) for number in numbers]) for each in (truth, found)
+        table_of([side.boxes.get(number, ()) for number in numbers]) for side in (truth, results)
     )
     limits = options.limits
     loose = {name: LOOSE[name] for name in limits if options.loose and name in LOOSE}
@@ -435,17 +435,17 @@ def score_frames(
         limits,
         len(numbers),
         tuple(losses),
-        (*truth.notes, *found.notes, *notes_on(scores, found, labels, detections)),
-        None if options.worst is None else _rank(truth, found, numbers, options),
+        (*truth.notes, *results.notes, *notes_on(scores, results, labels, detections)),
+        None if options.worst is None else _rank(truth, results, numbers, options),
     )
 
 
 def _rank(
-    truth: FrameBoxes, found: FrameBoxes, numbers: Sequence[int], options: DetectionOptions
+    truth: FrameBoxes, results: FrameBoxes, numbers: Sequence[int], options: DetectionOptions
 ) -> tuple[WorstFrame, ...]:
     """Return the frames with the most errors, of those that are scored."""
     labels, detections = (
-        {number: each.boxes.get(number, ()) for number in numbers} for each in (truth, found)
+        {number: side.boxes.get(number, ()) for number in numbers} for side in (truth, results)
     )
     count = options.worst or 0
     ranked = worst_frames(
@@ -464,16 +464,16 @@ def _score_class(
     """Return the curves of a class by metric and level."""
     spaces = _evaluated(detections, class_name)
     angles = Space.IMAGE in spaces and not _lacks_angle(detections)
-    found: dict[str, dict[Difficulty, Curve | None]] = {space.value: {} for space in overlaps}
-    found |= {ORIENTATION: {}} if Space.IMAGE in overlaps else {}
+    by_metric: dict[str, dict[Difficulty, Curve | None]] = {space.value: {} for space in overlaps}
+    by_metric |= {ORIENTATION: {}} if Space.IMAGE in overlaps else {}
     for level in Difficulty:
         objects = select_class(labels, detections, class_name, level)
         for space, pairs in overlaps.items():
             curves = evaluate_class(objects, pairs, limit)
-            found[space.value][level] = curves.precision if space in spaces else None
+            by_metric[space.value][level] = curves.precision if space in spaces else None
             if space is Space.IMAGE:
-                found[ORIENTATION][level] = curves.similarity if angles else None
-    return found
+                by_metric[ORIENTATION][level] = curves.similarity if angles else None
+    return by_metric
 
 
 def _evaluated(detections: ObjectTable, class_name: str) -> set[Space]:

@@ -90,8 +90,8 @@ class _Moments(NamedTuple):
 
     def frames_at(self, stamps_ns: Int64Array, within_ns: int) -> int:
         """Return how many of the frames have one of (M,) stamps."""
-        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
-        return len(np.unique(place[np.abs(off) <= within_ns]))
+        nearest, off = nearest_stamps(self.stamps_ns, stamps_ns)
+        return len(np.unique(nearest[np.abs(off) <= within_ns]))
 
 
 class StampedFrames:
@@ -151,41 +151,41 @@ class StampedFrames:
             tolerance_ns: Another one than that of the frames.
         """
         tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
-        place, off = nearest_stamps(self.stamps_ns, stamps_ns)
-        distances, nearest = np.abs(off), self._numbers[place]
+        indices, off = nearest_stamps(self.stamps_ns, stamps_ns)
+        distances, nearest = np.abs(off), self._numbers[indices]
         offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
         numbers = np.where(distances <= tolerance, nearest, NONE)
         rounded = min(ROUNDED_NS, tolerance)
         frames, best = max(
-            ((moment.frames_at(stamps_ns, rounded), moment) for moment in self._moments),
+            ((stamps.frames_at(stamps_ns, rounded), stamps) for stamps in self._moments),
             key=lambda pair: pair[0],
         )
         if 2 * frames < min(len(stamps_ns), len(self.numbers)):
             return StampMatch(numbers, distances, offsets)
-        place, off = nearest_stamps(best.stamps_ns, stamps_ns)
+        indices, off = nearest_stamps(best.stamps_ns, stamps_ns)
         at_it = np.abs(off) <= rounded
         return StampMatch(
-            np.where(at_it, best.numbers[place], numbers),
+            np.where(at_it, best.numbers[indices], numbers),
             np.where(at_it, np.abs(off), distances),
-            np.where(at_it, off + best.late_ns[place], offsets),
+            np.where(at_it, off + best.late_ns[indices], offsets),
             best.name,
         )
 
     def nearest(self, stamp_ns: int) -> tuple[int, int] | None:
         """Return the number of the frame of a stamp and its distance; None if it is too far."""
-        found = self.match(np.array([min(stamp_ns, LAST_NS)], dtype=np.int64))
-        number = int(found.numbers[0])
-        return None if number == NONE else (number, int(found.distances_ns[0]))
+        match = self.match(np.array([min(stamp_ns, LAST_NS)], dtype=np.int64))
+        number = int(match.numbers[0])
+        return None if number == NONE else (number, int(match.distances_ns[0]))
 
     def latest(self, stamp_ns: int) -> tuple[int, int] | None:
         """Return the number of the last frame before a time and the distance.
 
         None if it is further than twice the tolerance, which is the time between frames.
         """
-        place = int(np.searchsorted(self.stamps_ns, stamp_ns, 'right')) - 1
-        distance = stamp_ns - int(self.stamps_ns[place]) if place >= 0 else -1
+        index = int(np.searchsorted(self.stamps_ns, stamp_ns, 'right')) - 1
+        distance = stamp_ns - int(self.stamps_ns[index]) if index >= 0 else -1
         within = 0 <= distance <= 2 * self.tolerance_ns
-        return (int(self._numbers[place]), distance) if within else None
+        return (int(self._numbers[index]), distance) if within else None
 
 
 def frames_of(recording: NumberedRecording, tolerance_ns: int | None = None) -> StampedFrames:
@@ -200,32 +200,32 @@ def frames_of(recording: NumberedRecording, tolerance_ns: int | None = None) -> 
             between frames, at most half the nominal one.
     """
     streams = recording.streams
-    known: list[Stream] = [stream for stream in _STAMPED if stream in streams]
-    found = _stamped_by(recording, known or [*streams], tolerance_ns)
+    stamped: list[Stream] = [stream for stream in _STAMPED if stream in streams]
+    frames = _stamped_by(recording, stamped or [*streams], tolerance_ns)
     if Stream.LABELS in streams and recording.layout.traits.frame_set:
-        found.numbers = sorted({*streams[Stream.LABELS].numbers.tolist()})
-    return found
+        frames.numbers = sorted({*streams[Stream.LABELS].numbers.tolist()})
+    return frames
 
 
 def posed_frames_of(recording: NumberedRecording) -> StampedFrames:
     """Return the frames of a recording with poses; they also have the stamps of these."""
-    known = [stream for stream in _STAMPED if stream in recording.streams]
+    stamped = [stream for stream in _STAMPED if stream in recording.streams]
     return _stamped_by(
-        recording, [*known, Stream.POSE] if recording.common_numbers else [Stream.POSE], None
+        recording, [*stamped, Stream.POSE] if recording.common_numbers else [Stream.POSE], None
     )
 
 
 def _stamped_by(
-    recording: NumberedRecording, known: Sequence[Stream], tolerance_ns: int | None
+    recording: NumberedRecording, streams: Sequence[Stream], tolerance_ns: int | None
 ) -> StampedFrames:
     """Return frames with the stamps of some streams.
 
     Args:
         recording: The recording.
-        known: The streams; the first has the numbers of frames where others have their own.
+        streams: the first has the numbers of frames where others have their own.
         tolerance_ns: As frames_of.
     """
-    used = [recording.streams[each] for each in known]
+    used = [recording.streams[stream] for stream in streams]
     if tolerance_ns is None:
         tolerance_ns = min(default_tolerance_ns(used[0].stamps_ns), recording.period_ns // 2)
     if not recording.common_numbers:
@@ -236,15 +236,15 @@ def _stamped_by(
 def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> list[_Moments]:
     """Return the samples of each sensor, and starts and ends of turns."""
     none = np.zeros(1, dtype=np.int64)
-    found = [('', index.numbers, index.stamps_ns, none) for index in samples]
+    stamps = [('', index.numbers, index.stamps_ns, none) for index in samples]
     if turns:
         rows = [
             (number, turn.start_ns, turn.forward_ns, turn.end_ns) for number, turn in turns.items()
         ]
         numbers, starts, forward, ends = np.array(rows, dtype=np.int64).T
-        found.append(('start of turn', numbers, starts, starts - forward))
-        found.append(('end of turn', numbers, ends, ends - forward))
-    return [_in_order(*each) for each in found]
+        stamps.append(('start of turn', numbers, starts, starts - forward))
+        stamps.append(('end of turn', numbers, ends, ends - forward))
+    return [_in_order(*columns) for columns in stamps]
 
 
 def _in_order(
@@ -286,8 +286,8 @@ class PlayedTime:
         """Return the time of the last message of /clock before a log time."""
         if not len(self._log):
             return log_ns
-        place = int(np.searchsorted(self._log, log_ns, 'right')) - 1
-        return int(self._clock[max(place, 0)])
+        index = int(np.searchsorted(self._log, log_ns, 'right')) - 1
+        return int(self._clock[max(index, 0)])
 
 
 # The ground truth of a trajectory: a poses file, or a KITTI folder.
@@ -319,24 +319,24 @@ def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
         KittiRos2Error: It holds no poses.
         OSError: It cannot be read.
     """
-    found = read_trajectory(path)
-    if found.numbers is None:
+    trajectory = read_trajectory(path)
+    if trajectory.numbers is None:
         raise UsageError(
             f'{path}: is a TUM file; as ground truth give a poses file of KITTI, the folder of a'
             f' sequence or drive, or a bag'
         )
     folder = path.parent.parent / names.SEQUENCES / path.stem
     if path.parent.name != names.POSES or not folder.is_dir():
-        return GroundTruth(path.stem, found)
+        return GroundTruth(path.stem, trajectory)
     try:
         beside = truth_of_folder(open_recording(folder, replace(read, layout=None, sequence=None)))
     except (KittiRos2Error, OSError):
-        return GroundTruth(path.stem, found)
+        return GroundTruth(path.stem, trajectory)
     if beside.trajectory.numbers is None or not np.array_equal(
-        beside.trajectory.numbers, found.numbers
+        beside.trajectory.numbers, trajectory.numbers
     ):
-        return GroundTruth(path.stem, found, links=beside.links)
-    timed = replace(found, stamps_ns=beside.trajectory.stamps_ns)
+        return GroundTruth(path.stem, trajectory, links=beside.links)
+    timed = replace(trajectory, stamps_ns=beside.trajectory.stamps_ns)
     return replace(beside, name=path.stem, trajectory=timed)
 
 
@@ -374,28 +374,28 @@ def truth_of_recording(
         nominal.append('cam0_T_velo')
     about = {Stream.POSE.value, recording.root.name}
     losses = [loss for loss in recording.losses if loss.stream in about]
-    kept, poses = [], []
-    for place, number in enumerate(index.numbers.tolist()):
+    rows, poses = [], []
+    for row, number in enumerate(index.numbers.tolist()):
         try:
             pose = recording.read(Stream.POSE, number)
         except (KittiRos2Error, OSError) as error:
             losses.append(Loss(Stream.POSE.value, 1, describe_error(error)))
             continue
         if isinstance(pose, Pose):
-            kept.append(place)
+            rows.append(row)
             poses.append(pose.world_T_imu.matrix() @ imu_t_cam0)
     if not poses:
         raise MissingDataError(f'{recording.root}: no pose can be read; {losses[0].text()}')
-    found = CameraTrajectory(
+    trajectory = CameraTrajectory(
         f'{recording.root} ({recording.layout.value} {recording.name})',
         np.linalg.inv(poses[0]) @ np.array(poses),
-        index.numbers[kept],
-        index.stamps_ns[kept],
+        index.numbers[rows],
+        index.stamps_ns[rows],
         losses=tuple(losses),
         notes=tuple(f'{part}: not known, a nominal value is used' for part in nominal),
     )
     links = kitti_links(calibration, base_t_imu)
-    return GroundTruth(recording.name, found, posed_frames_of(recording), links, epoch_ns)
+    return GroundTruth(recording.name, trajectory, posed_frames_of(recording), links, epoch_ns)
 
 
 # The boxes of label files or result files, by frame.

@@ -69,10 +69,10 @@ if TYPE_CHECKING:
 # Scores of a run: what is checked before it, and the evaluation of its results after it.
 
 if TYPE_CHECKING:
-    Given = Mapping[str, object]
+    OptionValues = Mapping[str, object]
 
 
-def check_task(task: str, source: Path, played: Given) -> None:
+def check_task(task: str, source: Path, played: OptionValues) -> None:
     """Check that results can be scored: there is ground truth, and what is needed is installed.
 
     Args:
@@ -87,7 +87,7 @@ def check_task(task: str, source: Path, played: Given) -> None:
 
 
 def score_results(
-    task: str, source: Path, bag: Path, played: Given, run: LiveRun, align: str | None = None
+    task: str, source: Path, bag: Path, played: OptionValues, run: LiveRun, align: str | None = None
 ) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
     """Score the results in a bag with the ground truth of a source.
 
@@ -101,62 +101,62 @@ def score_results(
         run: The run, whose frames are scored.
         align: How poses are aligned; None is the default.
     """
-    given = {**_of_truth(task, played), 'topic': run.topic}
+    values = {**_of_truth(task, played), 'topic': run.topic}
     if task == 'odometry':
-        given['align'] = align
-    scores = _TASKS[task].score(source, bag, given, run)
+        values['align'] = align
+    scores = _TASKS[task].score(source, bag, values, run)
     answered = run.answers.latencies_ns
     losses = (loss.among(answered) for loss in scores.losses)
     return replace(scores, losses=tuple(loss for loss in losses if loss is not None))
 
 
-def _of_truth(task: str, played: Given) -> Given:
+def _of_truth(task: str, played: OptionValues) -> OptionValues:
     """Return the options of the player that are those of the ground truth, too."""
     names = {'sequence'} if task == 'tracking' else {'layout', 'sequence'}
     return {name: value for name, value in played.items() if name in names}
 
 
-def _check_detection(source: Path, given: Given) -> None:
-    read, _, _ = make_detection_options(given)
+def _check_detection(source: Path, values: OptionValues) -> None:
+    read, _, _ = make_detection_options(values)
     read_ground_truth(source, read)
 
 
-def _score_detection(source: Path, bag: Path, given: Given, _: LiveRun) -> Any:  # noqa: ANN401
-    return score_detection(source, bag, *make_detection_options(given))
+def _score_detection(source: Path, bag: Path, values: OptionValues, _: LiveRun) -> Any:  # noqa: ANN401
+    return score_detection(source, bag, *make_detection_options(values))
 
 
-def _check_tracking(source: Path, given: Given) -> None:
+def _check_tracking(source: Path, values: OptionValues) -> None:
     check_trackeval()
     if looks_like_bag(source):
         raise UsageError(
             f'{source}: is a bag, whose tracks are not read as ground truth; give the KITTI folder'
             f' that it was made from'
         )
-    read, _ = make_tracking_options(given)
+    read, _ = make_tracking_options(values)
     names = [sequence.name for sequence in find_sequences(source, read)]
     if len(names) > 1:
         raise UsageError(f'{source}: choose what is played with --sequence ({some_of(names)})')
 
 
-def _score_tracking(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
-    options = make_tracking_options(given)
+def _score_tracking(source: Path, bag: Path, values: OptionValues, run: LiveRun) -> Any:  # noqa: ANN401
+    options = make_tracking_options(values)
     return score_tracking(
         source, bag, *options, lambda _done, _total: None, {*run.answers.frames()}
     )
 
 
-def _check_odometry(source: Path, given: Given) -> None:
+def _check_odometry(source: Path, values: OptionValues) -> None:
     check_evo()
-    open_truth(source, *make_odometry_options(given))
+    open_truth(source, *make_odometry_options(values))
 
 
-def _score_odometry(source: Path, bag: Path, given: Given, run: LiveRun) -> Any:  # noqa: ANN401
-    return score_odometry(source, bag, *make_odometry_options(given), {*run.answers.frames()})
+def _score_odometry(source: Path, bag: Path, values: OptionValues, run: LiveRun) -> Any:  # noqa: ANN401
+    return score_odometry(source, bag, *make_odometry_options(values), {*run.answers.frames()})
 
 
 class _Task(NamedTuple):
-    check: Callable[[Path, Given], None]
-    score: Callable[[Path, Path, Given, LiveRun], Any]
+    check: Callable[[Path, OptionValues], None]
+    score: Callable[[Path, Path, OptionValues, LiveRun], Any]
 
 
 _TASKS = {
@@ -477,21 +477,21 @@ class _Stage:
     def _hears(self) -> bool:
         """Subscribe to the topic once it has a publisher; return whether it is connected."""
         topic = self._options.topic
-        found = [] if self.run.msgtype else self._player.types_of(topic)
-        if found:
-            self.run.msgtype = self._choose(found)
+        msgtypes = [] if self.run.msgtype else self._player.types_of(topic)
+        if msgtypes:
+            self.run.msgtype = self._choose(msgtypes)
             self._record(Channel(topic, self.run.msgtype))
         return self._player.hears(topic)
 
-    def _choose(self, found: list[str]) -> str:
+    def _choose(self, msgtypes: list[str]) -> str:
         """Return the type to subscribe to, of those that the topic has.
 
         Raises:
             KittiRos2Error: It is not the one requested, one of several, or none that can be scored.
         """
-        chosen = self._options.msgtype or found[0]
-        if chosen not in found or (len(found) > 1 and self._options.msgtype is None):
-            raise UsageError(f'{self._options.topic} is {" and ".join(found)}; give --type')
+        chosen = self._options.msgtype or msgtypes[0]
+        if chosen not in msgtypes or (len(msgtypes) > 1 and self._options.msgtype is None):
+            raise UsageError(f'{self._options.topic} is {" and ".join(msgtypes)}; give --type')
         self._accept(chosen)
         return chosen
 
@@ -626,9 +626,9 @@ def evaluate_live(source: str | os.PathLike[str], **options: Unpack[LiveKeywords
         KittiRos2Error: The source cannot be played, the stack does not start or answers no frame,
             or its results cannot be scored.
     """
-    found = run_live(as_path(source), *make_live_options(by_name(options, LIVE)))
-    warn_of(found.losses)
-    return found
+    scores = run_live(as_path(source), *make_live_options(by_name(options, LIVE)))
+    warn_of(scores.losses)
+    return scores
 
 
 def run_live(
@@ -648,18 +648,18 @@ def run_live(
         progress: Called with the numbers of answered frames and of all.
     """
     check_installed()
-    known = options.known_task()
-    if known is not None:
-        check_task(known, source, played)
+    requested_task = options.known_task()
+    if requested_task is not None:
+        check_task(requested_task, source, played)
 
     def accept(msgtype: str) -> None:
         task = options.task_of(msgtype)
-        if task != known:
+        if task != requested_task:
             check_task(task, source, played)
 
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         if options.out is None:
-            folder = stack.enter_context(TemporaryDirectory(prefix='kitti_ros2_'))
+            folder = exit_stack.enter_context(TemporaryDirectory(prefix='kitti_ros2_'))
             bag = Path(folder) / 'results.mcap'
         else:
             bag = options.out

@@ -164,8 +164,8 @@ def evaluate_class(objects: ClassObjects, overlaps: Overlaps, limit: float) -> C
     pairs = _Candidates(objects, label[concerned], detection[concerned], overlap[concerned])
     count = int(np.count_nonzero(objects.label_states == _COUNTED))
     thresholds = np.array(sample_scores(pairs.first_scores(), count))
-    right, similarity, taken = pairs.match_at(thresholds, covered)
-    wrong = _count_from(thresholds, objects, covered) - taken
+    right, similarity, matched = pairs.match_at(thresholds, covered)
+    wrong = _count_from(thresholds, objects, covered) - matched
     precision, orientation = np.zeros(SAMPLES), np.zeros(SAMPLES)
     for curve, share in ((precision, right), (orientation, similarity)):
         positive = np.maximum(right + wrong, 1)  # 0 / 0 is 0
@@ -184,9 +184,9 @@ def sample_scores(scores: Sequence[float], objects: int) -> list[float]:
     ordered = sorted(scores, reverse=True)
     sampled: list[float] = []
     recall, last = 0.0, len(ordered) - 1
-    for place, score in enumerate(ordered):
-        below, above = (place + 1) / objects, (place + 2) / objects
-        if place < last and above - recall < recall - below:
+    for index, score in enumerate(ordered):
+        below, above = (index + 1) / objects, (index + 2) / objects
+        if index < last and above - recall < recall - below:
             continue
         sampled.append(score)
         recall += 1.0 / (SAMPLES - 1.0)
@@ -241,8 +241,8 @@ class _Candidates:
         )
         similarity = (1.0 + np.cos(delta[self._true])) / 2.0
         right = matched[self._true]
-        taken = matched[~self._ignored & ~covered[self._detection]].sum(axis=0)
-        return right.sum(axis=0), similarity @ right, taken
+        counted = matched[~self._ignored & ~covered[self._detection]].sum(axis=0)
+        return right.sum(axis=0), similarity @ right, counted
 
     def _choose(self, order: Int64Array, exists: BoolArray) -> BoolArray:
         """Let each label take its first free pair; return (P, T) which pairs are taken.
@@ -258,10 +258,10 @@ class _Candidates:
         detection_free, detection = _all_free(self._detection, exists.shape[1])
         for rows in _nth_of_each(self._objects.labels.frame[self._label[order]]):
             pairs = order[rows]
-            found = exists[pairs] & label_free[label[pairs]] & detection_free[detection[pairs]]
-            matched[pairs] = found
-            label_free[label[pairs]] &= ~found
-            detection_free[detection[pairs]] &= ~found
+            chosen = exists[pairs] & label_free[label[pairs]] & detection_free[detection[pairs]]
+            matched[pairs] = chosen
+            label_free[label[pairs]] &= ~chosen
+            detection_free[detection[pairs]] &= ~chosen
         return matched
 
 
@@ -327,8 +327,8 @@ class ObjectTable:
 
     def of_classes(self, class_names: Collection[str]) -> BoolArray:
         """Return (N,) whether each object is of one of some classes, in lower case."""
-        wanted = [index for index, name in enumerate(self.class_names) if name in class_names]
-        return np.isin(self.class_index, wanted)
+        indices = [index for index, name in enumerate(self.class_names) if name in class_names]
+        return np.isin(self.class_index, indices)
 
 
 def table_of(frames: Sequence[Sequence[Box]]) -> ObjectTable:
@@ -439,14 +439,14 @@ def find_overlaps(
 ) -> Mapping[Space, Overlaps]:
     """Return the pairs of the same frame that overlap by more than a limit, in each space."""
     uncounted = labels.of_classes({DONT_CARE.lower()})
-    found: dict[Space, list[Overlaps]] = {space: [] for space in Space}
+    chunks: dict[Space, list[Overlaps]] = {space: [] for space in Space}
     for pairs in pairs_by_frame(labels, detections):
         for space, shares in _shares(labels, detections, pairs).items():
             union = shares.detection + shares.label - shares.common
             overlap = shares.common / np.where(uncounted[pairs.label], shares.detection, union)
-            kept = overlap > above
-            found[space].append(Overlaps(pairs.label[kept], pairs.detection[kept], overlap[kept]))
-    return {space: _joined(parts) for space, parts in found.items()}
+            mask = overlap > above
+            chunks[space].append(Overlaps(pairs.label[mask], pairs.detection[mask], overlap[mask]))
+    return {space: _joined(overlaps) for space, overlaps in chunks.items()}
 
 
 def _joined(parts: list[Overlaps]) -> Overlaps:
@@ -486,12 +486,12 @@ def _area(sides: Float64Array) -> Float64Array:
 def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> _Shares:
     """Return the areas on the ground; those of far pairs have nothing in common."""
     first, second = _footprints(labels), _footprints(detections)
-    reach = [np.hypot(each[:, 2], each[:, 3]) / 2 for each in (first, second)]
+    reach = [np.hypot(footprints[:, 2], footprints[:, 3]) / 2 for footprints in (first, second)]
     apart = first[pairs.label, :2] - second[pairs.detection, :2]
     near = np.flatnonzero(np.hypot(*apart.T) < reach[0][pairs.label] + reach[1][pairs.detection])
     common = np.zeros(len(pairs.label))
     common[near] = intersect_rectangles(first[pairs.label[near]], second[pairs.detection[near]])
-    areas = [np.abs(_area(each[:, 2:4])) for each in (first, second)]
+    areas = [np.abs(_area(footprints[:, 2:4])) for footprints in (first, second)]
     return _Shares(areas[0][pairs.label], areas[1][pairs.detection], common)
 
 
@@ -541,20 +541,20 @@ def left_out_note(count: int) -> tuple[str, ...]:
 
 
 def notes_on(
-    scores: Scores, found: FrameBoxes, labels: ObjectTable, detections: ObjectTable
+    scores: Scores, results: FrameBoxes, labels: ObjectTable, detections: ObjectTable
 ) -> Iterator[str]:
     """Yield remarks on the scores of some results."""
     unknown = labels.of_classes({*scores}) & (labels.occluded == UNKNOWN_OCCLUSION)
     yield from left_out_note(int(np.count_nonzero(unknown)))
-    unscored = sum(box.score is None for boxes in found.boxes.values() for box in boxes)
+    unscored = sum(box.score is None for boxes in results.boxes.values() for box in boxes)
     if unscored:
         yield (
-            f'{found.source}: {unscored} detections without a score, the 16th column, count as'
+            f'{results.source}: {unscored} detections without a score, the 16th column, count as'
             f' {UNSCORED:g}; equal scores make a curve of one point'
         )
-    yield from _invalid_boxes(found, detections)
+    yield from _invalid_boxes(results, detections)
     for class_name, metrics in scores.items():
-        yield from _notes_on_class(class_name, found, detections)
+        yield from _notes_on_class(class_name, results, detections)
         absent = [name for name, levels in metrics.items() if None in levels.values()]
         if absent:
             yield (
@@ -575,7 +575,7 @@ def notes_on(
         )
 
 
-def _invalid_boxes(found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+def _invalid_boxes(results: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
     """Yield remarks on boxes that match no label, whatever they are compared with."""
     left, top, right, bottom = detections.box_2d.T
     sizes = detections.size_hwl
@@ -588,13 +588,13 @@ def _invalid_boxes(found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
     for what, invalid in counts.items():
         count = int(np.count_nonzero(invalid))
         if count:
-            yield f'{found.source}: {format_count(count, "detection")} with a {what}'
+            yield f'{results.source}: {format_count(count, "detection")} with a {what}'
 
 
-def _notes_on_class(class_name: str, found: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+def _notes_on_class(class_name: str, results: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
     own = detections.of_classes({class_name})
     if not own.any():
-        yield f'{class_name}: {found.source} has no detection of this class in the scored frames'
+        yield f'{class_name}: {results.source} has no detection of this class in the scored frames'
         return
     least = min(limits.height_px for limits in LIMITS.values())
     if (np.abs(detections.box_2d[own, 3] - detections.box_2d[own, 1]) < least).all():

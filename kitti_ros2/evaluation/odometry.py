@@ -116,14 +116,14 @@ def open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> 
         raise UsageError(f'{path}: is no regular file; {_EXPECTED}')
     if _is_text(path):
         if options.topic is not None or options.tf:
-            given = '--tf' if options.tf else '--topic'
-            raise UsageError(f'{path}: is a file of poses; {given} is for a bag')
-        found = read_trajectory(path)
+            option = '--tf' if options.tf else '--topic'
+            raise UsageError(f'{path}: is a file of poses; {option} is for a bag')
+        trajectory = read_trajectory(path)
         own: Sequence[Link] = ()
     else:
-        found, own = _open_bag_result(path, options)
-    frame = (options.frame or found.frame).lstrip('/')
-    return found.moved(frame_t_cam0(frame, own, links)) if frame else found
+        trajectory, own = _open_bag_result(path, options)
+    frame = (options.frame or trajectory.frame).lstrip('/')
+    return trajectory.moved(frame_t_cam0(frame, own, links)) if frame else trajectory
 
 
 def _open_bag_result(
@@ -136,12 +136,12 @@ def _open_bag_result(
     with open_bag_source(path) as bag:
         survey = survey_poses(bag)
         plan = choose_result(bag, survey, options)
-        found = read_poses(bag, survey, plan)
+        trajectory = read_poses(bag, survey, plan)
     if plan.body or options.frame is not None:
-        return found, survey.static
+        return trajectory, survey.static
     frame = FrameNames().base
     note = f'{plan.topic}: does not name its frame, taken as {frame}; see --frame'
-    return replace(found, frame=frame, notes=(*found.notes, note)), survey.static
+    return replace(trajectory, frame=frame, notes=(*trajectory.notes, note)), survey.static
 
 
 def _is_text(path: Path) -> bool:
@@ -191,10 +191,10 @@ class FrameMatch:
     notes: tuple[str, ...] = ()
 
     @property
-    def known(self) -> npt.NDArray[np.bool_]:
+    def matched(self) -> npt.NDArray[np.bool_]:
         """(N,) which frames have a pose."""
-        found: npt.NDArray[np.bool_] = self.indices != NONE
-        return found
+        matched: npt.NDArray[np.bool_] = self.indices != NONE
+        return matched
 
 
 def match_result(
@@ -221,30 +221,30 @@ def match_result(
         UsageError: No pose belongs to a frame to score, or the ground truth has no stamps.
     """
     if result.numbers is not None:
-        found = _by_number(numbers, result.numbers, result.source)
+        match = _by_number(numbers, result.numbers, result.source)
     else:
-        found = _by_stamp(truth, numbers, result, tolerance_ns)
+        match = _by_stamp(truth, numbers, result, tolerance_ns)
     if not scored.all():
         shown = format_numbers(numbers[scored].tolist()) or 'none of the ground truth'
-        if not (found.known & scored).any():
+        if not (match.matched & scored).any():
             raise UsageError(f'{result.source}: no pose of the frames to score, {shown}')
-        found = replace(found, notes=(*found.notes, f'scored are frames {shown} only'))
-    missing = numbers[scored & ~found.known].tolist()
+        match = replace(match, notes=(*match.notes, f'scored are frames {shown} only'))
+    missing = numbers[scored & ~match.matched].tolist()
     if not missing:
-        return found
+        return match
     loss = Loss('result', len(missing), f'{result.source}: no pose of frames {{}}', tuple(missing))
-    return replace(found, losses=(loss, *found.losses))
+    return replace(match, losses=(loss, *match.losses))
 
 
-def _by_number(numbers: Int64Array, given: Int64Array, source: str) -> FrameMatch:
-    places = np.minimum(np.searchsorted(given, numbers), len(given) - 1)
-    indices = np.where(given[places] == numbers, places, NONE)
+def _by_number(numbers: Int64Array, result_numbers: Int64Array, source: str) -> FrameMatch:
+    nearest = np.minimum(np.searchsorted(result_numbers, numbers), len(result_numbers) - 1)
+    indices = np.where(result_numbers[nearest] == numbers, nearest, NONE)
     if (indices == NONE).all():
         raise UsageError(
-            f'{source}: has {describe_frames(given)}; the ground truth has'
+            f'{source}: has {describe_frames(result_numbers)}; the ground truth has'
             f' {describe_frames(numbers)}, and none in common'
         )
-    others = tuple(np.setdiff1d(given, numbers).tolist())
+    others = tuple(np.setdiff1d(result_numbers, numbers).tolist())
     text = f'{source}: the ground truth has no frames {{}}'
     losses = (Loss('result', len(others), text, others),) if others else ()
     return FrameMatch(indices, 'frame number', losses=losses)
@@ -263,8 +263,8 @@ def _by_stamp(
     if truth.epoch_ns is not None and int(stamps_ns[-1]) < _LONGEST_RELATIVE_NS:
         stamps_ns = stamps_ns + truth.epoch_ns
         notes.append(f'{result.source}: stamps are taken as seconds from the start of the sequence')
-    found = frames.match(stamps_ns, tolerance_ns)
-    places, used = _nearest_poses(numbers, found)
+    match = frames.match(stamps_ns, tolerance_ns)
+    frame_indices, used = _nearest_poses(numbers, match)
     if not len(used):
         tolerance_s = (frames.tolerance_ns if tolerance_ns is None else tolerance_ns) / NS_PER_S
         raise UsageError(
@@ -279,10 +279,10 @@ def _by_stamp(
             f' one, not used'
         )
     indices, offsets_ns = np.full((2, len(numbers)), [[NONE], [0]], dtype=np.int64)
-    indices[places], offsets_ns[places] = used, found.offsets_ns[used]
+    indices[frame_indices], offsets_ns[frame_indices] = used, match.offsets_ns[used]
     by = f'stamp, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
-    if found.moment:
-        by = f'stamp ({found.moment})'
+    if match.moment:
+        by = f'stamp ({match.moment})'
     true_ns = truth.trajectory.stamps_ns
     if true_ns is not None and (np.diff(true_ns) <= 0).any():
         text = 'stamps are not ascending; poses are compared with those of their frames as they are'
@@ -291,13 +291,13 @@ def _by_stamp(
     return FrameMatch(indices, by, offsets_ns, notes=tuple(notes))
 
 
-def _nearest_poses(numbers: Int64Array, found: StampMatch) -> tuple[Int64Array, Int64Array]:
+def _nearest_poses(numbers: Int64Array, match: StampMatch) -> tuple[Int64Array, Int64Array]:
     """Return the places of the frames that have poses, and the nearest pose of each."""
-    places = np.minimum(np.searchsorted(numbers, found.numbers), len(numbers) - 1)
-    order = np.argsort(np.abs(found.offsets_ns), kind='stable')
-    order = order[numbers[places[order]] == found.numbers[order]]
-    known, first = np.unique(places[order], return_index=True)
-    return known, order[first]
+    frame_indices = np.minimum(np.searchsorted(numbers, match.numbers), len(numbers) - 1)
+    order = np.argsort(np.abs(match.offsets_ns), kind='stable')
+    order = order[numbers[frame_indices[order]] == match.numbers[order]]
+    posed, first = np.unique(frame_indices[order], return_index=True)
+    return posed, order[first]
 
 
 def poses_at_frames(
@@ -326,10 +326,10 @@ def poses_at_frames(
     if len(moved):
         steps = [Transform.from_matrix(pose) for pose in rigid(truth.poses)]
         motion = ScannerMotion.from_poses(truth.stamps_ns.tolist(), steps)
-        for place in moved.tolist():
-            frame_ns = int(truth.stamps_ns[place])
-            stamp_ns = frame_ns + int(match.offsets_ns[place])
-            poses[place] = poses[place] @ motion.relative(stamp_ns, frame_ns)
+        for index in moved.tolist():
+            frame_ns = int(truth.stamps_ns[index])
+            stamp_ns = frame_ns + int(match.offsets_ns[index])
+            poses[index] = poses[index] @ motion.relative(stamp_ns, frame_ns)
     return poses
 
 
@@ -442,33 +442,33 @@ def score_odometry(
     """Score a trajectory; see evaluate_odometry."""
     check_evo()
     truth = open_truth(ground_truth, read, options)
-    found = open_result(result, options, truth.links)
+    trajectory = open_result(result, options, truth.links)
     poses, numbers = truth.trajectory.poses, truth.trajectory.numbers
     if numbers is None:
         numbers = np.arange(len(poses), dtype=np.int64)
     scored = np.array([frames is None or number in frames for number in numbers.tolist()])
-    match = match_result(truth, numbers, found, options.tolerance_ns, scored)
-    numbers, poses, known = numbers[scored], poses[scored], match.known[scored]
-    at_frames, scale = _scaled_poses(truth, match, found, scored, options.align)
-    segments = segment_errors(numbers, poses, at_frames, known)
-    errors = pose_errors(numbers[known], poses[known], at_frames[known], options.align)
+    match = match_result(truth, numbers, trajectory, options.tolerance_ns, scored)
+    numbers, poses, posed = numbers[scored], poses[scored], match.matched[scored]
+    at_frames, scale = _scaled_poses(truth, match, trajectory, scored, options.align)
+    segments = segment_errors(numbers, poses, at_frames, posed)
+    errors = pose_errors(numbers[posed], poses[posed], at_frames[posed], options.align)
     errors = replace(errors, scale=errors.scale * scale)
     distances = path_distances(poses)
     short = _note_short(segments, float(distances[-1]))
     return OdometryScores(
         truth.name,
         truth.trajectory.source,
-        found.source,
+        trajectory.source,
         numbers,
-        known,
+        posed,
         poses[:, :3, 3],
         distances,
         segments,
         errors,
         options.align,
         match.by,
-        (*truth.trajectory.losses, *found.losses, *match.losses),
-        (*truth.trajectory.notes, *found.notes, *match.notes, *short),
+        (*truth.trajectory.losses, *trajectory.losses, *match.losses),
+        (*truth.trajectory.notes, *trajectory.notes, *match.notes, *short),
     )
 
 
@@ -485,9 +485,9 @@ def _scaled_poses(
     scaled poses, so that the scale is found in steps.
     """
     at_frames = poses_at_frames(truth.trajectory, match, result)
-    scale, kept = 1.0, scored & match.known
+    scale, posed = 1.0, scored & match.matched
     for _ in range(_SCALE_STEPS if alignment.has_scale else 0):
-        step = fit_scale(truth.trajectory.poses[kept], at_frames[kept], alignment)
+        step = fit_scale(truth.trajectory.poses[posed], at_frames[posed], alignment)
         scale, result = scale * step, result.scaled(step)
         at_frames = poses_at_frames(truth.trajectory, match, result)
         if abs(step - 1) < _SAME_SCALE:
@@ -555,9 +555,9 @@ def _heading(scores: OdometryScores) -> str:
 
 def _at_frames(scores: OdometryScores, values: Float64Array) -> Float64Array:
     """Return values of the frames with a result at all frames, NaN between them."""
-    found = np.full((len(scores.known), *values.shape[1:]), np.nan)
-    found[scores.known] = values
-    return found
+    padded = np.full((len(scores.known), *values.shape[1:]), np.nan)
+    padded[scores.known] = values
+    return padded
 
 
 def _draw_paths(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401
@@ -590,7 +590,7 @@ def _draw_means(
         return
     by_length = [segments.of_length(length) for length in LENGTHS_M]
     near = (np.abs(segments.speeds_m_s - speed) < _SPEED_RANGE_M_S for speed in _SPEEDS_M_S)
-    by_speed = [segments.chosen(kept) for kept in near]
+    by_speed = [segments.chosen(mask) for mask in near]
     means, means_by_speed = (
         [np.nan if len(part) < _LEAST else mean(part) for part in parts]
         for parts in (by_length, by_speed)

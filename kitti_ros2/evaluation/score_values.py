@@ -30,7 +30,7 @@ def detection_values(scores: DetectionScores) -> dict[str, object]:
 
 
 def _worst(worst: Sequence[WorstFrame]) -> list[dict[str, object]]:
-    return [{**asdict(each), 'penalty': round(each.penalty, 4)} for each in worst]
+    return [{**asdict(frame), 'penalty': round(frame.penalty, 4)} for frame in worst]
 
 
 def odometry_values(scores: OdometryScores) -> dict[str, object]:
@@ -68,29 +68,29 @@ if TYPE_CHECKING:
     Values = Mapping[str, Any]
 
 
-def combined_odometry(found: Sequence[Values]) -> dict[str, float | int | None]:
+def combined_odometry(results: Sequence[Values]) -> dict[str, float | int | None]:
     """Return the errors of several sequences together.
 
     Args:
-        found: The JSON of each: odometry_values, ape_poses and rpe_pairs.
+        results: The JSON of each: odometry_values, ape_poses and rpe_pairs.
     """
-    figures = [(each, figure) for each in found for figure in each['odometry'].values()]
+    figures = [(result, figure) for result in results for figure in result['odometry'].values()]
     segments = [(figure['segments'], figure) for _, figure in figures]
-    poses = [(each['ape_poses'], figure) for each, figure in figures]
-    pairs = [(each['rpe_pairs'], figure) for each, figure in figures]
+    poses = [(result['ape_poses'], figure) for result, figure in figures]
+    pairs = [(result['rpe_pairs'], figure) for result, figure in figures]
     return {
-        't_err_percent': _mean((count, each['t_err_percent']) for count, each in segments),
-        'r_err_deg_per_m': _mean((count, each['r_err_deg_per_m']) for count, each in segments),
+        't_err_percent': _mean((count, errors['t_err_percent']) for count, errors in segments),
+        'r_err_deg_per_m': _mean((count, errors['r_err_deg_per_m']) for count, errors in segments),
         'segments': sum(count for count, _ in segments),
-        'ape_m': _root_mean_square((count, each['ape_m']) for count, each in poses),
-        'rpe_m': _root_mean_square((count, each['rpe_m']) for count, each in pairs),
+        'ape_m': _root_mean_square((count, errors['ape_m']) for count, errors in poses),
+        'rpe_m': _root_mean_square((count, errors['rpe_m']) for count, errors in pairs),
     }
 
 
 def _mean(weighted: Iterable[tuple[int, float | None]]) -> float | None:
-    known = [(count, value) for count, value in weighted if count and value is not None]
-    total = sum(count for count, _ in known)
-    return sum(count * value for count, value in known) / total if total else None
+    counted = [(count, value) for count, value in weighted if count and value is not None]
+    total = sum(count for count, _ in counted)
+    return sum(count * value for count, value in counted) / total if total else None
 
 
 def _root_mean_square(weighted: Iterable[tuple[int, float | None]]) -> float | None:
@@ -99,18 +99,18 @@ def _root_mean_square(weighted: Iterable[tuple[int, float | None]]) -> float | N
     return None if mean is None else math.sqrt(mean)
 
 
-def combined_tracking(found: Sequence[Values]) -> dict[str, Figures]:
+def combined_tracking(results: Sequence[Values]) -> dict[str, Figures]:
     """Return the figures of several sequences together by class, as TrackEval combines them.
 
     Args:
-        found: The JSON of each: parts as plain_parts returns them.
+        results: The JSON of each: parts as plain_parts returns them.
 
     Raises:
         ImportError: TrackEval is not installed.
     """
     sequences = {
-        f'{place}/{name}': part
-        for place, each in enumerate(found)
-        for name, part in each['parts'].items()
+        f'{index}/{name}': part
+        for index, result in enumerate(results)
+        for name, part in result['parts'].items()
     }
     return combine_parts(sequences) if sequences else {}

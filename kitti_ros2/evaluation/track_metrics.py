@@ -48,14 +48,14 @@ class ClassMap:
     """Maps the classes of results to KITTI's, and counts those without one.
 
     Args:
-        given: KITTI's class of a class, by its name or numeric id; an empty one leaves its boxes
+        class_map: KITTI's class by the name or numeric id of a class; an empty one leaves its boxes
             out, and the name * stands for all other classes.
-        known: Classes that stand for themselves, in any case and with any blanks or brackets.
+        classes: Classes that stand for themselves, in any case and with any blanks or brackets.
     """
 
-    def __init__(self, given: Mapping[str, str], known: Iterable[str] = CLASSES) -> None:
-        self._known = {_word(name): name for name in known}
-        self._given = {own: self._known.get(_word(name), name) for own, name in given.items()}
+    def __init__(self, class_map: Mapping[str, str], classes: Iterable[str] = CLASSES) -> None:
+        self._known = {_word(name): name for name in classes}
+        self._given = {own: self._known.get(_word(name), name) for own, name in class_map.items()}
         self._known |= {_word(name): name for name in self._given.values() if name}
         self._unknown: Counter[str] = Counter()
 
@@ -159,12 +159,12 @@ def read_truth(path: Path, length: int) -> TrackBoxes:
         OSError: It cannot be read.
     """
     rows, losses = _read_rows(path, 'ground truth')
-    found = [(row, box, _OF_TRUTH.get(box.class_name.lower(), '')) for row, box in rows.items()]
-    regions = [_made(box, name) for _, box, name in found if name == _REGION]
-    objects = [each for each in found if each[2] not in {'', _REGION}]
-    kept, lost = _tracked(objects, path, 'ground truth', length)
+    boxes = [(row, box, _OF_TRUTH.get(box.class_name.lower(), '')) for row, box in rows.items()]
+    regions = [_made(box, name) for _, box, name in boxes if name == _REGION]
+    objects = [line for line in boxes if line[2] not in {'', _REGION}]
+    tracked, lost = _tracked(objects, path, 'ground truth', length)
     inside = [region for region in regions if 0 <= region.frame < length]
-    return TrackBoxes([*inside, *kept], (*losses, *lost))
+    return TrackBoxes([*inside, *tracked], (*losses, *lost))
 
 
 def read_tracks(path: Path, length: int, classes: ClassMap) -> TrackBoxes:
@@ -180,8 +180,8 @@ def read_tracks(path: Path, length: int, classes: ClassMap) -> TrackBoxes:
         OSError: It cannot be read.
     """
     rows, losses = _read_rows(path, 'tracks')
-    found = [(row, box, classes.find(box.class_name).lower()) for row, box in rows.items()]
-    return _scored(found, losses, path, length)
+    classified = [(row, box, classes.find(box.class_name).lower()) for row, box in rows.items()]
+    return _scored(classified, losses, path, length)
 
 
 def tracks_of_frames(frames: Mapping[int, Iterable[Box]], source: Path, length: int) -> TrackBoxes:
@@ -190,17 +190,17 @@ def tracks_of_frames(frames: Mapping[int, Iterable[Box]], source: Path, length: 
     Raises:
         BadFileError: A track has two boxes in a frame.
     """
-    found = [(-1, box, box.class_name.lower()) for boxes in frames.values() for box in boxes]
-    return _scored(found, [], source, length)
+    classified = [(-1, box, box.class_name.lower()) for boxes in frames.values() for box in boxes]
+    return _scored(classified, [], source, length)
 
 
 def _scored(
-    found: Sequence[tuple[int, Box, str]], losses: Sequence[Loss], path: Path, length: int
+    classified: Sequence[tuple[int, Box, str]], losses: Sequence[Loss], path: Path, length: int
 ) -> TrackBoxes:
-    known = [each for each in found if each[2] in SCORED]
-    kept, lost = _tracked(known, path, 'tracks', length)
-    others = sum(name not in {'', _REGION, *SCORED} for _, _, name in found)
-    return TrackBoxes(kept, (*losses, *lost), others)
+    in_benchmark = [line for line in classified if line[2] in SCORED]
+    tracked, lost = _tracked(in_benchmark, path, 'tracks', length)
+    others = sum(name not in {'', _REGION, *SCORED} for _, _, name in classified)
+    return TrackBoxes(tracked, (*losses, *lost), others)
 
 
 def _read_rows(path: Path, stream: str) -> tuple[dict[int, Box], list[Loss]]:
@@ -220,12 +220,12 @@ def _read_rows(path: Path, stream: str) -> tuple[dict[int, Box], list[Loss]]:
 
 
 def _tracked(
-    found: Iterable[tuple[int, Box, str]], path: Path, stream: str, length: int
+    classified: Iterable[tuple[int, Box, str]], path: Path, stream: str, length: int
 ) -> tuple[list[TrackBox], list[Loss]]:
     """Return the boxes with a track in a frame of the sequence, and the others as losses.
 
     Args:
-        found: Row, box and class of TrackEval.
+        classified: Row, box and class of TrackEval.
         path: For errors.
         stream: For losses.
         length: Number of frames of the sequence.
@@ -233,19 +233,19 @@ def _tracked(
     Raises:
         BadFileError: A track has two boxes in a frame.
     """
-    kept: dict[tuple[str, int, int], TrackBox] = {}
+    tracked: dict[tuple[str, int, int], TrackBox] = {}
     untracked, beyond = 0, Counter[int]()
-    for row, box, name in found:
-        made = _made(box, name)
-        if made.track_id < 0:
+    for row, box, name in classified:
+        track_box = _made(box, name)
+        if track_box.track_id < 0:
             untracked += 1
-        elif not 0 <= made.frame < length:
-            beyond[made.frame] += 1
-        elif kept.setdefault(made[:3], made) is not made:
+        elif not 0 <= track_box.frame < length:
+            beyond[track_box.frame] += 1
+        elif tracked.setdefault(track_box[:3], track_box) is not track_box:
             raise BadFileError(
                 path,
-                f'track {made.track_id} of class {box.class_name} has two boxes in frame'
-                f' {made.frame}',
+                f'track {track_box.track_id} of class {box.class_name} has two boxes in frame'
+                f' {track_box.frame}',
                 'one box of a track in a frame',
                 line=row + 1 if row >= 0 else None,
             )
@@ -255,7 +255,7 @@ def _tracked(
         Loss(stream, untracked, f'{name}: boxes with a track id below 0'),
         Loss(stream, beyond.total(), outside, numbers),
     ]
-    return list(kept.values()), [loss for loss in lost if loss.count]
+    return list(tracked.values()), [loss for loss in lost if loss.count]
 
 
 def _made(box: Box, class_name: str) -> TrackBox:
@@ -370,12 +370,12 @@ def _evaluate(
         results[name] = {}
         for class_name in SCORED:
             data = dataset.get_preprocessed_seq_data(raw, class_name)
-            found = {key: metric.eval_sequence(data) for key, metric in metrics.items()}
-            results[name][class_name] = found
+            by_metric = {key: metric.eval_sequence(data) for key, metric in metrics.items()}
+            results[name][class_name] = by_metric
         progress(done, len(names))
     by_sequence = {
-        name: {class_name: _figures(values) for class_name, values in found.items()}
-        for name, found in results.items()
+        name: {class_name: _figures(values) for class_name, values in by_class.items()}
+        for name, by_class in results.items()
     }
     return TrackFigures(combine_parts(results), by_sequence, results)
 
@@ -391,7 +391,7 @@ def combine_parts(parts: TrackParts) -> dict[str, Figures]:
         class_name: _figures(
             {
                 key: metric.combine_sequences(
-                    {name: _arrays(found[class_name][key]) for name, found in parts.items()}
+                    {name: _arrays(by_class[class_name][key]) for name, by_class in parts.items()}
                 )
                 for key, metric in metrics.items()
             }
@@ -421,12 +421,12 @@ def plain_parts(parts: TrackParts) -> dict[str, Any]:
     return {
         name: {
             class_name: {
-                metric: {key: np.asarray(each).tolist() for key, each in values.items()}
+                metric: {key: np.asarray(value).tolist() for key, value in values.items()}
                 for metric, values in metrics.items()
             }
-            for class_name, metrics in found.items()
+            for class_name, metrics in by_class.items()
         }
-        for name, found in parts.items()
+        for name, by_class in parts.items()
     }
 
 
@@ -438,9 +438,9 @@ def _figures(values: Mapping[str, Mapping[str, Any]]) -> Figures:
     counts = {
         name: int(values[metric][name]) for metric, names in _COUNTS.items() for name in names
     }
-    known = any(counts[name] for name in ('CLR_TP', 'CLR_FN', 'CLR_FP'))
+    present = any(counts[name] for name in ('CLR_TP', 'CLR_FN', 'CLR_FP'))
     percent = {
-        name: 100 * float(np.mean(values[metric][name])) if known else None
+        name: 100 * float(np.mean(values[metric][name])) if present else None
         for metric, names in _PERCENT.items()
         for name in names
     }
@@ -467,13 +467,13 @@ def _text(boxes: Sequence[TrackBox]) -> str:
     Tracks are numbered from 0, in the same order: TrackEval makes an array of the greatest id.
     """
     ids = sorted({box.track_id for box in boxes if box.track_id >= 0})
-    places = {track_id: place for place, track_id in enumerate(ids)}
-    return ''.join(f'{" ".join(_words(box, places))}\n' for box in boxes)
+    numbers = {track_id: number for number, track_id in enumerate(ids)}
+    return ''.join(f'{" ".join(_words(box, numbers))}\n' for box in boxes)
 
 
-def _words(found: TrackBox, places: Mapping[int, int]) -> Iterable[str]:
-    box = found.box
-    yield from (str(found.frame), str(places.get(found.track_id, -1)), found.class_name)
+def _words(track: TrackBox, numbers: Mapping[int, int]) -> Iterable[str]:
+    box = track.box
+    yield from (str(track.frame), str(numbers.get(track.track_id, -1)), track.class_name)
     yield from (repr(box.truncated), str(box.occluded), repr(box.alpha))
     yield from map(repr, (*box.box_2d, *box.size_hwl, *box.location, box.rotation_y))
     yield _UNSCORED

@@ -111,19 +111,19 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
             f'{path}: ground truth is a tracking set with {TRACKING_LABELS}, or a file of it'
         )
     recordings = open_folders(folder, replace(own, layout=Layout.TRACKING))
-    found = []
+    sequences = []
     for recording in recordings:
         labels = recording.path(Stream.LABELS, 0)
         if labels.is_file():
-            found.append(
+            sequences.append(
                 TruthSequence(recording.name, labels, _length(recording, labels), recording)
             )
-    if not found:
+    if not sequences:
         raise UsageError(
             f'{path}: has no {TRACKING_LABELS}/{"0" * SEQUENCE_DIGITS}{TXT} (KITTI publishes no'
             f' labels of {SPLITS[1]}); give {SPLITS[0]} of a tracking set'
         )
-    return found
+    return sequences
 
 
 def _length(recording: KittiRecording, labels: Path) -> int:
@@ -145,25 +145,25 @@ def _listed_length(name: str, folder: Path) -> int:
         folder: label_02.
     """
     split = folder.parent
-    places = (split, folder, *([split.parent] if split.name in SPLITS else ()))
+    folders = (split, folder, *([split.parent] if split.name in SPLITS else ()))
     testing = split.name == SPLITS[1]
     own: list[Lengths] = []
     plain: list[Lengths] = []
     others: list[Lengths] = []
-    for place in places:
-        for each in STORE.names(place):
-            if each == _SEQMAP:
-                plain.append(_lengths_of(place / each))
-            elif each.startswith(f'{_SEQMAP}.'):
-                is_test = each.removeprefix(f'{_SEQMAP}.').startswith('test')
-                (own if is_test == testing else others).append(_lengths_of(place / each))
+    for directory in folders:
+        for file_name in STORE.names(directory):
+            if file_name == _SEQMAP:
+                plain.append(_lengths_of(directory / file_name))
+            elif file_name.startswith(f'{_SEQMAP}.'):
+                is_test = file_name.removeprefix(f'{_SEQMAP}.').startswith('test')
+                (own if is_test == testing else others).append(_lengths_of(directory / file_name))
     if not testing:
         allowed = _TRAINING_NAMES.union(_files(folder))
-        plain = [each for each in plain if each not in others and each.keys() <= allowed]
+        plain = [table for table in plain if table not in others and table.keys() <= allowed]
     for lists in (own, plain):
-        found = [each[name] for each in lists if name in each]
-        if found:
-            return max(found)
+        listed = [lengths[name] for lengths in lists if name in lengths]
+        if listed:
+            return max(listed)
     return 0
 
 
@@ -174,15 +174,15 @@ def _lengths_of(path: Path) -> Lengths:
 
 
 def find_results(
-    path: Path, known: Sequence[TruthSequence], options: BagResultsOptions, *, all_known: bool
+    path: Path, sequences: Sequence[TruthSequence], options: BagResultsOptions, *, complete: bool
 ) -> ResultSource:
     """Find the results of sequences.
 
     Args:
         path: A folder of a tracker's files, directly or in its data/, one of them, or a bag.
-        known: The sequences with labels.
+        sequences: The sequences with labels.
         options: Those of a bag.
-        all_known: Whether these are all sequences, so that results of others have no labels.
+        complete: Whether these are all sequences, so that results of others have no labels.
 
     Raises:
         KittiRos2Error: There are no results of these sequences.
@@ -190,49 +190,52 @@ def find_results(
     if not path.exists():
         raise MissingPathError(path)
     if path.is_dir() and not looks_like_bag(path):
-        return _in_folder(path, known, all_known=all_known)
+        return _in_folder(path, sequences, complete=complete)
     if path.suffix == TXT:
-        return _in_file(path, known)
-    if len(known) > 1:
-        names = some_of([each.name for each in known])
+        return _in_file(path, sequences)
+    if len(sequences) > 1:
+        names = some_of([sequence.name for sequence in sequences])
         raise UsageError(
             f'{path}: a bag has the tracks of one sequence; choose it with --sequence ({names})'
         )
     with open_bag_source(path) as bag:
-        found = read_bag_results(
+        results = read_bag_results(
             bag,
             options.topic,
-            known[0].recording,
+            sequences[0].recording,
             dict(options.class_map),
             classes=TRACKER_CLASSES,
             tolerance_ns=options.tolerance_ns,
         )
-    return ResultSource(path, known, {}, found.boxes, found.losses, found.notes)
+    return ResultSource(path, sequences, {}, results.boxes, results.losses, results.notes)
 
 
-def _in_file(path: Path, known: Sequence[TruthSequence]) -> ResultSource:
-    chosen = known if len(known) == 1 else [each for each in known if each.name == path.stem]
+def _in_file(path: Path, sequences: Sequence[TruthSequence]) -> ResultSource:
+    named = [sequence for sequence in sequences if sequence.name == path.stem]
+    chosen = sequences if len(sequences) == 1 else named
     if not chosen:
         raise UsageError(
             f'{path}: of which sequence are these tracks? choose it with --sequence'
-            f' ({some_of([each.name for each in known])})'
+            f' ({some_of([sequence.name for sequence in sequences])})'
         )
     return ResultSource(path, chosen, {chosen[0].name: path})
 
 
-def _in_folder(path: Path, known: Sequence[TruthSequence], *, all_known: bool) -> ResultSource:
+def _in_folder(path: Path, sequences: Sequence[TruthSequence], *, complete: bool) -> ResultSource:
     folder = find_frame_files(path, SEQUENCE_DIGITS)
     if folder is None:
         entries = STORE.names(path)
-        found = f'contains {some_of(entries)}' if entries else 'the folder is empty'
-        raise UsageError(f'{path}: {found}; expected tracks in files such as {known[0].name}{TXT}')
+        content = f'contains {some_of(entries)}' if entries else 'the folder is empty'
+        raise UsageError(
+            f'{path}: {content}; expected tracks in files such as {sequences[0].name}{TXT}'
+        )
     files = _files(folder)
-    scored = [each for each in known if each.name in files]
+    scored = [sequence for sequence in sequences if sequence.name in files]
     if not scored:
-        names = some_of([f'{each.name}{TXT}' for each in known])
+        names = some_of([f'{sequence.name}{TXT}' for sequence in sequences])
         raise UsageError(f'{folder}: has no {names}, but {some_of([f"{n}{TXT}" for n in files])}')
-    absent = [each.name for each in known if each.name not in files]
-    unknown = sorted({*files} - {each.name for each in known}) if all_known else []
+    absent = [sequence.name for sequence in sequences if sequence.name not in files]
+    unknown = sorted({*files} - {sequence.name for sequence in sequences}) if complete else []
     lost = (
         Loss('tracks', len(absent), f'{folder}: no file of {some_of(absent, 6)}; not scored'),
         Loss('ground truth', len(unknown), f'{folder}: no labels of {some_of(unknown, 6)}'),
@@ -309,11 +312,11 @@ def evaluate_tracking(
     """
     from ..api.arguments import by_name, warn_of  # noqa: PLC0415 - for the library only
 
-    given = make_tracking_options(by_name(options, TRACKING))
+    parsed = make_tracking_options(by_name(options, TRACKING))
     show = progress or (lambda _done, _total: None)
-    found = score_tracking(as_path(ground_truth), as_path(results), *given, show)
-    warn_of(found.losses)
-    return found
+    scores = score_tracking(as_path(ground_truth), as_path(results), *parsed, show)
+    warn_of(scores.losses)
+    return scores
 
 
 def score_tracking(
@@ -322,7 +325,7 @@ def score_tracking(
     read: ReadOptions,
     options: BagResultsOptions,
     progress: Progress,
-    played: Container[int] | None = None,
+    frames: Container[int] | None = None,
 ) -> TrackingScores:
     """Score tracks.
 
@@ -332,29 +335,29 @@ def score_tracking(
         read: Options of the ground truth.
         options: Those of a bag.
         progress: Called with the number of sequences done, and of all.
-        played: The frames to score; None is all.
+        frames: The frames to score; None is all.
 
     Raises:
         KittiRos2Error: As evaluate_tracking.
     """
     check_trackeval()
-    known = find_sequences(ground_truth, read)
-    all_known = read.sequence is None and not ground_truth.is_file()
-    source = find_results(results, known, options, all_known=all_known)
+    labelled = find_sequences(ground_truth, read)
+    complete = read.sequence is None and not ground_truth.is_file()
+    source = find_results(results, labelled, options, complete=complete)
     classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
     losses, notes, others, unknown = [*source.losses], [*source.notes], 0, 0
     sequences = []
-    for each in source.sequences:
-        truth = read_truth(each.labels, each.length).among(played)
-        tracks = _read(source, each, classes).among(played)
+    for sequence in source.sequences:
+        truth = read_truth(sequence.labels, sequence.length).among(frames)
+        tracks = _read(source, sequence, classes).among(frames)
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
         unknown += sum(
             box.class_name in SCORED and box.box.occluded == UNKNOWN_OCCLUSION
             for box in truth.boxes
         )
-        notes += [*_empty_frames(each, truth, tracks), *_short_tracks(each, tracks)]
-        sequences.append(TrackedSequence(each.name, each.length, truth.boxes, tracks.boxes))
+        notes += [*_empty_frames(sequence, truth, tracks), *_short_tracks(sequence, tracks)]
+        sequences.append(TrackedSequence(sequence.name, sequence.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)
         notes.append(f'boxes of other classes than {names}, {others:,}, have no part in the scores')
@@ -363,16 +366,16 @@ def score_tracking(
     return TrackingScores(
         figures.combined,
         figures.by_sequence,
-        sum(_count(sequence.length, played) for sequence in sequences),
+        sum(_count(sequence.length, frames) for sequence in sequences),
         (*losses, *classes.losses(str(results))),
         tuple(notes),
         figures.parts,
     )
 
 
-def _count(length: int, played: Container[int] | None) -> int:
+def _count(length: int, frames: Container[int] | None) -> int:
     """Return how many frames of a sequence are scored."""
-    return length if played is None else sum(number in played for number in range(length))
+    return length if frames is None else sum(number in frames for number in range(length))
 
 
 def _read(source: ResultSource, sequence: TruthSequence, classes: ClassMap) -> TrackBoxes:

@@ -122,12 +122,12 @@ def read_trajectory(path: Path) -> CameraTrajectory:
     form, first = _FORMATS.get(columns), content[rows[0]]
     if form is None or ',' in first.split()[0]:
         raise _unknown_columns(path, rows[0] + 1, columns, first)
-    found = ((row + 1, content[row].split()) for row in rows)
-    lines, keys, poses, losses = _parse_rows(path, found, form)
+    numbered_rows = ((row + 1, content[row].split()) for row in rows)
+    lines, keys, poses, losses = _parse_rows(path, numbered_rows, form)
     ascending, order = np.unique(np.array(keys, dtype=np.int64), return_index=True)
     again = sorted({*range(len(keys))} - {*order.tolist()})
     if again:
-        where = format_numbers([lines[place] for place in again])
+        where = format_numbers([lines[index] for index in again])
         text = f'{path}: a second pose of the same {form.key} in lines {where}; the first is used'
         losses.append(Loss(path.name, len(again), text))
     notes = [f'{path}: the first line has no numbers; taken as a header'] if header else []
@@ -203,16 +203,16 @@ def _parse_rows(
     poses = np.tile(np.eye(4), (len(values), 1, 1))
     poses[:, :3] = np.reshape(values, (-1, 3, 4))
     wrong = _faults(poses)
-    faults |= {lines[place]: fault for place, fault in wrong.items()}
-    kept = [place for place in range(len(keys)) if place not in wrong]
+    faults |= {lines[index]: fault for index, fault in wrong.items()}
+    valid = [index for index in range(len(keys)) if index not in wrong]
     errors = [
         BadFileError(path, fault, form.expected, line=line)
         for line, fault in sorted(faults.items())
     ]
-    if not kept:
+    if not valid:
         raise errors[0]
     losses = [Loss(path.name, 1, str(error)) for error in errors]
-    return [lines[place] for place in kept], [keys[place] for place in kept], poses[kept], losses
+    return [lines[index] for index in valid], [keys[index] for index in valid], poses[valid], losses
 
 
 def _parse_kitti(words: list[str], position: int) -> tuple[int, list[float]]:
@@ -239,23 +239,23 @@ def _faults(poses: Float64Array) -> dict[int, str]:
     """Return by index why one of (N, 4, 4) poses is no rotation and translation."""
     off, sign = _errors_of_rotation(poses), np.linalg.det(poses[:, :3, :3])
     far = np.abs(poses).max(axis=(1, 2), initial=0) > _FARTHEST_M
-    found = {}
-    for place in np.flatnonzero(far | ~(off <= _ROTATION) | (sign < 0)).tolist():
-        if far[place]:
-            found[place] = 'a position beyond 1e9 m'
-        elif off[place] <= _ROTATION:
-            found[place] = 'the matrix is a reflection (left-handed axes, determinant -1)'
+    faults = {}
+    for index in np.flatnonzero(far | ~(off <= _ROTATION) | (sign < 0)).tolist():
+        if far[index]:
+            faults[index] = 'a position beyond 1e9 m'
+        elif off[index] <= _ROTATION:
+            faults[index] = 'the matrix is a reflection (left-handed axes, determinant -1)'
         else:
-            found[place] = f'the matrix is no rotation (R^T R is off by {off[place]:.2g})'
-    return found
+            faults[index] = f'the matrix is no rotation (R^T R is off by {off[index]:.2g})'
+    return faults
 
 
 def _errors_of_rotation(poses: Float64Array) -> Float64Array:
     """Return (N,) how far R^T R is from the identity."""
     rotations = np.clip(poses[:, :3, :3], -_FARTHEST_M, _FARTHEST_M)
     products = rotations.transpose(0, 2, 1) @ rotations
-    found: Float64Array = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0)
-    return found
+    errors: Float64Array = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0)
+    return errors
 
 
 @dataclass(frozen=True)
@@ -319,13 +319,13 @@ def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Flo
     if frame == CAMERA_0:
         return np.eye(4)
     # A bag may have an unrectified camera 0; that of the ground truth is rectified.
-    known = any(link[1] == CAMERA_0 for link in others)
-    kept = [link for link in own if not known or link[1].lstrip('/') != CAMERA_0]
-    placed = {link[1].lstrip('/') for link in kept}
-    tree = FrameTree([*kept, *(link for link in others if link[1] not in placed)])
-    found = tree.find(frame, CAMERA_0)
-    if found is not None:
-        return found.matrix()
+    rectified = any(link[1] == CAMERA_0 for link in others)
+    own_links = [link for link in own if not rectified or link[1].lstrip('/') != CAMERA_0]
+    placed = {link[1].lstrip('/') for link in own_links}
+    tree = FrameTree([*own_links, *(link for link in others if link[1] not in placed)])
+    transform = tree.find(frame, CAMERA_0)
+    if transform is not None:
+        return transform.matrix()
     if not tree.frames:
         raise MissingDataError(
             f'the frame {frame} cannot be converted to camera 0: neither the ground truth nor the'
@@ -399,15 +399,15 @@ class SegmentErrors:
         """Mean rotation error in degrees per metre; None without segments."""
         return _mean(self.rotations, 180 / np.pi)
 
-    def chosen(self, kept: npt.NDArray[np.bool_]) -> SegmentErrors:
+    def chosen(self, mask: npt.NDArray[np.bool_]) -> SegmentErrors:
         """Return some of the segments, (N,) bool."""
         return SegmentErrors(
-            self.first[kept],
-            self.last[kept],
-            self.lengths_m[kept],
-            self.translations[kept],
-            self.rotations[kept],
-            self.speeds_m_s[kept],
+            self.first[mask],
+            self.last[mask],
+            self.lengths_m[mask],
+            self.translations[mask],
+            self.rotations[mask],
+            self.speeds_m_s[mask],
         )
 
     def of_length(self, length_m: int) -> SegmentErrors:
@@ -426,15 +426,15 @@ def _mean(errors: Float32Array, factor: float) -> float | None:
 def path_distances(poses: Float64Array) -> Float32Array:
     """Return (N,) metres along (N, 4, 4) poses up to each."""
     steps = np.diff(poses[:, :3, 3], axis=0).astype(np.float32)
-    found: Float32Array = np.cumsum(np.append(np.float32(0), _norms(steps)), dtype=np.float32)
-    return found
+    distances: Float32Array = np.cumsum(np.append(np.float32(0), _norms(steps)), dtype=np.float32)
+    return distances
 
 
 def segment_errors(
     numbers: Int64Array,
     ground_truth: Float64Array,
     result: Float64Array,
-    known: npt.NDArray[np.bool_],
+    posed: npt.NDArray[np.bool_],
 ) -> SegmentErrors:
     """Compute the errors of all segments.
 
@@ -443,7 +443,7 @@ def segment_errors(
             number.
         ground_truth: (N, 4, 4) poses of camera 0.
         result: (N, 4, 4) poses of camera 0 at the same frames, in any fixed frame.
-        known: (N,) which frames have a result.
+        posed: (N,) which frames have a result.
     """
     distances = path_distances(ground_truth)
     starts = np.flatnonzero((numbers - numbers[0]) % STEP == 0)
@@ -452,7 +452,7 @@ def segment_errors(
     last = np.searchsorted(distances, distances[first] + lengths, side='right')
     fits = last < len(distances)
     first, last, lengths = first[fits], last[fits], lengths[fits]
-    scored = known[first] & known[last]
+    scored = posed[first] & posed[last]
     left_out = int(np.count_nonzero(~scored))
     first, last, lengths = first[scored], last[scored], lengths[scored]
     errors = np.linalg.inv(_between(result, first, last)) @ _between(ground_truth, first, last)
@@ -470,23 +470,23 @@ def segment_errors(
 
 def _between(poses: Float64Array, first: Int64Array, last: Int64Array) -> Float64Array:
     """Return (M, 4, 4) poses of the last frames in the first ones."""
-    found: Float64Array = np.linalg.inv(poses[first]) @ poses[last]
-    return found
+    relative: Float64Array = np.linalg.inv(poses[first]) @ poses[last]
+    return relative
 
 
 def _norms(vectors: Float32Array) -> Float32Array:
     """Return (N,) lengths of (N, 3) vectors, added in the order of the devkit."""
     x, y, z = vectors.T
-    found: Float32Array = np.sqrt(x * x + y * y + z * z)
-    return found
+    norms: Float32Array = np.sqrt(x * x + y * y + z * z)
+    return norms
 
 
 def _angles(errors: Float64Array) -> Float32Array:
     """Return (N,) radians of the rotations of (N, 4, 4) transforms."""
     a, b, c = (errors[:, axis, axis].astype(np.float32) for axis in range(3))
     cosines = (0.5 * ((a + b + c).astype(np.float64) - 1.0)).astype(np.float32)
-    found: Float32Array = np.arccos(np.clip(cosines, np.float32(-1), np.float32(1)))
-    return found
+    angles: Float32Array = np.arccos(np.clip(cosines, np.float32(-1), np.float32(1)))
+    return angles
 
 
 # Absolute and relative pose errors (APE, RPE), by evo.
@@ -539,7 +539,7 @@ def pose_errors(
     from evo.core.metrics import APE, RPE, PoseRelation  # noqa: PLC0415 - heavy, and an extra
     from evo.core.trajectory import PosePath3D  # noqa: PLC0415 - as above
 
-    reference, estimate = (PosePath3D(poses_se3=[*rigid(each)]) for each in (ground_truth, result))
+    reference, estimate = (PosePath3D(poses_se3=[*rigid(path)]) for path in (ground_truth, result))
     scale = _align(estimate, reference, alignment)
     ape = APE(PoseRelation.translation_part)
     ape.process_data((reference, estimate))
@@ -588,8 +588,8 @@ def fit_scale(ground_truth: Float64Array, result: Float64Array, alignment: Align
     """
     if alignment is Alignment.SIM3:
         return pose_errors(np.arange(len(result)), ground_truth, result, alignment).scale
-    true, found = ((np.linalg.inv(poses[0]) @ poses)[:, :3, 3] for poses in (ground_truth, result))
-    squares, product = float(np.sum(found * found)), float(np.sum(found * true))
+    true, estimate = ((np.linalg.inv(path[0]) @ path)[:, :3, 3] for path in (ground_truth, result))
+    squares, product = float(np.sum(estimate * estimate)), float(np.sum(estimate * true))
     if not squares or product <= 0:
         raise UsageError(
             f'--align {alignment.value} is not possible (the result does not move along the ground'
@@ -609,6 +609,6 @@ def rigid(poses: Float64Array) -> Float64Array:
     evo refuses matrices that are rounded to fewer than six digits.
     """
     u, _, vh = np.linalg.svd(poses[:, :3, :3])
-    found: Float64Array = poses.copy()
-    found[:, :3, :3] = u @ vh
-    return found
+    rigid_poses: Float64Array = poses.copy()
+    rigid_poses[:, :3, :3] = u @ vh
+    return rigid_poses

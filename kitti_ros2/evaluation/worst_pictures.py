@@ -48,8 +48,8 @@ def open_pictures(ground_truth: Path, options: ReadOptions) -> RecordingFrames:
     try:
         source = open_frames(path, read)
     except NotKittiError:
-        found = f'{ground_truth}: belongs to no recording with images, to draw errors on'
-        raise UsageError(f'{found}; {expected}') from None
+        fault = f'{ground_truth}: belongs to no recording with images, to draw errors on'
+        raise UsageError(f'{fault}; {expected}') from None
     if not source.cameras and Stream.SCAN.value not in source.streams:
         source.close()
         raise UsageError(f'{path}: has neither images nor scans, to draw errors on; {expected}')
@@ -86,15 +86,15 @@ def draw_worst_frames(
         OSError: A picture cannot be written.
     """
     predictions = Predictions(lambda number: FrameLabels(results.get(number, ())), overlaps)
-    ranks = {each.number: (rank, each) for rank, each in enumerate(worst, 1)}
+    ranks = {frame.number: (rank, frame) for rank, frame in enumerate(worst, 1)}
     digits = max(len(str(len(worst))), _LEAST_DIGITS)
-    similar = (name for each in classes for name in NEIGHBOURS.get(each, ()))
+    similar = (name for class_name in classes for name in NEIGHBOURS.get(class_name, ()))
     options = PictureOptions(classes=(*classes, *similar))
     series = draw_frames(source, [*ranks], MODES[_MODE], options, predictions.add_to)
     tally = PictureTally()
     for number, picture in tally.pictures(series, progress):
-        rank, each = ranks[number]
-        text = f'{rank}. frame {number}: {each.reason}'
+        rank, frame = ranks[number]
+        text = f'{rank}. frame {number}: {frame.reason}'
         write_picture(folder / f'{rank:0{digits}d}_{number:06d}.png', captioned(picture, text))
     if worst:
         tally.check()
