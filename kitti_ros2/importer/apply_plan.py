@@ -108,20 +108,20 @@ def build_sets(
     def show(samples: int, size_bytes: int) -> None:
         progress(done[0] + samples, done[1] + size_bytes)
 
-    for name, one in plans.items():
+    for name, camera_plan in plans.items():
         without = frozenset({Stream.SCAN}) if first is not None and shared else frozenset()
         target = Target(stage / name, 0, common.get(name), without)
-        report = build(bags, one, survey, target, options, show)
+        report = build(bags, camera_plan, survey, target, options, show)
         if first is not None and shared:
             _link_scans(first, target.stage)
         first = first or stage / name
         done = [done[0] + sum(report.counts.values()), done[1] + report.size_bytes]
-        known = {loss for each in reports for loss in each.losses}  # of topics in common
-        losses = tuple(loss for loss in report.losses if loss not in known)
-        told = {
-            note for each in reports for note in each.notes if note.startswith(names.IMAGE_SETS)
+        reported = {loss for past in reports for loss in past.losses}  # of topics in common
+        losses = tuple(loss for loss in report.losses if loss not in reported)
+        repeated = {
+            note for past in reports for note in past.notes if note.startswith(names.IMAGE_SETS)
         }
-        notes = tuple(note for note in report.notes if note not in told)
+        notes = tuple(note for note in report.notes if note not in repeated)
         reports.append(replace(report, name=folder_of(plan, name), losses=losses, notes=notes))
     if plan.layout.traits.frame_set:
         _beside_each_other(stage, plan, plans)
@@ -165,20 +165,20 @@ def frames_of_sets(
     """
     if len(plans) == 1 or _is_own(next(iter(plans.values()))):
         return {
-            name: _frames_of(name, each, survey, track, selection) for name, each in plans.items()
+            name: _frames_of(name, plan, survey, track, selection) for name, plan in plans.items()
         }
-    found = {name: _frames_of(name, each, survey, track) for name, each in plans.items()}
-    keys = {name: _keys(frames) for name, frames in found.items()}
-    kept = set.intersection(*(set(key.tolist()) for key in keys.values()))
-    if not kept:
+    frames_by_set = {name: _frames_of(name, plan, survey, track) for name, plan in plans.items()}
+    keys = {name: _keys(frames) for name, frames in frames_by_set.items()}
+    common = set.intersection(*(set(key.tolist()) for key in keys.values()))
+    if not common:
         raise UsageError(
             'no frame is whole in all cameras; widen tolerance_s of the plan, or remove cameras'
             ' from its camera_sets'
         )
-    wanted = np.array(sorted(kept))
+    common_keys = np.array(sorted(common))
     return {
-        name: select_frames(pick_frames(frames, np.isin(keys[name], wanted)), selection)
-        for name, frames in found.items()
+        name: select_frames(pick_frames(frames, np.isin(keys[name], common_keys)), selection)
+        for name, frames in frames_by_set.items()
     }
 
 
@@ -211,10 +211,10 @@ def _link_scans(source: Path, target: Path) -> None:
     """Place the scans of one set in another, as hard links where the file system has them."""
     placer = FilePlacer(copy=False)
     for path in sorted(source.rglob('*')):
-        place = target / path.relative_to(source)
+        target_path = target / path.relative_to(source)
         in_scans = _SCANS.intersection(path.relative_to(source).parts)
-        if in_scans and path.is_file() and not place.exists():
-            placer.place(path, place)
+        if in_scans and path.is_file() and not target_path.exists():
+            placer.place(path, target_path)
 
 
 def _beside_each_other(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
@@ -266,23 +266,23 @@ def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
     """Yield a note on the cameras that look aside from x of the scans."""
     if plan.scan is None or plan.calibration != TF:
         return
-    turned = {}
-    for name, one in plans_of(plan).items():
-        axis = _camera_in_scan(one, survey)
+    directions = {}
+    for name, set_plan in plans_of(plan).items():
+        axis = _camera_in_scan(set_plan, survey)
         # One that looks up or down has no direction there; its frame may be no optical one.
         if axis is None or np.hypot(axis[0], axis[1]) < LEVEL:
             continue
         if abs(np.arctan2(axis[1], axis[0])) > _TURN_RAD:
-            turned[name] = describe_direction(axis)
-    if not turned:
+            directions[name] = describe_direction(axis)
+    if not directions:
         return
-    each = ', '.join(f'{name} ({looks})' for name, looks in turned.items())
+    text = ', '.join(f'{name} ({side})' for name, side in directions.items())
     if plan.camera_sets:
-        what, also = f'cameras of the sets look aside from x of the scans: {each}', ' of each set'
+        note, also = f'cameras of the sets look aside from x of the scans: {text}', ' of each set'
     else:
-        what, also = f'camera 2 looks {next(iter(turned.values()))} in the scans', ''
+        note, also = f'camera 2 looks {next(iter(directions.values()))} in the scans', ''
     yield (
-        f'{what}, so mmdetection3d and OpenPCDet turn boxes by that angle: to train with them set'
+        f'{note}, so mmdetection3d and OpenPCDet turn boxes by that angle: to train with them set'
         f' scan.forward: {CAMERA} in the plan, which turns the scans{also}'
     )
 
@@ -310,8 +310,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         UsageError: The options name no layout.
     """
     if options.layout is None:
-        known = ', '.join(layout.value for layout in Layout)
-        raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {known}')
+        layouts = ', '.join(layout.value for layout in Layout)
+        raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {layouts}')
     if options.all_cameras and survey.calibrations:
         raise UsageError('--all-cameras is for bags of other programs; to-bag wrote this one')
     for (parent, child), topics in survey.clashes.items():
@@ -319,19 +319,19 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
             f'{path_of(bags[0])}: {topics[0]} and {topics[1]} differ in {parent} -> {child}, so'
             f' they are of two robots; expected one: leave the topics of the other out of the bag'
         )
-    found = guess_plan(
+    guessed = guess_plan(
         survey,
         options.layout,
         path_of(bags[0]),
         all_cameras=options.all_cameras,
         with_calibration=options.calib is not None,
     )
-    plan, notes = adapt(found.plan, options), found.notes
+    plan, notes = adapt(guessed.plan, options), guessed.notes
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
     notes += (*clock_notes(clocked(survey, plan), plan), *loader_notes(plan, survey))
-    return replace(found, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
+    return replace(guessed, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:
@@ -415,9 +415,9 @@ def convert_by_plan(
         OutputError: It cannot be written.
     """
     if options.append:
-        with appended(out, plan.name, fsync=options.fsync) as place:
-            report = build(bags, plan, survey, Target(place.stage, place.first), options, progress)
-        return replace(report, notes=(*place.notes, *report.notes))
+        with appended(out, plan.name, fsync=options.fsync) as added:
+            report = build(bags, plan, survey, Target(added.stage, added.first), options, progress)
+        return replace(report, notes=(*added.notes, *report.notes))
     refusal = keep_all_but_data_sets(1) if options.overwrite else None
     with staged(out, refusal, fsync=options.fsync) as stage:
         return build(bags, plan, survey, Target(stage), options, progress)
@@ -492,13 +492,13 @@ def overlook_plan(
         selection: Of the frames.
     """
     streams = streams_of_topics(plan, survey)
-    order = {stream.value: place for place, stream in enumerate(_ORDER)}
+    order = {stream.value: rank for rank, stream in enumerate(_ORDER)}
     topics = [
         _planned(with_message, streams.get(with_message.name, ()))
         for with_message in _with_messages(survey)
     ]
     used = [topic for topic in topics if topic.streams]
-    used.sort(key=lambda each: (min(order[name] for name in each.streams), each.topic))
+    used.sort(key=lambda topic: (min(order[name] for name in topic.streams), topic.topic))
     survey = clocked(survey, plan)
     motion, faults = PlannedMotion(), list[str]()
     sets: list[Frames] = []
@@ -508,19 +508,19 @@ def overlook_plan(
         motion = read_motion(bags, next(iter(plans.values())), survey, LossTally())
         sets = list(frames_of_sets(plans, survey, motion.of_frames, selection).values())
         faults += [
-            f'no two streams have a frame in common: {each.unsynchronised}'
-            for each in sets
-            if each.unsynchronised
+            f'no two streams have a frame in common: {frames.unsynchronised}'
+            for frames in sets
+            if frames.unsynchronised
         ]
     except KittiRos2Error as error:
         faults.append(str(error))
-    for each in plans.values():
+    for set_plan in plans.values():
         try:
-            Rigging(each, survey, motion.tree)
+            Rigging(set_plan, survey, motion.tree)
         except KittiRos2Error as error:
             faults.append(str(error))
-    notes = [note for each in sets for note in each.notes]
-    notes += [loss.text() for each in sets for loss in each.losses]
+    notes = [note for frames in sets for note in frames.notes]
+    notes += [loss.text() for frames in sets for loss in frames.losses]
     return PlanOverview(
         plan,
         tuple(used),
@@ -534,21 +534,21 @@ def overlook_plan(
 def streams_of_topics(plan: Plan, survey: Survey) -> dict[str, tuple[str, ...]]:
     """Return by topic of a bag the streams that a plan makes of it, of topics with messages."""
     present = {with_message.name for with_message in _with_messages(survey)}
-    found: dict[str, dict[str, None]] = {}
+    by_topic: dict[str, dict[str, None]] = {}
     for use in topic_uses(plan):
         if use.topic in present:
-            found.setdefault(use.topic, {})[use.stream.value] = None
+            by_topic.setdefault(use.topic, {})[use.stream.value] = None
     for topic in _with_messages(survey):
-        if topic.msgtype in TF_TYPES and plan.calibration == TF and topic.name not in found:
-            found[topic.name] = {Stream.CALIBRATION.value: None}
+        if topic.msgtype in TF_TYPES and plan.calibration == TF and topic.name not in by_topic:
+            by_topic[topic.name] = {Stream.CALIBRATION.value: None}
     if plan.calibration == SOURCE and CALIBRATION in present:
-        found[CALIBRATION] = {Stream.CALIBRATION.value: None}
-    return {topic: tuple(streams) for topic, streams in found.items()}
+        by_topic[CALIBRATION] = {Stream.CALIBRATION.value: None}
+    return {topic: tuple(streams) for topic, streams in by_topic.items()}
 
 
 def _with_messages(survey: Survey) -> list[TopicSurvey]:
-    found = [topic for topic in survey.topics.values() if topic.count]
-    return sorted(found, key=lambda topic: topic.name)
+    topics = [topic for topic in survey.topics.values() if topic.count]
+    return sorted(topics, key=lambda topic: topic.name)
 
 
 def _planned(topic: TopicSurvey, streams: tuple[str, ...]) -> PlannedTopic:

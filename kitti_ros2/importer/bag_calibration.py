@@ -87,7 +87,7 @@ def make_calibration(
     views, notes = viewpoints(tree, cameras, others)
     first = min(cameras)
     cam0_t_velo, velo_t_imu, nominal = _mountings(tree, views[first], lidar_frame, imu_frame)
-    found = {}
+    by_index = {}
     for index, model in sorted(cameras.items()):
         cam_t_cam0 = Transform.identity()
         if index != first:
@@ -95,14 +95,14 @@ def make_calibration(
         turn = model.r @ cam_t_cam0.rotation @ cameras[first].r.T
         p_rect = _projection(views[index].p, Transform(turn, model.r @ cam_t_cam0.translation))
         k, d = _distorted(index, model, rectified=rectified or index in straightened)
-        found[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
+        by_index[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
         if angle_of(turn) > _REPORTED_TURN_RAD:
             notes.append(
                 f'camera {index} is turned by {np.degrees(angle_of(turn)):.3g} degrees against'
                 f' camera {first}: P{index} holds the turn, so its left part is no plain K'
             )
     calibration = Calibration(
-        found,
+        by_index,
         r0_rect=cameras[first].r,
         cam0_T_velo=cam0_t_velo,
         velo_T_imu=velo_t_imu,
@@ -125,10 +125,10 @@ def _straightened(
     first = image_t_cam[min(models)]
     cameras = {}
     for index, camera in rig.cameras.items():
-        place = None if camera.cam_T_cam0 is None else camera.cam_T_cam0 @ first.inverse()
+        cam_t_image0 = None if camera.cam_T_cam0 is None else camera.cam_T_cam0 @ first.inverse()
         cameras[index] = replace(
             camera,
-            cam_T_cam0=None if place is None else image_t_cam[index] @ place,
+            cam_T_cam0=None if cam_t_image0 is None else image_t_cam[index] @ cam_t_image0,
             r_rect=models[index].r @ image_t_cam[index].rotation.T,
         )
         if index in which:
@@ -259,13 +259,13 @@ def made_frame(
             )
         rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
     if rotation is None:
-        place = tree.find(scan.frame, scan.forward)
-        if place is None:
+        scan_t_forward = tree.find(scan.frame, scan.forward)
+        if scan_t_forward is None:
             raise UsageError(
                 f'scan: forward: {scan.forward}; expected {", ".join(AXES)}, {CAMERA}, or a frame'
                 f' that static transforms join to {scan.frame}; the bag has {tree}'
             )
-        rotation = place.rotation
+        rotation = scan_t_forward.rotation
     name = f'{scan.frame} with {scan.forward} forward'
     link = (scan.frame, name, Transform(rotation.copy(), np.zeros(3)))
     return replace(plan, scan=replace(scan, frame=name, forward='')), (link,)
@@ -328,15 +328,15 @@ class PlannedRig:
             UsageError: The plan names a missing topic, or needs a CameraInfo that is invalid.
             MissingDataError: As made_frame.
         """
-        lost = next((each.undecoded().text() for each in survey.unreadable(*TF_TYPES)), '')
+        lost = next((topic.undecoded().text() for topic in survey.unreadable(*TF_TYPES)), '')
         self.survey = survey
         self.models = camera_models(plan, survey)
         self.others, links = other_cameras(plan, survey)
         optical = [*links, *made_optical_frames(plan, survey)]
         self.tree = survey.tree_with(optical, lost)
-        self.plan, made = made_frame(plan, self.tree, self.models, self.others)
-        if made:
-            self.tree = survey.tree_with([*optical, *made], lost)
+        self.plan, scan_links = made_frame(plan, self.tree, self.models, self.others)
+        if scan_links:
+            self.tree = survey.tree_with([*optical, *scan_links], lost)
 
 
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
@@ -392,8 +392,8 @@ def make_calibrations(rig: PlannedRig) -> Calibrations:
     if plan.calibration == SOURCE:
         return _from_source(rig)
     if plan.calibration != TF:
-        given = _from_path(plan.calibration, plan)
-        return Calibrations((0,), (given,), given.notes)
+        file_calibration = _from_path(plan.calibration, plan)
+        return Calibrations((0,), (file_calibration,), file_calibration.notes)
     if not rig.models:
         raise UsageError('calibration: tf needs a camera with camera_info; set none, or --calib')
     scan_frame = plan.scan.frame if plan.scan is not None else None
@@ -416,20 +416,20 @@ def _unit_frame(tree: FrameTree, scan_frame: str | None) -> str | None:
     """
     if scan_frame is None:
         return None
-    found = [frame for frame in tree.frames if frame.rpartition('/')[2] == _UNIT_FRAME]
-    places = {each: place for each in found if (place := tree.find(scan_frame, each)) is not None}
-    near = [each for each, place in places.items() if place.rotation.diagonal().min() > _AHEAD]
-    return near[0] if len(places) == len(near) == 1 else None
+    named = [frame for frame in tree.frames if frame.rpartition('/')[2] == _UNIT_FRAME]
+    poses = {frame: pose for frame in named if (pose := tree.find(scan_frame, frame)) is not None}
+    near = [frame for frame, pose in poses.items() if pose.rotation.diagonal().min() > _AHEAD]
+    return near[0] if len(poses) == len(near) == 1 else None
 
 
 def _with_unit(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
     """Return a calibration with the place of the unit in the static transforms if it has none."""
     frame = None if plan.scan is None else plan.scan.frame
-    unit = _unit_frame(tree, frame) if 'velo_T_imu' in calibration.nominal else None
-    if frame is None or unit is None:
+    imu_frame = _unit_frame(tree, frame) if 'velo_T_imu' in calibration.nominal else None
+    if frame is None or imu_frame is None:
         return calibration
     nominal = tuple(part for part in calibration.nominal if part != 'velo_T_imu')
-    return replace(calibration, velo_T_imu=tree.transform(frame, unit), nominal=nominal)
+    return replace(calibration, velo_T_imu=tree.transform(frame, imu_frame), nominal=nominal)
 
 
 def _from_source(rig: PlannedRig) -> Calibrations:
@@ -441,32 +441,32 @@ def _from_source(rig: PlannedRig) -> Calibrations:
     texts = {name: text for name, text in by_name.items() if name in names.RAW_CALIB}
     folder = Path(CALIBRATION)
     if texts:
-        found = parse_raw_calibration(texts, folder, rectified=not plan.is_extract)
-        stamps, values = [0], [found]
+        calibration = parse_raw_calibration(texts, folder, rectified=not plan.is_extract)
+        stamps, calibrations = [0], [calibration]
     else:
         changes = _changes(survey.calibrations)
         stamps = [stamp_ns for stamp_ns, _ in changes]
-        values = [
+        calibrations = [
             parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
         ]
-    values = [_with_unit(each, plan, rig.tree) for each in values]
-    for value in values:
-        lacking = _lacking(value, plan)
+    calibrations = [_with_unit(calibration, plan, rig.tree) for calibration in calibrations]
+    for calibration in calibrations:
+        lacking = _lacking(calibration, plan)
         if lacking:
             raise MissingDataError(f'{lacking}; set calibration of the plan, or give --calib')
-    if len(values) == 1 or plan.layout.traits.calibration_per_frame:
-        return Calibrations(stamps, values)
+    if len(calibrations) == 1 or plan.layout.traits.calibration_per_frame:
+        return Calibrations(stamps, calibrations)
     note = (
-        f'the calibration changes {len(values) - 1} times within the recording;'
+        f'the calibration changes {len(calibrations) - 1} times within the recording;'
         f' layout {plan.layout.value} has a place for the first one only'
     )
-    return Calibrations(stamps, values, (note,))
+    return Calibrations(stamps, calibrations, (note,))
 
 
 def _changes(files: Sequence[tuple[int, TextFile]]) -> list[tuple[int, TextFile]]:
     """Return the files that differ from the one before."""
     texts = ['', *(file.text for _, file in files)]
-    return [entry for before, entry in zip(texts, files, strict=False) if entry[1].text != before]
+    return [file for before, file in zip(texts, files, strict=False) if file[1].text != before]
 
 
 def _from_path(text: str, plan: Plan) -> Calibration:
@@ -483,13 +483,13 @@ def _from_path(text: str, plan: Plan) -> Calibration:
             if (path / name).is_file()
         }
         day = day_of_drive(plan.name)
-        found = parse_raw_calibration(texts, path, rectified=not plan.is_extract, day=day)
+        calibration = parse_raw_calibration(texts, path, rectified=not plan.is_extract, day=day)
     else:
-        found = parse_calibration(STORE.read_text(path), path, path.name)
-    lacking = _lacking(found, plan)
+        calibration = parse_calibration(STORE.read_text(path), path, path.name)
+    lacking = _lacking(calibration, plan)
     if lacking:
         raise BadFileError(path, lacking, 'a calibration of every stream of the plan')
-    return found
+    return calibration
 
 
 def _lacking(calibration: Calibration, plan: Plan) -> str:

@@ -84,7 +84,7 @@ def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
     if size is None or size == model.size or size != model.size[::-1]:
         return model
     aside, aside_own = (
-        float(np.linalg.norm(model.p[:2, 2] - np.array(each) / 2)) for each in (size, model.size)
+        float(np.linalg.norm(model.p[:2, 2] - np.array(shape) / 2)) for shape in (size, model.size)
     )
     return replace(model, size=size) if aside < aside_own else model
 
@@ -135,10 +135,10 @@ class RigCamera:
     @cached_property
     def r(self) -> Float64Array:
         """(3, 3) optical to rectified frame; the identity where the CameraInfo has no rotation."""
-        found = self._matrix('r', (3, 3))
-        if found is None or not np.abs(found @ found.T - np.eye(3)).max() < _ROTATION:
+        rotation = self._matrix('r', (3, 3))
+        if rotation is None or not np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION:
             return np.eye(3)
-        return found
+        return rotation
 
     @cached_property
     def offset(self) -> Float64Array:
@@ -157,14 +157,14 @@ class RigCamera:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height by the CameraInfo, 0 where unknown."""
-        look = self.info.looks[0] if self.info is not None and self.info.looks else None
-        return int(getattr(look, 'width', 0)), int(getattr(look, 'height', 0))
+        message = self.info.looks[0] if self.info is not None and self.info.looks else None
+        return int(getattr(message, 'width', 0)), int(getattr(message, 'height', 0))
 
     @property
     def is_grey(self) -> bool:
         """Whether its images have one channel, by their encoding or their name."""
-        looks = self.topic.looks
-        encoding = str(getattr(looks[0], 'encoding', '') or getattr(looks[0], 'format', ''))
+        messages = self.topic.looks
+        encoding = str(getattr(messages[0], 'encoding', '') or getattr(messages[0], 'format', ''))
         return encoding.startswith(('mono', '8UC1', '16UC1')) or bool(_GREY.search(self.name))
 
     @property
@@ -185,8 +185,8 @@ class RigCamera:
 
     def _matrix(self, field: str, shape: tuple[int, int]) -> Float64Array | None:
         """Return a matrix of the CameraInfo, None where it is absent, all zero or not finite."""
-        look = self.info.looks[0] if self.info is not None and self.info.looks else None
-        numbers = np.asarray(getattr(look, field, ()), np.float64).ravel()
+        message = self.info.looks[0] if self.info is not None and self.info.looks else None
+        numbers = np.asarray(getattr(message, field, ()), np.float64).ravel()
         if numbers.size != shape[0] * shape[1] or not numbers.any():
             return None
         return numbers.reshape(shape) if np.isfinite(numbers).all() else None
@@ -198,21 +198,21 @@ def find_cameras(survey: Survey) -> list[RigCamera]:
     for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
         if topic.looks and not _is_depth(topic):
             groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
-    infos = {each.name: each for each in survey.of_type(types.CAMERA_INFO)}
-    found = [
+    infos = {info_topic.name: info_topic for info_topic in survey.of_type(types.CAMERA_INFO)}
+    image_topics = [
         (name, min(own, key=_image_rank))
         for folder, topics in sorted(groups.items())
         for name, own in _apart(folder, topics).items()
     ]
-    owners = {name: _own_info(infos, name, topic) for name, topic in found}
-    taken = {info.name for info in owners.values() if info is not None}
-    for name, topic in sorted(found, key=lambda each: (_image_rank(each[1]), each[0])):
+    owners = {name: _own_info(infos, name, topic) for name, topic in image_topics}
+    taken_infos = {info.name for info in owners.values() if info is not None}
+    for name, topic in sorted(image_topics, key=lambda camera: (_image_rank(camera[1]), camera[0])):
         # Nodes that draw on images publish them with the frame of the camera.
         info = owners[name] or _info_of_frame(infos, topic)
         if owners[name] is None and info is not None:
-            owners[name] = None if info.name in taken else info
-            taken.add(info.name)
-    return [RigCamera(name, topic, owners[name]) for name, topic in found]
+            owners[name] = None if info.name in taken_infos else info
+            taken_infos.add(info.name)
+    return [RigCamera(name, topic, owners[name]) for name, topic in image_topics]
 
 
 def leaf(topic: str) -> str:
@@ -225,13 +225,13 @@ def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey
     frames = {topic.frame for topic in topics if topic.frame}
     if len(frames) <= 1:
         return {folder: topics}
-    found: dict[str, list[TopicSurvey]] = {}
+    topics_by_camera: dict[str, list[TopicSurvey]] = {}
     names: dict[str, str] = {}
     for topic in topics:
         if topic.frame:
             name = names.setdefault(topic.frame, _base(topic.name))
-            found.setdefault(name, []).append(topic)
-    return found
+            topics_by_camera.setdefault(name, []).append(topic)
+    return topics_by_camera
 
 
 def _own_info(
@@ -239,7 +239,7 @@ def _own_info(
 ) -> TopicSurvey | None:
     """Return the CameraInfo beside an image (image_transport/camera_common.h)."""
     names = f'{name}/camera_info', f'{_base(topic.name)}/camera_info'
-    return next((infos[each] for each in names if each in infos), None)
+    return next((infos[info_name] for info_name in names if info_name in infos), None)
 
 
 def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> TopicSurvey | None:
@@ -258,10 +258,10 @@ def _is_depth(topic: TopicSurvey) -> bool:
 def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
     """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
     name = leaf(topic.name)
-    known = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
+    name_rank = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
     if topic.msgtype == types.IMAGE:
-        return known, 1
-    return known, 0 if 'png' in topic.looks[0].format else 2
+        return name_rank, 1
+    return name_rank, 0 if 'png' in topic.looks[0].format else 2
 
 
 def _base(topic: str) -> str:
@@ -320,7 +320,7 @@ def place_cameras(
     placed = [
         _with_optical(_with_known(camera, tree, notes), tree, heading, notes) for camera in cameras
     ]
-    links = [optical_link(each.bag_frame, each.forward) for each in placed if each.forward]
+    links = [optical_link(camera.bag_frame, camera.forward) for camera in placed if camera.forward]
     return PlacedCameras(placed, survey.tree_with(links), heading)
 
 
@@ -362,10 +362,10 @@ def find_heading(
     heading = find_body(tree, sensors)
     if heading is not None or scan_frame is None:
         return heading
-    joined = [each for each in cameras if tree.joins(scan_frame, each.frame)]
+    joined = [camera for camera in cameras if tree.joins(scan_frame, camera.frame)]
     return (
         known_heading(tree, scan_frame)
-        or _camera_heading(tree, scan_frame, [each for each in joined if each.name_rank == 0])
+        or _camera_heading(tree, scan_frame, [camera for camera in joined if camera.name_rank == 0])
         or root_heading(tree, sensors)
         or _camera_heading(tree, scan_frame, joined)
         or Heading(scan_frame, AXES['x'], f'x of {scan_frame}', assumed=True)
@@ -387,20 +387,23 @@ def choose_cameras(rig: PlacedCameras) -> Choice:
     tree, cameras = rig.tree, rig.cameras
     directions = {camera.name: direction_of(rig, camera) for camera in cameras}
     if len(cameras) > _MOST_COMPARED:
-        cameras = sorted(cameras, key=lambda each: _angle(directions[each.name]))[:_MOST_COMPARED]
+        cameras = sorted(cameras, key=lambda camera: _angle(directions[camera.name]))[
+            :_MOST_COMPARED
+        ]
     rights = {
         right.name
         for left, right in permutations(cameras, 2)
         if left.is_grey == right.is_grey and is_pair(tree, left, right)
     }
     joined = [camera for camera in cameras if directions[camera.name] is not None]
-    angles = {each.name: _angle(directions[each.name]) for each in joined}
+    angles = {camera.name: _angle(directions[camera.name]) for camera in joined}
     nearest = min(angles.values(), default=0.0)
-    ahead = [each for each in joined if angles[each.name] <= nearest + _ALIKE_RAD] or cameras
-    if joined and all(is_steep(directions[each.name]) for each in joined):
+    ahead = [camera for camera in joined if angles[camera.name] <= nearest + _ALIKE_RAD] or cameras
+    if joined and all(is_steep(directions[camera.name]) for camera in joined):
         ahead = joined  # their frames are no optical ones: names tell more than a lean
     main = min(
-        ahead, key=lambda each: (each.name in rights, each.is_grey, each.name_rank, each.name)
+        ahead,
+        key=lambda camera: (camera.name in rights, camera.is_grey, camera.name_rank, camera.name),
     )
     chosen = {2: main}
     mates = [camera for camera in cameras if is_pair(tree, main, camera)]
@@ -411,9 +414,9 @@ def choose_cameras(rig: PlacedCameras) -> Choice:
         ]
     if mates:
         chosen[3] = min(mates, key=partial(_mate_rank, main))
-    taken = {each.name for each in chosen.values()}
+    names = {camera.name for camera in chosen.values()}
     rest = [
-        camera for camera in cameras if camera.name not in taken and _looks_as(tree, main, camera)
+        camera for camera in cameras if camera.name not in names and _looks_as(tree, main, camera)
     ]
     grey = [pair for pair in permutations(rest, 2) if is_pair(tree, *pair)]
     if grey:
@@ -452,14 +455,14 @@ def _baseline(tree: FrameTree, left: RigCamera, right: RigCamera) -> Float64Arra
 
     Where both name one frame, or no transform joins them, the baseline is that of the right P.
     """
-    place = tree.find(left.frame, right.frame)
-    if place is None:
+    pose = tree.find(left.frame, right.frame)
+    if pose is None:
         return -right.offset if not _has_baseline(left) and _has_baseline(right) else None
-    if np.linalg.norm(place.translation) < _NO_BASELINE_M:
-        return left.offset - right.offset if angle_of(place.rotation) < _ALIKE_RAD else None
-    if angle_of(left.r @ place.rotation @ right.r.T) > _ALIKE_RAD:
+    if np.linalg.norm(pose.translation) < _NO_BASELINE_M:
+        return left.offset - right.offset if angle_of(pose.rotation) < _ALIKE_RAD else None
+    if angle_of(left.r @ pose.rotation @ right.r.T) > _ALIKE_RAD:
         return None
-    return np.asarray(left.r @ place.translation, np.float64)
+    return np.asarray(left.r @ pose.translation, np.float64)
 
 
 def _has_baseline(camera: RigCamera) -> bool:
@@ -467,8 +470,8 @@ def _has_baseline(camera: RigCamera) -> bool:
 
 
 def _looks_as(tree: FrameTree, main: RigCamera, other: RigCamera) -> bool:
-    place = tree.find(main.frame, other.frame)
-    return place is not None and angle_of(main.r @ place.rotation @ other.r.T) <= _ALIKE_RAD
+    pose = tree.find(main.frame, other.frame)
+    return pose is not None and angle_of(main.r @ pose.rotation @ other.r.T) <= _ALIKE_RAD
 
 
 def _angle(direction: Float64Array | None) -> float:
@@ -503,10 +506,10 @@ def _camera_heading(
 
 def joined_cameras(rig: PlacedCameras, scan_frame: str | None) -> list[RigCamera]:
     """Return the cameras that static transforms join to the scans; all if none is, or no scans."""
-    every = list(rig.cameras)
+    cameras = list(rig.cameras)
     if scan_frame is None:
-        return every
-    return [each for each in every if rig.tree.joins(scan_frame, each.frame)] or every
+        return cameras
+    return [camera for camera in cameras if rig.tree.joins(scan_frame, camera.frame)] or cameras
 
 
 def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
@@ -531,8 +534,8 @@ def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) 
         scan_frame: That of the scans, None without scans.
     """
     joined = joined_cameras(rig, scan_frame)
-    taken = {camera.name for camera in choice.cameras.values()}
-    others = [camera for camera in rig.cameras if camera.name not in taken]
+    taken_names = {camera.name for camera in choice.cameras.values()}
+    others = [camera for camera in rig.cameras if camera.name not in taken_names]
     notes = []
     if choice.by_name:
         main = choice.cameras[2].topic.name
@@ -542,13 +545,13 @@ def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) 
     notes += describe_steep(rig, choice.cameras[2])
     for other in others:
         direction = direction_of(rig, other)
-        looks = 'no static transform tells where it looks'
+        reason = 'no static transform tells where it looks'
         if scan_frame is not None and other not in joined:
-            looks = why_not_joined(rig.tree, other, scan_frame)
+            reason = why_not_joined(rig.tree, other, scan_frame)
         elif direction is not None and rig.heading is not None:
             forward = rig.heading.source
-            looks = f'it looks {describe_direction(direction)} (forward is {forward})'
-        notes.append(f'passed over: {other.topic.name}; {looks}')
+            reason = f'it looks {describe_direction(direction)} (forward is {forward})'
+        notes.append(f'passed over: {other.topic.name}; {reason}')
     if any(other in joined for other in others):
         notes.append('cameras of the plan takes other cameras; --all-cameras writes a set for each')
     return notes
@@ -592,19 +595,21 @@ def guess_cameras(
         notes.append('missing: images (no camera)')
         return {}
     cameras = _with_info(rig.cameras, notes)
-    found = _by_own_names(cameras)
-    if not found and not any(each.info is not None and each.frame for each in cameras):
+    chosen = _by_own_names(cameras)
+    if not chosen and not any(camera.info is not None and camera.frame for camera in cameras):
         # Images without frames: nothing tells directions, and nothing is projected wrongly.
-        order = sorted(cameras, key=lambda each: (each.name_rank, each.name))
-        found = dict(zip((2, 3, 0, 1), order, strict=False))
-        notes += [f'passed over: {each.topic.name}; KITTI has four cameras' for each in order[4:]]
-    elif not found:
+        order = sorted(cameras, key=lambda camera: (camera.name_rank, camera.name))
+        chosen = dict(zip((2, 3, 0, 1), order, strict=False))
+        notes += [
+            f'passed over: {camera.topic.name}; KITTI has four cameras' for camera in order[4:]
+        ]
+    elif not chosen:
         rig = replace(rig, cameras=cameras)
         choice = choose_cameras(rig)
-        found = choice.cameras
+        chosen = choice.cameras
         notes += describe_others(rig, choice, scan_frame)
-    notes += _describe_rectified(found.values())
-    return {index: _plan(layout, camera) for index, camera in sorted(found.items())}
+    notes += _describe_rectified(chosen.values())
+    return {index: _plan(layout, camera) for index, camera in sorted(chosen.items())}
 
 
 def guess_camera_sets(
@@ -619,24 +624,24 @@ def guess_camera_sets(
             as those behind a joint that moves, have no calibration; unless none is joined.
         notes: A note on each camera without a set is added.
     """
-    known = _with_info(rig.cameras, notes)
-    cameras = [each for each in known if each.focal] or known
+    with_info = _with_info(rig.cameras, notes)
+    cameras = [camera for camera in with_info if camera.focal] or with_info
     notes += [
-        f'passed over: {each.topic.name}; its camera_info is not calibrated'
-        for each in known
-        if each not in cameras
+        f'passed over: {camera.topic.name}; its camera_info is not calibrated'
+        for camera in with_info
+        if camera not in cameras
     ]
     if scan_frame is not None:
         joined = joined_cameras(replace(rig, cameras=cameras), scan_frame)
         notes += [
-            f'passed over: {each.topic.name}; {why_not_joined(rig.tree, each, scan_frame)}'
-            for each in cameras
-            if each not in joined
+            f'passed over: {camera.topic.name}; {why_not_joined(rig.tree, camera, scan_frame)}'
+            for camera in cameras
+            if camera not in joined
         ]
         cameras = joined
-    notes += [note for each in cameras for note in describe_steep(rig, each)]
+    notes += [note for camera in cameras for note in describe_steep(rig, camera)]
     notes += _describe_rectified(cameras)
-    names = _short_names([each.name for each in cameras])
+    names = _short_names([camera.name for camera in cameras])
     return {
         name: _plan(layout, camera)
         for name, camera in zip(names, cameras, strict=True)
@@ -647,36 +652,36 @@ def guess_camera_sets(
 def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
     """Whether raw images stay distorted, so that the drive is an extract."""
     for plan in cameras:
-        looks = survey.topics[plan.info].looks if plan.info else []
-        if not looks or plan.rectify or 'rect' in leaf(plan.topic):
+        infos = survey.topics[plan.info].looks if plan.info else []
+        if not infos or plan.rectify or 'rect' in leaf(plan.topic):
             continue
-        if np.any(looks[0].d) and not _is_rectified(looks[0], survey.topics[plan.topic]):
+        if np.any(infos[0].d) and not _is_rectified(infos[0], survey.topics[plan.topic]):
             return True
     return False
 
 
 def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
     """Return the cameras with a CameraInfo, or all where none has one."""
-    known = [each for each in rig if each.info is not None]
-    if not known:
+    with_info = [camera for camera in rig if camera.info is not None]
+    if not with_info:
         return list(rig)
     notes += [
-        f'passed over: {each.topic.name}; it has no camera_info'
-        for each in rig
-        if each.info is None
+        f'passed over: {camera.topic.name}; it has no camera_info'
+        for camera in rig
+        if camera.info is None
     ]
-    return known
+    return with_info
 
 
 def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
     """Return the cameras by KITTI's numbers if all have the names of to-bag and kitti2bag."""
-    found = {
+    numbered = {
         index: camera
         for index, own in CAMERA_NAMES.items()
         for camera in cameras
         if camera.name.lower().endswith(f'camera_{own}')
     }
-    return found if len(found) == len(cameras) else {}
+    return numbered if len(numbered) == len(cameras) else {}
 
 
 def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
@@ -699,10 +704,10 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
 
 def _has_lens(camera: RigCamera) -> bool:
     """Whether a camera is not rectified by its numbers, nor by the name of its images."""
-    looks = camera.info.looks if camera.info is not None else []
-    if not looks or 'rect' in leaf(camera.topic.name):
+    messages = camera.info.looks if camera.info is not None else []
+    if not messages or 'rect' in leaf(camera.topic.name):
         return False
-    message = looks[0]
+    message = messages[0]
     return needs_rectifying(message.k, message.d, message.p)
 
 
@@ -740,10 +745,10 @@ def _short_names(names: Iterable[str]) -> list[str]:
         for name in names
     ]
     for count in range(1, max(map(len, parts), default=0) + 1):
-        short = ['_'.join(each[-count:]) for each in parts]
-        if len({each.lower() for each in short}) == len(short):
+        short = ['_'.join(name_parts[-count:]) for name_parts in parts]
+        if len({name.lower() for name in short}) == len(short):
             return short
-    return [f'{"_".join(each)}_{number}' for number, each in enumerate(parts)]
+    return [f'{"_".join(name_parts)}_{number}' for number, name_parts in enumerate(parts)]
 
 
 # The cameras of a bag beside those of a plan: what frames and P mean shows in all of them.
@@ -757,21 +762,21 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
     They have the frames that a guessed plan gives them. Cameras that are not calibrated are left
     out.
     """
-    found = find_cameras(survey)
-    heading = find_heading(survey.tree, None if plan.scan is None else plan.scan.frame, found)
-    taken = {camera.info for camera in plan.cameras.values()}
+    cameras = find_cameras(survey)
+    heading = find_heading(survey.tree, None if plan.scan is None else plan.scan.frame, cameras)
+    taken_infos = {camera.info for camera in plan.cameras.values()}
     models: list[CameraModel] = []
     links: dict[str, Link] = {}
-    for each in place_cameras(survey, found, heading, []).cameras:
-        if each.info is None or each.info.name in taken or not each.info.looks:
+    for other in place_cameras(survey, cameras, heading, []).cameras:
+        if other.info is None or other.info.name in taken_infos or not other.info.looks:
             continue
         try:
-            model = camera_model(each.info.looks[0])
+            model = camera_model(other.info.looks[0])
         except ValueError:  # of a plan's camera it is an error
             continue
-        models.append(replace(model, frame=each.frame))
-        if each.forward:
-            links[each.frame] = optical_link(each.bag_frame, each.forward)
+        models.append(replace(model, frame=other.frame))
+        if other.forward:
+            links[other.frame] = optical_link(other.bag_frame, other.forward)
     return models, list(links.values())
 
 
@@ -881,12 +886,12 @@ class ImageConversion:
 
 def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
     """Return (width, height) of each camera, from the first of its images with a known size."""
-    found = {}
+    sizes = {}
     for index, camera in plan.cameras.items():
         size = image_size(topic_of(survey, camera.topic))
         if size is not None:
-            found[index] = size
-    return found
+            sizes[index] = size
+    return sizes
 
 
 def _rectifier(camera: CameraPlan, model: CameraModel) -> Rectifier:

@@ -89,8 +89,8 @@ class PixelFrames:
         """
         names = {topic_of(survey, name).frame for name in (camera.topic, camera.info) if name}
         self._named = {*names, camera.frame} - {''}
-        every = {each.frame for kind in _CAMERA_TYPES for each in survey.of_type(kind)}
-        self._others = every - self._named - {''}
+        camera_frames = {topic.frame for kind in _CAMERA_TYPES for topic in survey.of_type(kind)}
+        self._others = camera_frames - self._named - {''}
         self._tree = tree
 
     def __contains__(self, frame: object) -> bool:
@@ -99,7 +99,7 @@ class PixelFrames:
         if not isinstance(frame, str) or frame in self._others or frame not in self._tree.frames:
             return False
         return any(
-            _is_same_place(self._tree, each, frame) for each in self._named & self._tree.frames
+            _is_same_place(self._tree, name, frame) for name in self._named & self._tree.frames
         )
 
     @cached_property
@@ -108,9 +108,9 @@ class PixelFrames:
         return sorted(self._named | {frame for frame in self._tree.frames if frame in self})
 
 
-def _is_same_place(tree: FrameTree, one: str, other: str) -> bool:
-    place = tree.find(one, other)
-    return place is not None and bool(np.linalg.norm(place.translation) < _SAME_PLACE_M)
+def _is_same_place(tree: FrameTree, first: str, second: str) -> bool:
+    pose = tree.find(first, second)
+    return pose is not None and bool(np.linalg.norm(pose.translation) < _SAME_PLACE_M)
 
 
 # Choice of the topic of the labels.
@@ -139,7 +139,7 @@ def guess_labels(
     markers = [label for label in _of_labels(survey, types.MARKERS) if has_cubes(label)]
     kinds = [detections, *([markers, objects] if survey.calibrations else [objects, markers])]
     flat = _of_camera(survey, tree, cameras)
-    solid = [each for kind in kinds for each in kind]
+    solid = [topic for kind in kinds for topic in kind]
     topics = solid or ([] if layout.traits.tracklets else flat)
     if not topics or not cameras:
         notes.append(
@@ -148,13 +148,13 @@ def guess_labels(
         )
         return None
     # Of equal topics the first kind is taken.
-    order = {each.name: -place for place, kind in enumerate(kinds) for each in kind}
-    best = max(topics, key=lambda each: _rank(each, order, tracks=layout.traits.common_labels))
+    order = {topic.name: -rank for rank, kind in enumerate(kinds) for topic in kind}
+    best = max(topics, key=lambda topic: _rank(topic, order, tracks=layout.traits.common_labels))
     topics = [topic for topic in topics if topic.msgtype == best.msgtype]
     notes += pass_over('labels', best, topics)
     boxes_2d = ''
     if flat and best not in flat:
-        nearest = max(flat, key=lambda each: _rank(each, {}, tracks=False))
+        nearest = max(flat, key=lambda topic: _rank(topic, {}, tracks=False))
         notes += pass_over('2D boxes of labels', nearest, flat)
         boxes_2d = nearest.name
     sane, _, boxes = _plausible(best)
@@ -178,11 +178,11 @@ def _rank(
     topic: TopicSurvey, order: Mapping[str, int], *, tracks: bool
 ) -> tuple[bool, bool, bool, bool, bool, int, int, int]:
     """Rank: of sane sizes, ground truth, of known classes, with tracks and classes, of most."""
-    sane, known, boxes = _plausible(topic)
+    sane, has_known_classes, boxes = _plausible(topic)
     return (
         sane,
         is_truth(topic.name),
-        known,
+        has_known_classes,
         tracks and topic.has_tracks,
         any(topic.classes),
         order.get(topic.name, 0),
@@ -194,18 +194,18 @@ def _rank(
 def _plausible(topic: TopicSurvey) -> tuple[bool, bool, int]:
     """Whether most boxes have a size of things on a road, and a class but Misc; how many."""
     sizes, names = [], []
-    for look in topic.looks:
+    for message in topic.looks:
         if topic.msgtype == types.DETECTIONS_2D:
-            names += [each.class_name for each in boxes_of_detections_2d(look)[0]]
+            names += [box.class_name for box in boxes_of_detections_2d(message)[0]]
             continue
         with suppress(ValueError):
-            boxes = boxes_in(look)
+            boxes = boxes_in(message)
             sizes += [box.size_lwh for box in boxes]
             names += [box.class_name for box in boxes]
     names = [*topic.classes.elements()] or names
     sane = sum(min(size) > _LEAST_M and bool((np.array(size) <= _MOST_M).all()) for size in sizes)
-    known = sum(kitti_class(name) not in {None, OTHERS} for name in names)
-    return bool(names) and 2 * sane >= len(sizes), 2 * known > len(names), len(names)
+    classed = sum(kitti_class(name) not in {None, OTHERS} for name in names)
+    return bool(names) and 2 * sane >= len(sizes), 2 * classed > len(names), len(names)
 
 
 def _of_camera(
@@ -215,20 +215,20 @@ def _of_camera(
     if not cameras:
         return []
     frames = PixelFrames(survey, tree, cameras[main_camera(cameras)])
-    found = _of_labels(survey, types.DETECTIONS_2D)
-    return [each for each in found if each.frame in frames and each.name not in own_topics()]
+    topics = _of_labels(survey, types.DETECTIONS_2D)
+    return [topic for topic in topics if topic.frame in frames and topic.name not in own_topics()]
 
 
 def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
     """Return the topics of a type without those of predictions by to-bag."""
-    found = survey.of_type(msgtype)
-    return [each for each in found if each.name not in prediction_topics()]
+    topics = survey.of_type(msgtype)
+    return [topic for topic in topics if topic.name not in prediction_topics()]
 
 
 def has_cubes(topic: TopicSurvey) -> bool:
     """Whether a MarkerArray that was looked at has a cube."""
     cube = 1  # visualization_msgs/Marker.CUBE
-    return any(marker.type == cube for look in topic.looks for marker in look.markers)
+    return any(marker.type == cube for message in topic.looks for marker in message.markers)
 
 
 # The messages of a frame's labels, collected: arrays of one stamp, 2D boxes beside 3D boxes.
@@ -251,30 +251,30 @@ class LabelMessages:
         self._flat_topic = '' if plan is None else plan.boxes_2d
         if plan is None:
             return
-        for number, places in enumerate(frames.label_places, first):
-            for place in places:
-                self._due[plan.topic, place].append(number)
-            self._left[number] = len(places)
-        for number, places in enumerate(frames.places_2d, first):
+        for number, indices in enumerate(frames.label_places, first):
+            for index in indices:
+                self._due[plan.topic, index].append(number)
+            self._left[number] = len(indices)
+        for number, indices in enumerate(frames.places_2d, first):
             # Boxes in the image alone do not make a frame's labels where the others are missing.
             if self._left.get(number):
-                for place in places:
-                    self._due[plan.boxes_2d, place].append(number)
-                self._left[number] += len(places)
+                for index in indices:
+                    self._due[plan.boxes_2d, index].append(number)
+                self._left[number] += len(indices)
 
     @property
     def topics(self) -> set[str]:
         """The topics to read."""
         return {topic for topic, _ in self._due}
 
-    def frames_of(self, topic: str, place: int) -> Sequence[int]:
+    def frames_of(self, topic: str, index: int) -> Sequence[int]:
         """Return the numbers of the frames that a message belongs to."""
-        return self._due.get((topic, place), ())
+        return self._due.get((topic, index), ())
 
     def take(
         self,
         topic: str,
-        place: int,
+        index: int,
         message: Any,  # noqa: ANN401 - of the bag's types
     ) -> list[tuple[int, list[Any], list[Any]]]:
         """Enter a message, None for one that cannot be decoded.
@@ -284,7 +284,7 @@ class LabelMessages:
             the image. A frame of which no message could be decoded is left out.
         """
         complete = []
-        for number in self.frames_of(topic, place):
+        for number in self.frames_of(topic, index):
             self._left[number] -= 1
             if message is not None and topic == self._flat_topic:
                 self._flat[number].append(message)
@@ -298,12 +298,12 @@ class LabelMessages:
 
     def rest(self) -> list[tuple[int, list[Any], list[Any]]]:
         """Return the frames of which some messages were read, as take does."""
-        found = [
+        incomplete = [
             (number, solid, self._flat.get(number, []))
             for number, solid in sorted(self._solid.items())
         ]
         self._solid.clear()
-        return found
+        return incomplete
 
 
 def joined(messages: Sequence[Any]) -> Sequence[Any]:
@@ -407,13 +407,13 @@ class BoxConversion:
                 f' {", ".join(map(str, sorted(calibration.cameras)))}'
             )
         if plan.boxes_2d:
-            found = topic_of(survey, plan.boxes_2d)
-            if found.msgtype != types.DETECTIONS_2D or self._only_flat or plan.topic == LABEL_LINES:
+            topic = topic_of(survey, plan.boxes_2d)
+            if topic.msgtype != types.DETECTIONS_2D or self._only_flat or plan.topic == LABEL_LINES:
                 raise UsageError(
-                    f'labels.boxes_2d: {plan.boxes_2d} is a {found.msgtype}; expected a'
+                    f'labels.boxes_2d: {plan.boxes_2d} is a {topic.msgtype}; expected a'
                     f' Detection2DArray beside a topic with 3D boxes'
                 )
-        return any(has_scores(look) for look in topic_of(survey, plan.topic).looks)
+        return any(has_scores(message) for message in topic_of(survey, plan.topic).looks)
 
     def _find_standing(self) -> Standing:
         """Return what boxes are upright in, by the robot's body where the tree has it.
@@ -467,7 +467,7 @@ class BoxConversion:
             cuboids = [replace(cuboid, class_name=find(cuboid.class_name)) for cuboid in cuboids]
         cuboids = self._with_levels(cuboids, messages)
         lean = leans(cuboids, calibration, self.standing)
-        cuboids = [cuboids[place] for place in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
+        cuboids = [cuboids[index] for index in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
         self.left_out[LEANING] += len(lean) - len(cuboids)
         self._max_lean = max([self._max_lean, *lean[lean <= _MOST_LEAN_RAD]])
         boxes, unseen = make_boxes(
@@ -493,17 +493,17 @@ class BoxConversion:
         if not self._tracklets:
             return cuboids
         levels = not self._plan.layout.traits.frame_set
-        known = self._tracklets.get(stamp_of_boxes(messages[0]), {})
-        found = []
+        tracklets = self._tracklets.get(stamp_of_boxes(messages[0]), {})
+        completed = []
         for cuboid in cuboids:
-            own = _tracklet_of(cuboid, known)
+            own = _tracklet_of(cuboid, tracklets)
             if own is None:
-                found.append(cuboid)
+                completed.append(cuboid)
                 continue
             self._unset += own.occluded is None
             truncation = own.truncation if levels else None
-            found.append(replace(cuboid, occluded=own.occluded, truncation=truncation))
-        return found
+            completed.append(replace(cuboid, occluded=own.occluded, truncation=truncation))
+        return completed
 
     def all_cuboids(
         self, messages: Sequence[Any], times: BoxTimes | None = None
@@ -513,52 +513,52 @@ class BoxConversion:
         Raises:
             ValueError: None of them can be read.
         """
-        found, left_out, faults = [], list[str](), []
+        decoded, left_out, faults = [], list[str](), []
         for message in messages:
             try:
                 cuboids, reasons = self.cuboids(message, times)
             except ValueError as error:
                 faults.append((error, message))
                 continue
-            found.append(cuboids)
+            decoded.append(cuboids)
             left_out += reasons
-        if faults and not found:
+        if faults and not decoded:
             raise faults[0][0]
         left_out += [UNPLACED] * sum(box_count(message) for _, message in faults)
-        made, repeated = join_cuboids(found)
-        return made, left_out + repeated
+        cuboids_once, repeated = join_cuboids(decoded)
+        return cuboids_once, left_out + repeated
 
     def _joined(self, boxes: list[Box], flat: Sequence[Any], size: tuple[int, int]) -> list[Box]:
         """Give labels the 2D boxes of a detector; those without a 3D box become labels, too."""
         plan = self._plan.labels
         if plan is None:
             return boxes
-        decoded = [boxes_of_detections_2d(each) for each in flat]
-        found, left_out = join_image_boxes([made for made, _ in decoded])
+        decoded = [boxes_of_detections_2d(message) for message in flat]
+        image_boxes, left_out = join_image_boxes([message_boxes for message_boxes, _ in decoded])
         left_out += [reason for _, reasons in decoded for reason in reasons]
         self._flat_absurd += left_out.count(ABSURD)
-        self.left_out.update(each for each in left_out if each != ABSURD)
+        self.left_out.update(reason for reason in left_out if reason != ABSURD)
         model = self._images.model(plan.camera)
-        here = [
-            each
-            for each in found
-            if model is None or not each.frame or each.frame in self._pixel_frames
+        own_boxes = [
+            box
+            for box in image_boxes
+            if model is None or not box.frame or box.frame in self._pixel_frames
         ]
         if self._classes is not None:
             find = self._classes.find
-            here = [each._replace(class_name=find(each.class_name)) for each in here]
-        self.left_out[OTHER_CAMERA] += len(found) - len(here)
+            own_boxes = [box._replace(class_name=find(box.class_name)) for box in own_boxes]
+        self.left_out[OTHER_CAMERA] += len(image_boxes) - len(own_boxes)
         if model is not None and self._plan.cameras[plan.camera].rectify:
-            here = rectified_boxes(here, model)
-        made, unseen = join_boxes(
-            boxes, here, size, self._tracks, occluded=plan.occluded, scores=self._scores
+            own_boxes = rectified_boxes(own_boxes, model)
+        labels, unseen = join_boxes(
+            boxes, own_boxes, size, self._tracks, occluded=plan.occluded, scores=self._scores
         )
         self.left_out[OUT_OF_VIEW] += unseen
         if self._plan.layout.traits.tracklets:
-            solid = [box for box in made if box.size_hwl[0] > 0]
-            self.left_out[_FLAT] += len(made) - len(solid)
+            solid = [box for box in labels if box.size_hwl[0] > 0]
+            self.left_out[_FLAT] += len(labels) - len(solid)
             return solid
-        return made
+        return labels
 
     def _lines(self, text: str) -> list[Box]:
         boxes = boxes_of_lines(text, self._tracks)
@@ -588,50 +588,50 @@ class BoxConversion:
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the boxes so far."""
-        found = [
+        notes = [
             f'{count} boxes {reason} were left out of the labels'
             for reason, count in self.left_out.items()
             if count and reason not in _LOST
         ]
         if self._tracks.unnamed and self._plan.layout.traits.common_labels:
-            found.append(f'{self._tracks.unnamed} boxes have no id: each is a track of its own')
+            notes.append(f'{self._tracks.unnamed} boxes have no id: each is a track of its own')
         if self._tracks.repeated and self._plan.layout.traits.common_labels:
-            found.append(
+            notes.append(
                 f'{self._tracks.repeated} boxes have the id of another one of their message: each'
                 f' is a track of its own'
             )
         if self._max_lean > _REPORTED_LEAN_RAD:
             axis = "the camera's y" if self.standing.frame_T_velo is None else "the scans' z"
-            found.append(
+            notes.append(
                 f'boxes lean by up to {np.degrees(self._max_lean):.0f} degrees from {axis} axis,'
                 f' about which alone labels turn: their heading was kept'
             )
-        found += self._occlusion_notes()
-        return found if self._classes is None else [*found, *self._classes.notes()]
+        notes += self._occlusion_notes()
+        return notes if self._classes is None else [*notes, *self._classes.notes()]
 
     def _occlusion_notes(self) -> list[str]:
         """Return remarks on labels that evaluations leave out, and on levels of tracklets."""
         plan = self._plan.labels
         if plan is None or self._plan.layout.traits.tracklets:
             return []
-        found = []
+        notes = []
         if self._tracklets and self._occlusions[FULLY_OCCLUDED]:
-            found.append(
+            notes.append(
                 f'{plan.topic}: {self._occlusions[FULLY_OCCLUDED]} boxes are fully occluded in the'
                 f' tracklets; labels have no such level, and contain 2, largely'
             )
         if self._unset:
-            found.append(
+            notes.append(
                 f'{plan.topic}: {self._unset} boxes have no occlusion in the tracklets; labels'
                 f' contain {plan.occluded}, as labels.occluded of the plan says'
             )
         unknown = self._occlusions[UNKNOWN_OCCLUSION]
         if unknown:
-            found.append(
+            notes.append(
                 f'{plan.topic}: {unknown} labels contain occlusion 3, unknown, as labels.occluded'
                 f' of the plan says: evaluations leave them out; 0 has them counted'
             )
-        return found
+        return notes
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the boxes so far that a label cannot represent."""
@@ -647,17 +647,17 @@ class BoxConversion:
         )
 
 
-def _tracklet_of(cuboid: Cuboid, known: Mapping[int, Cuboid]) -> Cuboid | None:
+def _tracklet_of(cuboid: Cuboid, tracklets: Mapping[int, Cuboid]) -> Cuboid | None:
     """Return the tracklet of a box among those of its frame; DetectedObjects have no track."""
     track_id = own_number(cuboid.identity)
     if track_id is not None:
-        return known.get(track_id)
-    place = cuboid.velo_T_box.translation
+        return tracklets.get(track_id)
+    position = cuboid.velo_T_box.translation
     return next(
         (
-            each
-            for each in known.values()
-            if np.linalg.norm(each.velo_T_box.translation - place) < _SAME_PLACE_M
+            tracklet
+            for tracklet in tracklets.values()
+            if np.linalg.norm(tracklet.velo_T_box.translation - position) < _SAME_PLACE_M
         ),
         None,
     )

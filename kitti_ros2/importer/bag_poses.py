@@ -59,42 +59,42 @@ def guess_pose(survey: Survey, notes: list[str]) -> PosePlan | None:
     A chain of transforms up to map beats poses in odom.
     """
     names = NamedFrames(survey)
-    found = _of_topics(survey, notes)
-    if found is not None and (is_truth(found.topic) or found.topic in own_topics()):
-        return found
-    chain = _chain(survey, names, found)
+    pose = _of_topics(survey, notes)
+    if pose is not None and (is_truth(pose.topic) or pose.topic in own_topics()):
+        return pose
+    chain = _chain(survey, names, pose)
     if chain is not None:
         line = ' -> '.join(_line(names, chain))
-        over = '' if found is None else f'; poses in {found.world} would drift'
-        if found is not None or len(_line(names, chain)) > _SHORT:
+        over = '' if pose is None else f'; poses in {pose.world} would drift'
+        if pose is not None or len(_line(names, chain)) > _SHORT:
             notes.append(f'poses: {line} of {chain.topic}{over}')
-        if found is not None and found.topic != chain.topic:
-            notes.append(f'passed over for poses: {found.topic}')
+        if pose is not None and pose.topic != chain.topic:
+            notes.append(f'passed over for poses: {pose.topic}')
         return chain
-    if found is not None:
+    if pose is not None:
         notes += [
-            f'passed over for poses: {link.name}, which joins {found.world} to {found.body}, too'
+            f'passed over for poses: {link.name}, which joins {pose.world} to {pose.body}, too'
             for link in moving_transforms(survey)
-            if (found.world, found.body) in survey.moving
+            if (pose.world, pose.body) in survey.moving
         ]
-    found = found or _link(survey) or _link_to_world(survey)
-    if found is None:
+    pose = pose or _link(survey) or _link_to_world(survey)
+    if pose is None:
         notes.append('missing: poses (no Odometry, PoseStamped, Path or moving base_link)')
-    return found
+    return pose
 
 
 def moving_transforms(survey: Survey) -> list[TopicSurvey]:
     """Return the topics of transforms that may move."""
-    return [each for each in survey.of_type(*types.TF_TYPES) if 'static' not in each.name]
+    return [topic for topic in survey.of_type(*types.TF_TYPES) if 'static' not in topic.name]
 
 
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     """Choose an Odometry, PoseStamped or Path."""
-    known = survey.tree.frames
+    frames = survey.tree.frames
     for msgtype in POSES.msgtypes:
         topics = survey.of_type(msgtype)
         if topics:
-            best = max(topics, key=lambda each: _rank(each, known))
+            best = max(topics, key=lambda topic: _rank(topic, frames))
             if best.name not in own_topics():
                 topics = survey.of_type(*POSES.msgtypes)
             notes += pass_over('poses', best, topics)
@@ -112,23 +112,23 @@ def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool
 
 def _moves(topic: TopicSurvey) -> bool:
     """Whether the poses of a topic that were looked at have several positions."""
-    found = set()
-    for look in topic.looks:
-        poses = [pose.pose for pose in look.poses[-1:]] if hasattr(look, 'poses') else [look.pose]
-        for pose in poses:
-            place = getattr(pose, 'pose', pose).position  # of a PoseWithCovariance, or of a Pose
-            found.add((round(place.x, 2), round(place.y, 2), round(place.z, 2)))
-    return len(found) > 1
+    positions = set()
+    for message in topic.looks:
+        for stamped in getattr(message, 'poses', [message])[-1:]:
+            pose = stamped.pose  # a PoseWithCovariance, or a Pose
+            position = getattr(pose, 'pose', pose).position
+            positions.add((round(position.x, 2), round(position.y, 2), round(position.z, 2)))
+    return len(positions) > 1
 
 
-def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePlan | None:
+def _chain(survey: Survey, names: NamedFrames, pose: PosePlan | None) -> PosePlan | None:
     """Return the chain of transforms up to map, or that takes the place of missing poses.
 
     None where the topic's poses are as good.
     """
     tf = moving_transforms(survey)
-    body = _moving_body(survey, names, found)
-    if not body or (found is None and not tf):
+    body = _moving_body(survey, names, pose)
+    if not body or (pose is None and not tf):
         return None
     line = names.line_above(body)
     moving = names.moving_between(line[-1], body)
@@ -136,17 +136,17 @@ def _chain(survey: Survey, names: NamedFrames, found: PosePlan | None) -> PosePl
         return None
     above = line[line.index(moving[-1][0]) :]  # moving links are in order from the top
     world = next((frame for frame in _GLOBAL if frame in above), above[-1])
-    if found is None:
+    if pose is None:
         return PosePlan(tf[0].name, body, world)
-    if found.world == world or world not in _GLOBAL:
+    if pose.world == world or world not in _GLOBAL:
         return None
-    if found.world in above and not names.moving_between(world, found.world):
+    if pose.world in above and not names.moving_between(world, pose.world):
         return None  # a static link lies between them
     by_transforms = tf and not any(
         (link.frame, link.root) in (names.moving_between(world, body) or ())
         for link in names.odometry
     )
-    return PosePlan(tf[0].name if by_transforms else found.topic, body, world)
+    return PosePlan(tf[0].name if by_transforms else pose.topic, body, world)
 
 
 def _link(survey: Survey) -> PosePlan | None:
@@ -169,10 +169,10 @@ def _link_to_world(survey: Survey) -> PosePlan | None:
     return PosePlan(tf[0].name, body, world)
 
 
-def _moving_body(survey: Survey, names: NamedFrames, found: PosePlan | None) -> str:
+def _moving_body(survey: Survey, names: NamedFrames, pose: PosePlan | None) -> str:
     """Return the frame of the vehicle in the tree, empty for none."""
-    if found is not None:
-        return found.body if found.body in names.tree.frames else ''
+    if pose is not None:
+        return pose.body if pose.body in names.tree.frames else ''
     for body in BODIES:
         if body in names.tree.frames and len(names.line_above(body)) > 1:
             return body
@@ -197,14 +197,14 @@ def _line(names: NamedFrames, chain: PosePlan) -> list[str]:
 
 def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
     """Return the frame that stands for the vehicle, empty if nothing tells."""
-    found = _of_topics(survey, [])
-    return _moving_body(survey, names, found)
+    pose = _of_topics(survey, [])
+    return _moving_body(survey, names, pose)
 
 
 def _body(survey: Survey) -> str:
-    known = {name for parent, child, _ in survey.static for name in (parent, child)}
-    named = next((name for name in BODIES if name in known), '')
-    heading = None if named else find_body(survey.tree, known)
+    frames = {name for parent, child, _ in survey.static for name in (parent, child)}
+    named = next((name for name in BODIES if name in frames), '')
+    heading = None if named else find_body(survey.tree, frames)
     return named or (BODIES[0] if heading is None else heading.frame)
 
 
@@ -254,20 +254,20 @@ class StampedSeries:
         return PoseTrack(own + offset_ns, self._series)
 
 
-def numbers_of(place: Any, turn: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a bag's types
+def numbers_of(position: Any, q: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a bag's types
     """Return x y z of a Point or Vector3, and x y z w of a Quaternion."""
-    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+    return (position.x, position.y, position.z, q.x, q.y, q.z, q.w)
 
 
 class LinkTracks:
     """Collects the transforms of moving links from the TFMessages of a bag.
 
     Args:
-        wanted: (parent, child) of the links to keep; None keeps all.
+        links: (parent, child) of those to keep; None keeps all.
     """
 
-    def __init__(self, wanted: Collection[tuple[str, str]] | None = None) -> None:
-        self._wanted = None if wanted is None else frozenset(wanted)
+    def __init__(self, links: Collection[tuple[str, str]] | None = None) -> None:
+        self._wanted = None if links is None else frozenset(links)
         self._series: dict[tuple[str, str], StampedSeries] = defaultdict(StampedSeries)
 
     def add(
@@ -309,8 +309,8 @@ class LinkTracks:
 
 def links_between(names: NamedFrames, pairs: Sequence[tuple[str, str]]) -> frozenset[OdometryLink]:
     """Return the Odometry, and PoseStamped, on the ways between pairs of frames."""
-    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
-    return frozenset(each for each in names.odometry if (each.frame, each.root) in wanted)
+    moving_links = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    return frozenset(link for link in names.odometry if (link.frame, link.root) in moving_links)
 
 
 def read_tree(
@@ -319,7 +319,7 @@ def read_tree(
     names: NamedFrames,
     pairs: Sequence[tuple[str, str]],
     losses: LossTally,
-    told: str = '',
+    reported_topic: str = '',
 ) -> MovingTree:
     """Read the moving links between pairs of frames, in one pass over their topics.
 
@@ -329,18 +329,18 @@ def read_tree(
         names: Its links.
         pairs: Target and source frame of each; those that nothing joins are passed over.
         losses: Takes messages without a valid transform.
-        told: A topic whose invalid messages are entered elsewhere.
+        reported_topic: A topic whose invalid messages are entered elsewhere.
 
     Raises:
         BadBagError: A bag cannot be read.
     """
-    wanted = {link for pair in pairs for link in names.moving_between(*pair) or ()}
+    needed = {link for pair in pairs for link in names.moving_between(*pair) or ()}
     used = links_between(names, pairs)
     # The way from an Odometry's child to the root of its tree may move, too.
-    wanted |= {link for each in used for link in names.moving_between(each.child, each.root) or ()}
+    needed |= {link for odom in used for link in names.moving_between(odom.child, odom.root) or ()}
     tf_topics = {moving_transform.name for moving_transform in moving_transforms(survey)}
-    links = LinkTracks(wanted)
-    poses = {each.topic: StampedSeries() for each in used}
+    links = LinkTracks(needed)
+    poses = {odom.topic: StampedSeries() for odom in used}
     with open_messages(bags, tf_topics | set(poses)) as messages:
         decode = Decoder(messages.typestore)
         for message in messages:
@@ -360,17 +360,17 @@ def read_tree(
                         offset_ns=topic.offset_ns,
                     )
             except ValueError as error:
-                if message.topic != told:
+                if message.topic != reported_topic:
                     losses.lose(message.topic, message.stamp_ns, str(error))
     tracks: dict[tuple[str, str], Track] = {link: PoseTrack([], []) for link in survey.moving}
     tracks.update(links.tracks())
     tree = MovingTree(survey.static, tracks)
-    for each in names.odometry:
-        track: Track = poses[each.topic].track() if each.topic in poses else PoseTrack([], [])
-        if each.root != each.child:
-            after = tree.links.find(each.child, each.root) or tree.track(each.child, each.root)
+    for odom in names.odometry:
+        track: Track = poses[odom.topic].track() if odom.topic in poses else PoseTrack([], [])
+        if odom.root != odom.child:
+            after = tree.links.find(odom.child, odom.root) or tree.track(odom.child, odom.root)
             track = ProductTrack(Transform.identity(), track, after)
-        tracks[each.frame, each.root] = track
+        tracks[odom.frame, odom.root] = track
         tree = MovingTree(survey.static, tracks)
     return tree
 
@@ -441,8 +441,8 @@ def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     topic = topic_of(survey, name)
     frames = set(topic.frames)
     if topic.msgtype in SOLID:
-        for look in topic.looks:
-            frames |= frames_in(look)
+        for message in topic.looks:
+            frames |= frames_in(message)
     return frames
 
 
@@ -466,7 +466,7 @@ def link_topics(plan: Plan, survey: Survey) -> set[str]:
         UsageError: The plan names a missing topic.
     """
     names = NamedFrames(survey, plan.pose)
-    return {each.topic for each in links_between(names, needed_pairs(plan, survey, names))}
+    return {link.topic for link in links_between(names, needed_pairs(plan, survey, names))}
 
 
 def find_ends(plan: PosePlan, topic: TopicSurvey, survey: Survey, names: NamedFrames) -> PoseEnds:
@@ -508,13 +508,13 @@ def _ends_of_poses(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> Po
 
 
 def _check_frames(plan: PosePlan, names: NamedFrames, child: str) -> None:
-    known = names.tree.frames | ({child} if child else set())
+    frames = names.tree.frames | ({child} if child else set())
     for key, name in (('world', plan.world), ('body', plan.body)):
-        if name and plain(name) not in known:
-            shown = ', '.join(sorted(known)[:_SHOWN]) or 'no frames'
+        if name and plain(name) not in frames:
+            shown = ', '.join(sorted(frames)[:_SHOWN]) or 'no frames'
             raise UsageError(
                 f'the plan has pose: {key}: {name}, which is no frame of the bag; expected one of'
-                f' {shown}{did_you_mean(name, sorted(known))}'
+                f' {shown}{did_you_mean(name, sorted(frames))}'
             )
 
 
@@ -570,43 +570,43 @@ class DerivedVelocities:
 
     Args:
         stamps_ns: (N,) of the places, ascending.
-        places: (N, 3) metres.
+        positions: (N, 3) metres.
         most_ns: A longer gap between two places is not bridged; nor is a moment known that is
             farther from any place.
         slowest: Slower than this, m/s, the vehicle stands.
     """
 
     def __init__(
-        self, stamps_ns: Int64Array, places: Float64Array, most_ns: int, slowest: float
+        self, stamps_ns: Int64Array, positions: Float64Array, most_ns: int, slowest: float
     ) -> None:
-        kept = ~_glitches(stamps_ns, places)
-        stamps_ns, places = stamps_ns[kept], places[kept]
+        regular = ~_glitches(stamps_ns, positions)
+        stamps_ns, positions = stamps_ns[regular], positions[regular]
         self._stamps_ns = stamps_ns
-        self._places = places
+        self._places = positions
         self._most_ns = most_ns
         self._slowest = slowest
         steps = np.diff(stamps_ns)
-        self._scatter = _scatter_of(places, steps)
+        self._scatter = _scatter_of(positions, steps)
         usual = float(np.median(steps)) if len(steps) else 0.0
         self._window_ns = max(_WINDOW_NS, round(_WINDOW_PERIODS * usual))
         self._starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
 
-    def at(self, moment_ns: int) -> Float64Array | None:
+    def at(self, at_ns: int) -> Float64Array | None:
         """Return (3,) m/s along the axes of the places at a moment, None where it is not known."""
         stamps = self._stamps_ns
         if len(stamps) < _PARABOLA:
             return None
-        nearest, later_ns = nearest_stamps(stamps, np.array([moment_ns]))
+        nearest, later_ns = nearest_stamps(stamps, np.array([at_ns]))
         run = int(np.searchsorted(self._starts, nearest[0], 'right'))
         begin = int(self._starts[run - 1])
         end = int(self._starts[run]) if run < len(self._starts) else len(stamps)
         if end - begin < _PARABOLA or abs(int(later_ns[0])) > self._most_ns:
             return None
-        seconds = (stamps[begin:end] - moment_ns) / NS_PER_S
+        seconds = (stamps[begin:end] - at_ns) / NS_PER_S
         for times in _WIDENINGS:
             first, last = _near(seconds, times * self._window_ns / NS_PER_S)
-            places = self._places[begin + first : begin + last]
-            velocity, blur = _slope(seconds[first:last], places, self._scatter)
+            positions = self._places[begin + first : begin + last]
+            velocity, blur = _slope(seconds[first:last], positions, self._scatter)
             if np.hypot(*velocity[:2]) > max(self._slowest, blur):
                 return velocity
             if blur <= _CLEAR_M_S:
@@ -614,15 +614,15 @@ class DerivedVelocities:
         return np.zeros(3)
 
 
-def _glitches(stamps_ns: Int64Array, places: Float64Array) -> npt.NDArray[np.bool_]:
+def _glitches(stamps_ns: Int64Array, positions: Float64Array) -> npt.NDArray[np.bool_]:
     """Return (N,) which single places lie far off the way between their neighbours."""
-    aside = np.zeros(len(places))
-    if len(places) <= _DIFFERENCES:
+    aside = np.zeros(len(positions))
+    if len(positions) <= _DIFFERENCES:
         return aside > 0
-    there = places[:, :2]
+    ground = positions[:, :2]
     share = (np.diff(stamps_ns)[:-1] / np.maximum(stamps_ns[2:] - stamps_ns[:-2], 1))[:, None]
-    way = there[:-2] + share * (there[2:] - there[:-2])
-    aside[1:-1] = np.linalg.norm(there[1:-1] - way, axis=1)
+    way = ground[:-2] + share * (ground[2:] - ground[:-2])
+    aside[1:-1] = np.linalg.norm(ground[1:-1] - way, axis=1)
     most = np.lib.stride_tricks.sliding_window_view(np.pad(aside, 1), _DIFFERENCES).max(axis=1)
     limit = _GLITCH_M + _GLITCH * float(np.median(aside))
     far: npt.NDArray[np.bool_] = (aside > limit) & (aside == most)
@@ -638,7 +638,7 @@ def _near(seconds: Float64Array, window: float) -> tuple[int, int]:
     return first, last
 
 
-def _scatter_of(places: Float64Array, steps: Int64Array) -> float:
+def _scatter_of(positions: Float64Array, steps: Int64Array) -> float:
     """Return the standard deviation of places on the ground about their course, metres.
 
     Third differences of evenly spaced places are free of a steady acceleration; others are not.
@@ -647,20 +647,20 @@ def _scatter_of(places: Float64Array, steps: Int64Array) -> float:
         return 0.0
     around = np.lib.stride_tricks.sliding_window_view(steps, _DIFFERENCES)
     even = around.max(axis=1) <= _EVEN * around.min(axis=1)
-    jumps = np.abs(np.diff(places[:, :2], _DIFFERENCES, axis=0))[even]
+    jumps = np.abs(np.diff(positions[:, :2], _DIFFERENCES, axis=0))[even]
     return float(_SIGMA_OF_MEDIAN * np.median(jumps) / _GROWTH) if jumps.size else 0.0
 
 
 def _slope(
-    seconds: Float64Array, places: Float64Array, known_scatter: float
+    seconds: Float64Array, positions: Float64Array, known_scatter: float
 ) -> tuple[Float64Array, float]:
     """Return (3,) the velocity at 0 s, and the speed up to which it is scatter of the places."""
     degree = min(_PARABOLA, len(seconds) - 1)
     powers = np.vander(seconds, degree + 1, increasing=True)
-    middle = places.mean(axis=0)  # maps may be far from their origin
+    middle = positions.mean(axis=0)  # maps may be far from their origin
     inverse = np.linalg.pinv(powers)
-    parts = inverse @ (places - middle)
-    rest = places - middle - powers @ parts
+    parts = inverse @ (positions - middle)
+    rest = positions - middle - powers @ parts
     freedom = 2 * max(len(seconds) - degree - 1, 1)
     scatter = max(known_scatter, float(np.sqrt((rest[:, :2] ** 2).sum() / freedom)))
     return parts[1], _SIGMAS * scatter * float(np.linalg.norm(inverse[1]))
@@ -699,8 +699,8 @@ def read_motion(
     """
     names = NamedFrames(survey, plan.pose)
     pairs = needed_pairs(plan, survey, names)
-    told = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
-    tree = read_tree(bags, survey, names, pairs, losses, told) if pairs else None
+    reported_topic = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
+    tree = read_tree(bags, survey, names, pairs, losses, reported_topic) if pairs else None
     if plan.pose is None:
         return PlannedMotion(tree=tree)
     traits, notes = plan.layout.traits, list[str]()
@@ -773,20 +773,20 @@ def read_track(
         tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
     world, frame, moved, body = ends
     if tree is not None and frame == moved and world != body:
-        found: Track = tree.track(world, body)
-        if not len(found):
+        pose_track: Track = tree.track(world, body)
+        if not len(pose_track):
             raise NoPosesError(f'{topic.name}: holds no pose of {body} in {world}')
-        return found
-    found = _read(bags, plan, topic, survey, losses, child)
+        return pose_track
+    pose_track = _read(bags, plan, topic, survey, losses, child)
     if tree is None or not pairs:
-        return found
+        return pose_track
     before: Track | Transform = Transform.identity()
     after: Track | Transform = Transform.identity()
     if world != frame:
         before = tree.links.find(world, frame) or tree.track(world, frame)
     if moved != body:
         after = tree.links.find(moved, body) or tree.track(moved, body)
-    return ProductTrack(before, found, after)
+    return ProductTrack(before, pose_track, after)
 
 
 def _told(topic: TopicSurvey) -> str:
@@ -803,7 +803,7 @@ def _read(
     child: str,
 ) -> Track:
     """Read the poses of a topic, or of the one link of a TFMessage, as they are."""
-    found = StampedSeries()
+    series = StampedSeries()
     reason = ''
     with open_messages(bags, {topic.name}) as messages:
         decode = Decoder(messages.typestore)
@@ -818,20 +818,20 @@ def _read(
                 losses.lose(topic.name, message.stamp_ns, f'no pose ({error})')
                 continue
             if message.msgtype == types.PATH:
-                found.clear()  # each path repeats the earlier poses: the last one has all
+                series.clear()  # each path repeats the earlier poses: the last one has all
             for pose in poses:
-                found.add(*pose)
-    if not len(found):
+                series.add(*pose)
+    if not len(series):
         whose = f' of {plan.body}' if plan.body else ''
         raise NoPosesError(f'{topic.name}: holds no pose{whose}{reason}')
-    if topic.msgtype in (types.ODOMETRY, types.POSE) and len(found) == topic.count:
-        return found.track(topic.stamps()[0].tolist())
-    return found.track(offset_ns=topic.offset_ns)
+    if topic.msgtype in (types.ODOMETRY, types.POSE) and len(series) == topic.count:
+        return series.track(topic.stamps()[0].tolist())
+    return series.track(offset_ns=topic.offset_ns)
 
 
-def _check_child(found: str, child: str) -> None:
-    if found != child:
-        raise ValueError(f'of {found or "no frame"}, not of {child}')
+def _check_child(child_frame: str, expected: str) -> None:
+    if child_frame != expected:
+        raise ValueError(f'of {child_frame or "no frame"}, not of {expected}')
 
 
 def _poses(
@@ -849,7 +849,7 @@ def _poses(
     if msgtype in POSES.msgtypes:
         poses_of(message)
         stamped = getattr(message, 'poses', [message])
-        poses = [(each.header, getattr(each.pose, 'pose', each.pose)) for each in stamped]
+        poses = [(pose.header, getattr(pose.pose, 'pose', pose.pose)) for pose in stamped]
         return [
             (stamp_ns_of(header), numbers_of(pose.position, pose.orientation))
             for header, pose in poses
@@ -859,15 +859,15 @@ def _poses(
             f'{plan.topic} is a {msgtype}; poses come from Odometry, PoseStamped, Path or TFMessage'
         )
     links = [link for link in survey.moving if link[1] == plan.body]
-    wanted = [link for link in links if link[0] == plan.world] or links
-    if not wanted:
+    plan_links = [link for link in links if link[0] == plan.world] or links
+    if not plan_links:
         return []
-    poses_of_link(message, wanted[0])
+    poses_of_link(message, plan_links[0])
     return [
         (
             stamp_ns_of(transform.header) or log_ns,
             numbers_of(transform.transform.translation, transform.transform.rotation),
         )
         for transform in message.transforms
-        if (plain(transform.header.frame_id), plain(transform.child_frame_id)) == wanted[0]
+        if (plain(transform.header.frame_id), plain(transform.child_frame_id)) == plan_links[0]
     ]

@@ -74,9 +74,9 @@ def source_of_plan(plan: ScanPlan, survey: Survey) -> ScanSource:
     if source is not None and topic.msgtype in source.msgtypes:
         return source
     expected = source.msgtypes if source is not None else _every_type()
-    what = f'scan.from: {plan.from_} expects' if plan.from_ else 'scans are made of'
+    need = f'scan.from: {plan.from_} expects' if plan.from_ else 'scans are made of'
     raise UsageError(
-        f'scan.topic: {plan.topic} is a {topic.msgtype}; {what} {", ".join(sorted(expected))}'
+        f'scan.topic: {plan.topic} is a {topic.msgtype}; {need} {", ".join(sorted(expected))}'
     )
 
 
@@ -181,13 +181,13 @@ def _planned_model(name: str, topic: TopicSurvey) -> VelodyneModel:
 
 def _model_of(topic: TopicSurvey) -> VelodyneModel:
     reason = topic.failure or 'no message with packets'
-    for look in topic.looks:
+    for message in topic.looks:
         try:
-            return find_model(look)
+            return find_model(message)
         except ValueError as error:
             reason = str(error)
-    known = ', '.join(MODELS)
-    raise UsageError(f'{topic.name}: {reason}; set scan.model of the plan to one of {known}')
+    models = ', '.join(MODELS)
+    raise UsageError(f'{topic.name}: {reason}; set scan.model of the plan to one of {models}')
 
 
 def _every_type() -> set[str]:
@@ -217,14 +217,14 @@ def guess_scan(survey: Survey, rig: Sequence[RigCamera], notes: list[str]) -> Sc
         rig: The cameras of the bag.
         notes: Remarks on the choice are added.
     """
-    for place, source in enumerate(SCAN_SOURCES):
+    for rank, source in enumerate(SCAN_SOURCES):
         topics = _topics_of(source, survey)
         if not topics:
             continue
-        found = _scan_of(source, topics, survey, rig, notes)
-        if place:
-            notes += _other_sources(SCAN_SOURCES[place + 1 :], survey)
-        return found
+        scan_plan = _scan_of(source, topics, survey, rig, notes)
+        if rank:
+            notes += _other_sources(SCAN_SOURCES[rank + 1 :], survey)
+        return scan_plan
     notes += _without_info(survey)
     notes.append('missing: scans (no PointCloud2 with x, y and z)')
     return None
@@ -232,32 +232,32 @@ def guess_scan(survey: Survey, rig: Sequence[RigCamera], notes: list[str]) -> Sc
 
 def _topics_of(source: ScanSource, survey: Survey) -> list[TopicSurvey]:
     """Return the topics that a source can make scans from."""
-    found = [
-        each
-        for each in survey.of_type(*source.msgtypes)
-        if any(source.suits(look) for look in each.looks)
+    topics = [
+        topic
+        for topic in survey.of_type(*source.msgtypes)
+        if any(source.suits(message) for message in topic.looks)
     ]
     if not source.needs_info:
-        return found
-    return [each for each in found if info_of_depth(survey, each)]
+        return topics
+    return [topic for topic in topics if info_of_depth(survey, topic)]
 
 
 def _other_sources(sources: Sequence[ScanSource], survey: Survey) -> list[str]:
     """Return notes on the topics of sources that scans could be made from as well."""
     return [
-        f'passed over for scans: {each.name}; scan.topic of the plan chooses it'
-        + (f', with scan.info: {info_of_depth(survey, each)}' if source.needs_info else '')
+        f'passed over for scans: {topic.name}; scan.topic of the plan chooses it'
+        + (f', with scan.info: {info_of_depth(survey, topic)}' if source.needs_info else '')
         for source in sources
-        for each in _topics_of(source, survey)
+        for topic in _topics_of(source, survey)
     ]
 
 
 def _without_info(survey: Survey) -> list[str]:
     """Return notes on depth images without a CameraInfo."""
     return [
-        f'passed over for scans: {each.name}; a depth image without a camera_info'
-        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
-        if any(is_depth(look) for look in each.looks) and not info_of_depth(survey, each)
+        f'passed over for scans: {topic.name}; a depth image without a camera_info'
+        for topic in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if any(is_depth(message) for message in topic.looks) and not info_of_depth(survey, topic)
     ]
 
 
@@ -274,9 +274,9 @@ def _scan_of(
         lidars = [topic for topic in topics if _kind_rank(vehicle, topic) == first]
         best = max(_in_view(source, lidars, survey, rig, notes), key=_size_rank)
     elif source.needs_info:
-        best = max(topics, key=lambda each: _depth_rank(survey, each))
+        best = max(topics, key=lambda topic: _depth_rank(survey, topic))
     else:
-        best = max(_in_view(source, topics, survey, rig, notes), key=lambda each: each.count)
+        best = max(_in_view(source, topics, survey, rig, notes), key=lambda topic: topic.count)
     notes += pass_over('scans', best, topics)
     frame = vehicle.frame_for(best.frame)
     if frame != best.frame:
@@ -299,10 +299,10 @@ def _scan_of(
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
     """Return the CameraInfo of depth images: beside them, or the only one of their frame, or ''."""
-    place = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
+    namespace = topic.name.removesuffix(f'/{COMPRESSED_DEPTH}').rpartition('/')[0]
     infos = survey.of_type(types.CAMERA_INFO)
-    if any(info.name == f'{place}/camera_info' for info in infos):
-        return f'{place}/camera_info'
+    if any(info.name == f'{namespace}/camera_info' for info in infos):
+        return f'{namespace}/camera_info'
     same = [info.name for info in infos if topic.frame and info.frame == topic.frame]
     return same[0] if len(same) == 1 else ''
 
@@ -310,9 +310,9 @@ def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
 def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
     """Rank depth images: in a colour camera's frame, then pixels before PNG."""
     pictures = {
-        each.frame
-        for each in survey.of_type(types.IMAGE, types.COMPRESSED)
-        if each.looks and not is_depth(each.looks[0])
+        image_topic.frame
+        for image_topic in survey.of_type(types.IMAGE, types.COMPRESSED)
+        if image_topic.looks and not is_depth(image_topic.looks[0])
     }
     return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
 
@@ -348,9 +348,9 @@ class _Vehicle:
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types
     """Return the first sampled message with x, y and z, None where none has them."""
-    for look in topic.looks:
-        if {'x', 'y', 'z'} <= {field.name for field in look.fields}:
-            return look
+    for message in topic.looks:
+        if {'x', 'y', 'z'} <= {field.name for field in message.fields}:
+            return message
     return None
 
 
@@ -390,10 +390,10 @@ def _in_view(
         return lidars
     seen = _points_seen(source, lidars, survey, rig)
     most = max(seen.values(), default=0)
-    found = (
+    in_view = (
         [lidar for lidar in lidars if seen.get(lidar.name, 0) > _SHARED * most] if most else lidars
     )
-    others = [lidar for lidar in lidars if lidar not in found]
+    others = [lidar for lidar in lidars if lidar not in in_view]
     if others:
         names = ', '.join(other.name for other in others)
         notes.append(
@@ -407,7 +407,7 @@ def _in_view(
             f'scans: the largest of {len(lidars)} lidars is taken, for {why}; scan.topic of the'
             f' plan chooses another'
         )
-    return found
+    return in_view
 
 
 def _points_seen(
@@ -416,7 +416,7 @@ def _points_seen(
     """Return the points of each lidar in the image of camera 2, by topic; only of those joined."""
     heading = find_heading(survey.tree, None, rig)
     placed = place_cameras(survey, rig, heading, [])
-    cameras = [each for each in placed.cameras if each.focal]
+    cameras = [rig_camera for rig_camera in placed.cameras if rig_camera.focal]
     if not cameras:
         return {}
     camera = choose_cameras(replace(placed, cameras=cameras)).cameras[2]
@@ -427,8 +427,8 @@ def _points_seen(
         with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
             if camera_t_lidar is not None and camera.info is not None:
                 needs = needs_of_plan(ScanPlan(topic.name, topic.frame), source, survey)
-                look = next(each for each in topic.looks if source.suits(each))
-                points = source.decode(look, needs).points[:, :3].astype(np.float64)
+                message = next(sample for sample in topic.looks if source.suits(sample))
+                points = source.decode(message, needs).points[:, :3].astype(np.float64)
                 inside = camera_model(camera.info.looks[0]).sees(camera_t_lidar.apply(points))
                 seen[topic.name] = int(np.count_nonzero(inside))
     return seen
@@ -495,14 +495,14 @@ class ScanConversion:
         self,
         message: Any,  # noqa: ANN401 - of the bag's types
         stamp_ns: int | None = None,
-        place: int | None = None,
+        index: int | None = None,
     ) -> tuple[Scan, Counter[str]]:
         """Convert a message to a scan; also return the number of dropped points, by reason.
 
         Args:
             message: Of a type of the plan's source.
             stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
-            place: Its place in its topic, by which its turn is known; None for a scan without.
+            index: Its index in its topic, which gives its turn; None for a scan without.
 
         Raises:
             ValueError: It cannot be read, or its frame is not known at its stamp.
@@ -513,25 +513,25 @@ class ScanConversion:
             joined = {self._base.frame: self._base.velo_T_frame}
             at_ns = stamp_ns_of(message.header) if stamp_ns is None else stamp_ns
             velo_t_cloud = FramesAt(joined, self._base, BoxTimes(at_ns))[frame]
-        found = self._source.decode(message, self._needs)
-        if found.lost:
+        decoded = self._source.decode(message, self._needs)
+        if decoded.lost:
             with self._lock:
-                self._lost.update(found.lost)
-        points, dropped = found.points, Counter(found.dropped)
-        labels = self._labels(found.labels, len(points))
+                self._lost.update(decoded.lost)
+        points, dropped = decoded.points, Counter(decoded.dropped)
+        labels = self._labels(decoded.labels, len(points))
         if self._plan is not None and self._plan.unit_m != 1:
             points = points * np.array([*[self._plan.unit_m] * 3, 1], np.float32)
         if velo_t_cloud is not None:
-            places = velo_t_cloud.apply(points[:, :3].astype(np.float64))
-            points = np.column_stack([places, points[:, 3]]).astype(np.float32)
+            positions = velo_t_cloud.apply(points[:, :3].astype(np.float64))
+            points = np.column_stack([positions, points[:, 3]]).astype(np.float32)
         if self._minimum_m:
             far = np.linalg.norm(points[:, :3].astype(np.float64), axis=1) >= self._minimum_m
             dropped[self._too_near] = len(points) - int(np.count_nonzero(far))
             points = points[far]
             labels = None if labels is None else labels[far]
-        if stamp_ns is None or place is None or self._turns is None:
+        if stamp_ns is None or index is None or self._turns is None:
             return Scan(points, labels=labels), dropped
-        start_ns, end_ns = self._turns[place].tolist()
+        start_ns, end_ns = self._turns[index].tolist()
         return Scan(points, stamp_ns + start_ns, stamp_ns + end_ns, labels), dropped
 
     def _labels(
@@ -559,9 +559,9 @@ class ScanConversion:
         """Return what should be known of the scans."""
         if self._plan is None:
             return []
-        topic, advice = self._plan.topic, self._source.advice
+        topic, hint = self._plan.topic, self._source.advice
         others = set(np.flatnonzero(self._classes).tolist()) - SEMANTIC_NAMES.keys()
-        notes = [*self._notes, *([f'{topic}: {advice}'] if advice else [])]
+        notes = [*self._notes, *([f'{topic}: {hint}'] if hint else [])]
         if others:
             shown = some_of([str(other) for other in sorted(others)], _SHOWN)
             notes.append(
@@ -612,7 +612,7 @@ def labelled_fields(topic: TopicSurvey) -> tuple[str, ...]:
     """Return the fields of a topic's clouds with labels of points, empty without."""
     if topic.msgtype != CLOUD:
         return ()
-    return next((names for look in topic.looks if (names := label_fields(look))), ())
+    return next((names for message in topic.looks if (names := label_fields(message))), ())
 
 
 def dropped_notes(topic: str, dropped: Mapping[str, int]) -> list[str]:

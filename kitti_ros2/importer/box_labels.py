@@ -106,13 +106,13 @@ def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
         ValueError: A line is not a label.
     """
     boxes = []
-    for place, line in enumerate(text.splitlines()):
+    for number, line in enumerate(text.splitlines()):
         try:
             box = parse_box(line)
         except ValueError as error:
             raise ValueError(f'{line!r} is no label ({error})') from None
         if box.track_id is None:
-            track = -1 if box.class_name == DONT_CARE else tracks.number(f'line {place}')
+            track = -1 if box.class_name == DONT_CARE else tracks.number(f'line {number}')
             box = replace(box, track_id=track)
         boxes.append(replace(box, frame=None))
     return boxes
@@ -145,15 +145,15 @@ class TrackIds:
 
     def of_frame(self, identities: Iterable[str]) -> list[int]:
         """Return the number of each box of a frame; one with the name of another is its own."""
-        found: list[int] = []
+        numbers: list[int] = []
         for identity in identities:
             number = self.number(identity)
-            if number in found:
+            if number in numbers:
                 self.repeated += 1
                 number = max(self._taken) + 1
                 self._taken.add(number)
-            found.append(number)
-        return found
+            numbers.append(number)
+        return numbers
 
     def number(self, identity: str) -> int:
         """Return the number of a track."""
@@ -179,11 +179,11 @@ def leans(
         ValueError: A required part of the calibration is missing.
     """
     frame_t_velo, up = standing.of(calibration)
-    found = [
+    cosines = [
         abs(frame_t_velo.rotation[1] @ _upright(cuboid, up).velo_T_box.rotation[:, 2])
         for cuboid in cuboids
     ]
-    return np.arccos(np.clip(np.array(found, np.float64), 0.0, 1.0))
+    return np.arccos(np.clip(np.array(cosines, np.float64), 0.0, 1.0))
 
 
 def _upright(cuboid: Cuboid, velo_up: Float64Array) -> Cuboid:
@@ -201,9 +201,9 @@ def _upright(cuboid: Cuboid, velo_up: Float64Array) -> Cuboid:
         return cuboid
     order = (1, 2, 0) if vertical == 0 else (0, 2, 1)
     forward, up = rotation[:, order[0]], rotation[:, vertical]
-    turned = np.column_stack([forward, np.cross(up, forward), up])
+    rotation_upright = np.column_stack([forward, np.cross(up, forward), up])
     length, width, height = (cuboid.size_lwh[axis] for axis in order)
-    velo_t_box = Transform(turned, cuboid.velo_T_box.translation)
+    velo_t_box = Transform(rotation_upright, cuboid.velo_T_box.translation)
     return replace(cuboid, velo_T_box=velo_t_box, size_lwh=(length, width, height))
 
 
@@ -246,30 +246,30 @@ def make_boxes(
         corners = (seen_by.cam_T_velo @ rect_t_velo.inverse()).apply(corners)
     bounds, truncated = clip_bounds(project_corners(corners, seen_by.p_rect), image.size)
     seen = [bool(np.isfinite(four).all()) for four in bounds]
-    kept = [place for place in range(len(cuboids)) if seen[place] or out_of_view]
+    kept_indices = [index for index in range(len(cuboids)) if seen[index] or out_of_view]
     alphas = alpha_of(locations, headings)
-    ids = tracks.of_frame(cuboids[place].identity for place in kept)
-    made = [
+    ids = tracks.of_frame(cuboids[index].identity for index in kept_indices)
+    labels = [
         Box(
-            class_name=class_name(cuboids[place].class_name),
-            truncated=float(_known(cuboids[place].truncation, truncated[place])),
-            occluded=_known(cuboids[place].occluded, occluded),
-            alpha=float(alphas[place]),
-            box_2d=_four(bounds[place]) if seen[place] else _UNSEEN,
-            size_hwl=boxes[place][1],
-            location=_three(locations[place]),
-            rotation_y=float(wrap_angle(headings[place])),
-            score=cuboids[place].score,
+            class_name=class_name(cuboids[index].class_name),
+            truncated=float(_known(cuboids[index].truncation, truncated[index])),
+            occluded=_known(cuboids[index].occluded, occluded),
+            alpha=float(alphas[index]),
+            box_2d=_four(bounds[index]) if seen[index] else _UNSEEN,
+            size_hwl=boxes[index][1],
+            location=_three(locations[index]),
+            rotation_y=float(wrap_angle(headings[index])),
+            score=cuboids[index].score,
             track_id=track_id,
         )
-        for place, track_id in zip(kept, ids, strict=True)
+        for index, track_id in zip(kept_indices, ids, strict=True)
     ]
-    made = [_region(box) if box.class_name == DONT_CARE else box for box in made]
-    return made, len(cuboids) - len(made)
+    labels = [_region(box) if box.class_name == DONT_CARE else box for box in labels]
+    return labels, len(cuboids) - len(labels)
 
 
-def _known(value: int | None, default: T) -> int | T:
-    return default if value is None else value
+def _known(level: int | None, default: T) -> int | T:
+    return default if level is None else level
 
 
 def _region(box: Box) -> Box:
@@ -327,36 +327,36 @@ class LabelClasses:
     def find(self, name: str) -> str:
         """Return the class of a label for that of a box."""
         word = plain(name)
-        given = self._given.get(name) or self._by_word.get(word or name)
-        if given is not None and self._unmatched:
+        planned_class = self._given.get(name) or self._by_word.get(word or name)
+        if planned_class is not None and self._unmatched:
             self._unmatched = {
-                each for each in self._unmatched if each != name and plain(each) != word
+                other for other in self._unmatched if other != name and plain(other) != word
             }
-        if self._own and given is None:
+        if self._own and planned_class is None:
             return class_name(name)
-        known = kitti_class(name)
-        found = given or known or OTHERS
-        if found != OTHERS or known == OTHERS:
-            return found
+        default_class = kitti_class(name)
+        label_class = planned_class or default_class or OTHERS
+        if label_class != OTHERS or default_class == OTHERS:
+            return label_class
         if self._keeps:
             return class_name(name)
         self._others[name.strip() or 'no class'] += 1
-        return found
+        return label_class
 
     def notes(self) -> list[str]:
         """Return notes on the boxes so far that became Misc, and on classes without a box."""
-        found = others_note(self._topic, self._others, 'were written')
+        notes = others_note(self._topic, self._others, 'were written')
         if self._unmatched:
             names = some_of([one_line(name) for name in sorted(self._unmatched)], _SHOWN)
-            found.append(f'{self._topic}: no box is of these labels.classes of the plan: {names}')
-        return found
+            notes.append(f'{self._topic}: no box is of these labels.classes of the plan: {names}')
+        return notes
 
 
 def others_note(topic: str, others: Mapping[str, int], done: str) -> list[str]:
     """Return a note on boxes without a class of KITTI, none without such boxes."""
     if not others:
         return []
-    ordered = sorted(others.items(), key=lambda each: (-each[1], each[0]))
+    ordered = sorted(others.items(), key=lambda name_count: (-name_count[1], name_count[0]))
     names = some_of([f'{one_line(name)} ({count})' for name, count in ordered], _SHOWN)
     note = (
         f'{topic}: {sum(others.values())} boxes {done} as {OTHERS}: {names}; labels.classes of the'
@@ -372,8 +372,8 @@ def is_own(survey: Survey, topic: str) -> bool:
 
 def default_classes(names: Iterable[str]) -> dict[str, str]:
     """Return KITTI's class of each name that is another, Misc for unknown ones."""
-    found = {name: kitti_class(name) or OTHERS for name in sorted(names) if name.strip()}
-    return {name: kind for name, kind in found.items() if name != kind}
+    classes = {name: kitti_class(name) or OTHERS for name in sorted(names) if name.strip()}
+    return {name: kind for name, kind in classes.items() if name != kind}
 
 
 def others_of(names: Mapping[str, int]) -> dict[str, int]:
@@ -415,18 +415,18 @@ def join_boxes(
     """
     if not flat:
         return list(boxes), 0
-    bounds, truncated = clip_bounds(np.array([each.box_2d for each in flat]), size)
+    bounds, truncated = clip_bounds(np.array([image_box.box_2d for image_box in flat]), size)
     seen = np.flatnonzero(np.isfinite(bounds).all(axis=1)).tolist()
     pairs = _pairs(boxes, flat, bounds, seen, tracks)
-    made = list(boxes)
-    for place, (box, number) in enumerate(zip(boxes, pairs, strict=True)):
+    labels = list(boxes)
+    for index, (box, number) in enumerate(zip(boxes, pairs, strict=True)):
         if number is not None:
-            made[place] = replace(box, box_2d=_four(bounds[number]))
+            labels[index] = replace(box, box_2d=_four(bounds[number]))
     for number in sorted(set(seen) - set(pairs)):
-        each = flat[number]
-        made.append(
+        image_box = flat[number]
+        labels.append(
             Box(
-                class_name=class_name(each.class_name),
+                class_name=class_name(image_box.class_name),
                 truncated=float(truncated[number]),
                 occluded=occluded,
                 alpha=_NO_ANGLE,
@@ -434,24 +434,24 @@ def join_boxes(
                 size_hwl=_NO_SIZE,
                 location=_NO_PLACE,
                 rotation_y=_NO_ANGLE,
-                score=(1.0 if each.score is None else each.score) if scores else None,
-                track_id=tracks.number(each.identity),
+                score=(1.0 if image_box.score is None else image_box.score) if scores else None,
+                track_id=tracks.number(image_box.identity),
             )
         )
-    return made, len(flat) - len(seen)
+    return labels, len(flat) - len(seen)
 
 
 def rectified_boxes(flat: Sequence[ImageBox], camera: CameraModel) -> list[ImageBox]:
     """Return the boxes around the sides of boxes in unrectified pixels, in rectified ones."""
-    found = []
-    for each in flat:
-        left, top, right, bottom = each.box_2d
+    boxes = []
+    for box in flat:
+        left, top, right, bottom = box.box_2d
         x, y = left + _SIDES * (right - left), top + _SIDES * (bottom - top)
         flat_x, flat_y = np.full_like(x, 1.0), np.full_like(y, 1.0)
         sides = [(x, flat_y * top), (x, flat_y * bottom), (flat_x * left, y), (flat_x * right, y)]
         moved = rectify_pixels(np.vstack([np.column_stack(side) for side in sides]), camera)
-        found.append(each._replace(box_2d=_four(np.ravel([moved.min(axis=0), moved.max(axis=0)]))))
-    return found
+        boxes.append(box._replace(box_2d=_four(np.ravel([moved.min(axis=0), moved.max(axis=0)]))))
+    return boxes
 
 
 def _pairs(
@@ -464,34 +464,34 @@ def _pairs(
     """Return for each label the number of its 2D box: by id, then by overlap, the largest first."""
     pairs: list[int | None] = [None] * len(boxes)
     free = set(seen)
-    by_track = {box.track_id: place for place, box in enumerate(boxes)}
+    by_track = {box.track_id: index for index, box in enumerate(boxes)}
     for number in sorted(free):
         track = tracks.find(flat[number].identity)
-        place = by_track.get(track) if track is not None else None
-        if place is not None and pairs[place] is None:
-            pairs[place] = number
+        index = by_track.get(track) if track is not None else None
+        if index is not None and pairs[index] is None:
+            pairs[index] = number
             free.discard(number)
     overlaps = sorted(
         (
-            (overlap_of(boxes[place].box_2d, bounds[number]), place, number)
-            for place in range(len(boxes))
+            (overlap_of(boxes[index].box_2d, bounds[number]), index, number)
+            for index in range(len(boxes))
             for number in free
         ),
-        key=lambda each: (-each[0], each[1], each[2]),
+        key=lambda pair: (-pair[0], pair[1], pair[2]),
     )
-    for overlap, place, number in overlaps:
-        if overlap >= _LEAST_OVERLAP and pairs[place] is None and number in free:
-            pairs[place] = number
+    for overlap, index, number in overlaps:
+        if overlap >= _LEAST_OVERLAP and pairs[index] is None and number in free:
+            pairs[index] = number
             free.discard(number)
     return pairs
 
 
-def overlap_of(one: Sequence[float], other: Sequence[float] | Float64Array) -> float:
+def overlap_of(first: Sequence[float], second: Sequence[float] | Float64Array) -> float:
     """Return the intersection over union of two boxes, 0 where one is empty."""
-    across = min(one[2], other[2]) - max(one[0], other[0])
-    down = min(one[3], other[3]) - max(one[1], other[1])
+    across = min(first[2], second[2]) - max(first[0], second[0])
+    down = min(first[3], second[3]) - max(first[1], second[1])
     common = max(across, 0.0) * max(down, 0.0)
-    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (one, other)]
+    areas = [(box[2] - box[0]) * (box[3] - box[1]) for box in (first, second)]
     union = sum(areas) - common
     return float(common / union) if common and union > 0 else 0.0
 
@@ -528,12 +528,12 @@ def join_image_boxes(messages: Sequence[Sequence[ImageBox]]) -> tuple[list[Image
 def _join(
     messages: Sequence[Sequence[_Box]], is_same: Callable[[_Box, _Box], bool]
 ) -> tuple[list[_Box], list[str]]:
-    made: list[_Box] = []
+    unique: list[_Box] = []
     count = sum(map(len, messages))
     for boxes in messages:
-        earlier = list(made)
-        made += [box for box in boxes if not any(is_same(one, box) for one in earlier)]
-    return made, [REPEATED] * (count - len(made))
+        earlier = list(unique)
+        unique += [box for box in boxes if not any(is_same(first, box) for first in earlier)]
+    return unique, [REPEATED] * (count - len(unique))
 
 
 def _is_same(first: Cuboid, second: Cuboid) -> bool:

@@ -39,9 +39,9 @@ _DETECTION_NS = 10 * NS_PER_S
 
 def planned_streams(plan: Plan) -> dict[str, TopicUse]:
     """Return the streams of a plan by name, the reference first; of camera_sets those of all."""
-    found = [use for use in topic_uses(plan) if use.role not in (INFO, BOXES_2D)]
-    found.sort(key=lambda use: use.name.partition(' ')[0] != plan.reference)
-    return {use.name: use for use in found}
+    uses = [use for use in topic_uses(plan) if use.role not in (INFO, BOXES_2D)]
+    uses.sort(key=lambda use: use.name.partition(' ')[0] != plan.reference)
+    return {use.name: use for use in uses}
 
 
 def with_offset(plan: Plan, stream: TopicUse, offset_s: float) -> Plan:
@@ -50,15 +50,15 @@ def with_offset(plan: Plan, stream: TopicUse, offset_s: float) -> Plan:
     if not owner:
         # mypy does not know the types of fields by name.
         return replace(plan, **{stream.offset_key: offset_s})  # type: ignore[arg-type]
-    part = getattr(plan, owner)
+    stream_plan = getattr(plan, owner)
     if which:
-        part = {
-            key: replace(each, offset_s=offset_s) if str(key) in which else each
-            for key, each in part.items()
+        stream_plan = {
+            key: replace(camera, offset_s=offset_s) if str(key) in which else camera
+            for key, camera in stream_plan.items()
         }
     else:
-        part = replace(part, offset_s=offset_s)
-    return replace(plan, **{owner: part})
+        stream_plan = replace(stream_plan, offset_s=offset_s)
+    return replace(plan, **{owner: stream_plan})
 
 
 def clocked(survey: Survey, plan: Plan) -> Survey:
@@ -127,9 +127,9 @@ def share_stamps(first: TopicSurvey, second: TopicSurvey, rounded_ns: int = 0) -
     if not least or len(first.header_ns) != first.count or len(second.header_ns) != second.count:
         return False
     within_ns = _DETECTION_NS if first.classes or second.classes else LATENCY_NS
-    stamps, logs = (np.asarray(each) for each in (second.header_ns, second.log_ns))
+    stamps, logs = (np.asarray(times) for times in (second.header_ns, second.log_ns))
     order = np.argsort(first.header_ns, kind='stable')
-    others, logs_of_others = (np.asarray(each)[order] for each in (first.header_ns, first.log_ns))
+    others, logs_of_others = (np.asarray(times)[order] for times in (first.header_ns, first.log_ns))
     near, later_ns = nearest_stamps(others, stamps)
     same = (stamps != 0) & (np.abs(later_ns) <= rounded_ns)
     same &= np.abs(logs_of_others[near] - logs) <= within_ns
@@ -166,7 +166,7 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         )
         apart = np.abs(turns - (start, end)).max(axis=1) > _EVEN_NS
         if apart.any():
-            least, most = (int(each) / 1e6 for each in (turns[:, 0].min(), turns[:, 1].max()))
+            least, most = (int(edge) / 1e6 for edge in (turns[:, 0].min(), turns[:, 1].max()))
             text += (
                 f' (medians; {np.count_nonzero(apart)} of {len(turns)} differ by more than'
                 f' {_EVEN_NS / 1e6:.0f} ms, from {least:.1f} to {most:.1f} ms at most: each is'
@@ -230,33 +230,33 @@ def find_corrections(
 ) -> dict[str, int]:
     """Return the nanoseconds to add to the stamps of each stream whose clock differs."""
     topics = {
-        name: survey.topics[each.topic]
-        for name, each in streams.items()
-        if each.topic in survey.topics and survey.topics[each.topic].count
+        name: survey.topics[use.topic]
+        for name, use in streams.items()
+        if use.topic in survey.topics and survey.topics[use.topic].count
     }
     if reference not in topics:
         return {}
     ahead = {name: _ahead_of(topics[reference], topic) for name, topic in topics.items()}
-    known = {name: value for name, value in ahead.items() if value is not None}
+    leads_ns = {name: lead_ns for name, lead_ns in ahead.items() if lead_ns is not None}
     base = 0
     if abs(_lead_ns(topics[reference])) > LATENCY_NS:
         right = [
             name
-            for name in known
+            for name in leads_ns
             if topics[name].has_own_stamps and abs(_lead_ns(topics[name])) <= LATENCY_NS
         ]
         if right:
-            base = known[max(right, key=lambda name: topics[name].count)]
-    found = {
-        name: _rounded(base - value)
-        for name, value in known.items()
-        if abs(base - value) > LATENCY_NS
+            base = leads_ns[max(right, key=lambda name: topics[name].count)]
+    shifts = {
+        name: _rounded(base - lead_ns)
+        for name, lead_ns in leads_ns.items()
+        if abs(base - lead_ns) > LATENCY_NS
     }
-    return _with_images_of_their_scans(found, topics, reference) if found else found
+    return _with_images_of_their_scans(shifts, topics, reference) if shifts else shifts
 
 
 def _with_images_of_their_scans(
-    found: dict[str, int], topics: Mapping[str, TopicSurvey], reference: str
+    shifts: dict[str, int], topics: Mapping[str, TopicSurvey], reference: str
 ) -> dict[str, int]:
     """Move images that may be of two scans, by their estimated stamps, to the later of these.
 
@@ -265,18 +265,18 @@ def _with_images_of_their_scans(
     """
     scan = topics[reference]
     if reference != Stream.SCAN.value or scan.turn_ns is not None or scan.count < 2:
-        return found
-    scan_ns = np.sort(scan.stamps()[0] + found.get(reference, 0))
+        return shifts
+    scan_ns = np.sort(scan.stamps()[0] + shifts.get(reference, 0))
     for name, topic in topics.items():
-        moved = name in found
-        if not name.startswith('image_') or not (moved or reference in found):
+        moved = name in shifts
+        if not name.startswith('image_') or not (moved or reference in shifts):
             continue
-        wait_ns = _doubtful_wait_ns(np.sort(topic.stamps()[0] + found.get(name, 0)), scan_ns)
+        wait_ns = _doubtful_wait_ns(np.sort(topic.stamps()[0] + shifts.get(name, 0)), scan_ns)
         if wait_ns and not moved:
-            return {**found, reference: found[reference] - wait_ns}
+            return {**shifts, reference: shifts[reference] - wait_ns}
         if wait_ns:
-            found = {**found, name: found[name] + wait_ns}
-    return found
+            shifts = {**shifts, name: shifts[name] + wait_ns}
+    return shifts
 
 
 def _doubtful_wait_ns(images_ns: Int64Array, scans_ns: Int64Array) -> int:
@@ -297,20 +297,20 @@ def _ahead_of(reference: TopicSurvey, stream: TopicSurvey) -> int | None:
     """
     if stream.name == reference.name or share_stamps(reference, stream):
         return stream.offset_ns - reference.offset_ns
-    known = np.array(reference.log_ns, dtype=np.int64)
+    times = np.array(reference.log_ns, dtype=np.int64)
     stamps = _measured_ns(reference)
     logs = np.array(stream.log_ns, dtype=np.int64)
-    order = np.argsort(known, kind='stable')
-    known, stamps = known[order], stamps[order]
-    if not _is_steady(stamps, known):
+    order = np.argsort(times, kind='stable')
+    times, stamps = times[order], stamps[order]
+    if not _is_steady(stamps, times):
         return None
-    period = int(np.median(np.diff(known)))
-    inside = (logs >= known[0] - period) & (logs <= known[-1] + period)
-    if 2 * np.count_nonzero(inside) < min(len(logs), len(known)) or not inside.any():
+    period = int(np.median(np.diff(times)))
+    inside = (logs >= times[0] - period) & (logs <= times[-1] + period)
+    if 2 * np.count_nonzero(inside) < min(len(logs), len(times)) or not inside.any():
         return None
     own = _measured_ns(stream)[inside]
-    start_log, start = int(known[0]), int(stamps[0])
-    elapsed = np.interp(logs[inside] - start_log, known - start_log, (stamps - start).astype(float))
+    start_log, start = int(times[0]), int(stamps[0])
+    elapsed = np.interp(logs[inside] - start_log, times - start_log, (stamps - start).astype(float))
     return int(np.median(own - start - np.round(elapsed).astype(np.int64)))
 
 
@@ -347,8 +347,8 @@ def _rounded(offset_ns: int) -> int:
 
 def _scale(offset_ns: int) -> str:
     seconds, rest = divmod(-offset_ns, NS_PER_S)
-    known = '' if rest else _TIME_SCALES.get(seconds, '')
-    return f' (that is {known})' if known else ''
+    time_scale = '' if rest else _TIME_SCALES.get(seconds, '')
+    return f' (that is {time_scale})' if time_scale else ''
 
 
 def _seconds(nanoseconds: int) -> str:
@@ -398,11 +398,11 @@ def describe_gap(
         f' nearest is {_distance(gap)} {side} it, and the first stamps are'
         f' {_distance(starts)} apart'
     )
-    found = find_corrections(survey, streams, plan.reference)
-    if found:
+    shifts = find_corrections(survey, streams, plan.reference)
+    if shifts:
         keys = ', '.join(
-            f'{streams[each].offset_key}: {streams[each].offset_s + offset / NS_PER_S!r}'
-            for each, offset in found.items()
+            f'{streams[other].offset_key}: {streams[other].offset_s + offset / NS_PER_S!r}'
+            for other, offset in shifts.items()
         )
         return f'{text}; by the times of recording, set {keys} in the plan, or stamps: log'
     return (

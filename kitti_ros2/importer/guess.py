@@ -79,7 +79,7 @@ if TYPE_CHECKING:
 
 def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
     """Whether a receiver of the vehicle has a fix."""
-    return any(each.has_fix for each in _of_vehicle(survey, types.FIX, scan))
+    return any(topic.has_fix for topic in _of_vehicle(survey, types.FIX, scan))
 
 
 def guess_unit(
@@ -93,31 +93,31 @@ def guess_unit(
         notes: Takes what is missing.
         pose: The plan's poses, which take the place of a fix.
     """
-    found = _best_topics(survey, scan, pose, notes)
-    if 'fix' not in found and pose is None and 'imu' not in found:
+    oxts = _best_topics(survey, scan, pose, notes)
+    if 'fix' not in oxts and pose is None and 'imu' not in oxts:
         notes.append('missing: fix (NavSatFix), imu and poses, so oxts is left out')
         return {}
-    if 'fix' not in found:
+    if 'fix' not in oxts:
         if pose is not None:
-            found |= _odometry(survey, pose)
-        place = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
-        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {place}')
-    elif 'imu' in found and not ('velocity' in found and survey.topics[found['velocity']].moves):
-        found |= _odometry_of(survey, survey.topics[found['imu']].frame)
-    placed = 'fix' in found or pose is not None
+            oxts |= _odometry(survey, pose)
+        origin = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
+        notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {origin}')
+    elif 'imu' in oxts and not ('velocity' in oxts and survey.topics[oxts['velocity']].moves):
+        oxts |= _odometry_of(survey, survey.topics[oxts['imu']].frame)
+    placed = 'fix' in oxts or pose is not None
     derived = 'in oxts it is derived from the places'
     for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
         rest = derived if key == 'velocity' and placed else 'its columns of oxts are 0'
-        if key not in found:
+        if key not in oxts:
             notes.append(f'missing: {key} ({msgtype}); {rest}')
-    return found
+    return oxts
 
 
 def _best_topics(
     survey: Survey, scan: ScanPlan | None, pose: PosePlan | None, notes: list[str]
 ) -> dict[str, str]:
     """Return the topics of the unit by their keys, and note those that are passed over."""
-    found: dict[str, str] = {}
+    oxts: dict[str, str] = {}
     joined = _joined_frames(survey, scan)
     for role, rank in (
         (IMU, partial(_imu_rank, joined=joined)),
@@ -127,12 +127,12 @@ def _best_topics(
         key, (msgtype,) = role.key, role.msgtypes
         topics = _of_vehicle(survey, msgtype, scan)
         if key == 'velocity':
-            topics = _in_known_axes(topics, survey, joined, pose, found)
+            topics = _in_known_axes(topics, survey, joined, pose, oxts)
         notes += [
-            f'passed over for {key}: {each.name} ({each.count}); no transform joins its frame,'
-            f' {each.frame}, to that of the scans'
-            for each in survey.of_type(msgtype)
-            if each not in topics
+            f'passed over for {key}: {topic.name} ({topic.count}); no transform joins its frame,'
+            f' {topic.frame}, to that of the scans'
+            for topic in survey.of_type(msgtype)
+            if topic not in topics
         ]
         if not topics:
             continue
@@ -141,8 +141,8 @@ def _best_topics(
         if key == 'fix' and not best.has_fix:
             notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
         else:
-            found[key] = best.name
-    return found
+            oxts[key] = best.name
+    return oxts
 
 
 def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
@@ -150,8 +150,8 @@ def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
     if scan is None:
         return frozenset()
     tree = survey.tree
-    known = {*tree.frames, scan.frame}
-    return frozenset(each for each in known if tree.joins(scan.frame, each))
+    frames = {*tree.frames, scan.frame}
+    return frozenset(frame for frame in frames if tree.joins(scan.frame, frame))
 
 
 def _in_known_axes(
@@ -159,15 +159,15 @@ def _in_known_axes(
     survey: Survey,
     joined: Collection[str],
     pose: PosePlan | None,
-    unit: Mapping[str, str],
+    oxts: Mapping[str, str],
 ) -> list[TopicSurvey]:
     """Return the velocities that can be turned into the axes of the unit, if that has a place."""
-    imu, fix = (survey.topics[unit[key]].frame if key in unit else '' for key in ('imu', 'fix'))
-    has_place = imu in joined if 'imu' in unit else pose is not None and pose.body in joined
+    imu, fix = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('imu', 'fix'))
+    has_place = imu in joined if 'imu' in oxts else pose is not None and pose.body in joined
     if not has_place:
         return topics
-    known = {'', fix, *joined}
-    return [topic for topic in topics if topic.frame in known or is_fixed(topic.frame)]
+    known_frames = {'', fix, *joined}
+    return [topic for topic in topics if topic.frame in known_frames or is_fixed(topic.frame)]
 
 
 def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
@@ -176,22 +176,22 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
     Its frames have another prefix (robot2/base_link), and no transform joins them to the scans'.
     """
     tree, own = survey.tree, '' if scan is None else scan.frame
-    found = []
-    for each in survey.of_type(msgtype):
-        known = {own, each.frame} <= tree.frames
-        prefixes = own.rpartition('/')[0], each.frame.rpartition('/')[0]
-        apart = known and all(prefixes) and prefixes[0] != prefixes[1]
-        if not apart or tree.root_of(own) == tree.root_of(each.frame):
-            found.append(each)
-    return found
+    vehicle_topics = []
+    for topic in survey.of_type(msgtype):
+        in_tree = {own, topic.frame} <= tree.frames
+        prefixes = own.rpartition('/')[0], topic.frame.rpartition('/')[0]
+        apart = in_tree and all(prefixes) and prefixes[0] != prefixes[1]
+        if not apart or tree.root_of(own) == tree.root_of(topic.frame):
+            vehicle_topics.append(topic)
+    return vehicle_topics
 
 
 def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, bool, int]:
     """Rank an Imu: in a joined frame, with an orientation, not raw, with values, of most."""
     oriented = any(map(has_orientation, topic.looks))
-    rates = (look.angular_velocity for look in topic.looks)
-    forces = (look.linear_acceleration for look in topic.looks)
-    measured = any(vector_of(each).any() for each in (*rates, *forces))
+    rates = (message.angular_velocity for message in topic.looks)
+    forces = (message.linear_acceleration for message in topic.looks)
+    measured = any(vector_of(vector).any() for vector in (*rates, *forces))
     return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
 
@@ -208,43 +208,43 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
     """Return the Odometry whose twist is the velocity: that of the poses, or of the same body."""
     tree = survey.tree
     topics = [
-        each
-        for each in survey.of_type(types.ODOMETRY)
-        if each.name == pose.topic
-        or child_of(each) == pose.body
-        or tree.joins(pose.body, child_of(each))
+        topic
+        for topic in survey.of_type(types.ODOMETRY)
+        if topic.name == pose.topic
+        or child_of(topic) == pose.body
+        or tree.joins(pose.body, child_of(topic))
     ]
     if not topics:
         return {}
-    return {'velocity': max(topics, key=lambda each: (each.name == pose.topic, each.count)).name}
+    return {'velocity': max(topics, key=lambda topic: (topic.name == pose.topic, topic.count)).name}
 
 
 def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
     """Return the Odometry with a twist whose body static transforms join to a frame."""
     tree = survey.tree
     topics = [
-        each
-        for each in survey.of_type(types.ODOMETRY)
-        if child_of(each) in tree.frames and tree.joins(frame, child_of(each)) and each.moves
+        topic
+        for topic in survey.of_type(types.ODOMETRY)
+        if child_of(topic) in tree.frames and tree.joins(frame, child_of(topic)) and topic.moves
     ]
-    return {'velocity': max(topics, key=lambda each: each.count).name} if topics else {}
+    return {'velocity': max(topics, key=lambda topic: topic.count).name} if topics else {}
 
 
-def guess_velocity_axes(survey: Survey, unit: Mapping[str, str], notes: list[str]) -> VelocityAxes:
+def guess_velocity_axes(survey: Survey, oxts: Mapping[str, str], notes: list[str]) -> VelocityAxes:
     """Choose the axes of a TwistStamped by its frame.
 
     Receivers with one antenna do not know where it looks: the velocity of nmea_navsat_driver and
     others, in the frame of their NavSatFix, is along east and north. That in a fixed frame (mavros'
     velocity_local, in map) is along its axes, which REP 103 has as east, north, up.
     """
-    topic = survey.topics.get(unit.get('velocity', ''))
+    topic = survey.topics.get(oxts.get('velocity', ''))
     if topic is None or topic.msgtype != types.TWIST or not topic.frame:
         return VelocityAxes.FRAME
     fixed = is_fixed(topic.frame)
-    fix, imu = (survey.topics[unit[key]].frame if key in unit else '' for key in ('fix', 'imu'))
+    fix, imu = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('fix', 'imu'))
     if not fixed and (topic.frame != fix or topic.frame == imu):
         return VelocityAxes.FRAME
-    why = 'which does not move' if fixed else f'that of {unit["fix"]}'
+    why = 'which does not move' if fixed else f'that of {oxts["fix"]}'
     notes.append(
         f'{topic.name}: its frame is {topic.frame}, {why}, so it is taken as along east, north and'
         f' up (velocity_axes)'
@@ -270,7 +270,7 @@ def guess_imu_frame(
     if not topics or scan is None:
         return ''
     joined = _joined_frames(survey, scan)
-    chosen = max(topics, key=lambda each: (each.name == imu, _imu_rank(each, joined)))
+    chosen = max(topics, key=lambda topic: (topic.name == imu, _imu_rank(topic, joined)))
     if chosen.frame in joined:
         tree = survey.tree
         return _forward_frame(chosen.frame, tree, find_body(tree, [chosen.frame]) or heading, notes)
@@ -286,12 +286,12 @@ def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: 
     axes = None if heading is None else heading.axes_of(tree, frame)
     if heading is None or axes is None or is_forward(axes):
         return frame
-    told = f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward'
-    found = near_frame(frame, tree, heading) or forward_frame(frame, tree, heading)
-    if found:
-        notes.append(f'{told}: imu_frame is {found}, and oxts is turned to it')
-        return found
-    notes.append(f'{told}, and so has no frame of the bag: oxts is along the axes of {frame}')
+    note = f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward'
+    forward = near_frame(frame, tree, heading) or forward_frame(frame, tree, heading)
+    if forward:
+        notes.append(f'{note}: imu_frame is {forward}, and oxts is turned to it')
+        return forward
+    notes.append(f'{note}, and so has no frame of the bag: oxts is along the axes of {frame}')
     return frame
 
 
@@ -354,8 +354,8 @@ def guess_plan(
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
-    unit = guess_unit(survey, scan, notes, pose) if Stream.OXTS in traits.streams else {}
-    imu_frame = _imu_frame(survey, layout, sensors, unit, notes)
+    oxts = guess_unit(survey, scan, notes, pose) if Stream.OXTS in traits.streams else {}
+    imu_frame = _imu_frame(survey, layout, sensors, oxts, notes)
     labels = None
     if Stream.LABELS in traits.streams:
         tree = survey.tree
@@ -373,10 +373,10 @@ def guess_plan(
         labels=labels,
         imu_frame=imu_frame,
         calibration=_calibration(survey, viewed, [] if with_calibration else notes),
-        imu=unit.get('imu', ''),
-        fix=unit.get('fix', ''),
-        velocity=unit.get('velocity', ''),
-        velocity_axes=guess_velocity_axes(survey, unit, notes),
+        imu=oxts.get('imu', ''),
+        fix=oxts.get('fix', ''),
+        velocity=oxts.get('velocity', ''),
+        velocity_axes=guess_velocity_axes(survey, oxts, notes),
         camera_sets=sets,
     )
     if scan is not None:
@@ -395,11 +395,11 @@ def _with_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
     It is the offset of the plan's poses, which a plan may have for this alone.
     """
     links, alone = (None, False) if plan.pose is not None else _links(survey, plan)
-    found, notes = estimate_offsets(survey, replace(plan, pose=plan.pose or links))
+    timed, notes = estimate_offsets(survey, replace(plan, pose=plan.pose or links))
     if links is not None and alone:
         notes.insert(0, f'poses: {links.topic}, which alone joins {links.world} to {links.body}')
-    needs_links = found.pose is not None and found.pose.offset_s
-    return (found if needs_links or alone or links is None else replace(found, pose=None)), notes
+    needs_links = timed.pose is not None and timed.pose.offset_s
+    return (timed if needs_links or alone or links is None else replace(timed, pose=None)), notes
 
 
 def _links(survey: Survey, plan: Plan) -> tuple[PosePlan | None, bool]:
@@ -429,12 +429,12 @@ def _find_sensors(
     survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
-    found = find_cameras(survey)
-    scan = guess_scan(survey, found, notes)
-    heading = find_heading(survey.tree, None if scan is None else scan.frame, found)
+    found_cameras = find_cameras(survey)
+    scan = guess_scan(survey, found_cameras, notes)
+    heading = find_heading(survey.tree, None if scan is None else scan.frame, found_cameras)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, survey.tree, heading, notes)
-    rig = place_cameras(survey, found, heading, notes)
+    rig = place_cameras(survey, found_cameras, heading, notes)
     frame = None if scan is None else scan.frame
     sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
@@ -446,11 +446,11 @@ def _find_sensors(
 
 
 def _imu_frame(
-    survey: Survey, layout: Layout, sensors: _Sensors, unit: Mapping[str, str], notes: list[str]
+    survey: Survey, layout: Layout, sensors: _Sensors, oxts: Mapping[str, str], notes: list[str]
 ) -> str:
     """Return the frame of the GPS/IMU unit, that of the poses in place of one; empty without."""
-    frame = guess_imu_frame(survey, unit.get('imu', ''), sensors.scan, sensors.heading, notes)
-    if frame or unit.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
+    frame = guess_imu_frame(survey, oxts.get('imu', ''), sensors.scan, sensors.heading, notes)
+    if frame or oxts.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
         return frame
     return guess_unit_frame(survey, sensors.scan, sensors.pose)
 
@@ -475,17 +475,17 @@ def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str
 
 def _nothing(survey: Survey, layout: Layout) -> str:
     """Describe the content of a bag that has no data that a layout requires."""
-    there = [f'{topic.name} ({topic.msgtype})' for topic in survey.topics.values() if topic.count]
+    names = [f'{topic.name} ({topic.msgtype})' for topic in survey.topics.values() if topic.count]
     reasons = [loss.text() for loss in _unreadable(survey, layout, scans=True)]
     reasons += [*survey.losses, *survey.notes]
     reason = f' ({reasons[0]})' if reasons else ''
-    if not there:
+    if not names:
         return f'the bag has no message{reason}'
     needed = 'no point cloud and no image'
     if Stream.POSE in layout.traits.streams:
         needed += ', and no poses either'
-    more = f' and {len(there) - _MOST_SHOWN} more' if len(there) > _MOST_SHOWN else ''
-    return f'the bag has {needed}; it has {", ".join(there[:_MOST_SHOWN])}{more}{reason}'
+    more = f' and {len(names) - _MOST_SHOWN} more' if len(names) > _MOST_SHOWN else ''
+    return f'the bag has {needed}; it has {", ".join(names[:_MOST_SHOWN])}{more}{reason}'
 
 
 def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, ...]:
@@ -494,13 +494,13 @@ def _unreadable(survey: Survey, layout: Layout, *, scans: bool) -> tuple[Loss, .
     Those that scans are made from in place of clouds are included if scans are missing.
     """
     used = [role for role in ROLES if role.stream in layout.traits.streams]
-    wanted = {msgtype for role in used for msgtype in role.msgtypes}
-    wanted |= set(SCAN.more_types) if scans else set()
+    msgtypes = {msgtype for role in used for msgtype in role.msgtypes}
+    msgtypes |= set(SCAN.more_types) if scans else set()
     left_out = (
-        loss for channel, loss in survey.left_out if channel.msgtype in wanted and loss.count
+        loss for channel, loss in survey.left_out if channel.msgtype in msgtypes and loss.count
     )
     return (
-        *(topic.undecoded() for topic in survey.unreadable(*wanted)),
+        *(topic.undecoded() for topic in survey.unreadable(*msgtypes)),
         *left_out,
     )
 
@@ -660,16 +660,16 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
         left_out |= set(own_topics()) | {name for name in survey.topics if _is_source(name)}
     pixels = _pixel_frames(survey, plan)
     groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
-    for topic in sorted(survey.topics.values(), key=lambda each: each.name):
+    for topic in sorted(survey.topics.values(), key=lambda surveyed: surveyed.name):
         if topic.count and topic.name not in left_out and topic.msgtype not in types.TF_TYPES:
-            advice = _advice(topic, survey, plan, pixels)
-            groups[_short(topic.msgtype), advice].append((topic.name, topic.count))
+            hint = _advice(topic, survey, plan, pixels)
+            groups[_short(topic.msgtype), hint].append((topic.name, topic.count))
     for channel, loss in survey.left_out:
         if loss.count and channel.topic not in left_out:
             kind = _short(channel.msgtype)
-            advice = _ADVICE.get(kind, _NOT_READ)
-            groups[kind, advice].append((channel.topic, loss.count))
-    return [Unused(kind, tuple(counts), advice) for (kind, advice), counts in groups.items()]
+            hint = _ADVICE.get(kind, _NOT_READ)
+            groups[kind, hint].append((channel.topic, loss.count))
+    return [Unused(kind, tuple(counts), hint) for (kind, hint), counts in groups.items()]
 
 
 def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[str]:
@@ -683,29 +683,29 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
     named = [
         name for note in notes if note.startswith('passed over') for name in _NAMED.findall(note)
     ]
-    found = unused_topics(survey, plan, named)
-    background = [each for group in found if not group.advice for each in group.counts]
-    told = [group.note() for group in _by_advice(found) if group.advice]
+    groups = unused_topics(survey, plan, named)
+    background = [pair for group in groups if not group.advice for pair in group.counts]
+    lines = [group.note() for group in _by_advice(groups) if group.advice]
     if background:
         topics = some_of(
             [f'{one_line(name)} ({count})' for name, count in background], _MOST_TOPICS
         )
-        told.append(f'not used: {topics}, which nodes publish about themselves')
-    return told
+        lines.append(f'not used: {topics}, which nodes publish about themselves')
+    return lines
 
 
-def _by_advice(found: Iterable[Unused]) -> list[Unused]:
+def _by_advice(unused: Iterable[Unused]) -> list[Unused]:
     """Join topics with one advice, for which their types are listed."""
     groups: dict[str, list[Unused]] = defaultdict(list)
-    for each in found:
-        groups[each.advice].append(each)
+    for group in unused:
+        groups[group.advice].append(group)
     return [
         Unused(
-            ', '.join(each.msgtype for each in same),
-            tuple(count for each in same for count in each.counts),
-            advice,
+            ', '.join(group.msgtype for group in same),
+            tuple(count for group in same for count in group.counts),
+            hint,
         )
-        for advice, same in groups.items()
+        for hint, same in groups.items()
     ]
 
 
@@ -761,7 +761,7 @@ def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFram
 
 def _is_depth(topic: TopicSurvey) -> bool:
     if topic.msgtype == types.IMAGE:
-        encodings = {getattr(look, 'encoding', '') for look in topic.looks}
+        encodings = {getattr(message, 'encoding', '') for message in topic.looks}
         return bool(encodings & _DEPTHS) or bool(_DEPTH_NAME.search(topic.name))
     return topic.msgtype == types.COMPRESSED and bool(_DEPTH_NAME.search(topic.name))
 

@@ -40,17 +40,17 @@ if TYPE_CHECKING:
 
 
 def span_of(
-    stamps_ns: Int64Array, kept: npt.NDArray[np.bool_], selection: SelectionOptions
+    stamps_ns: Int64Array, mask: npt.NDArray[np.bool_], selection: SelectionOptions
 ) -> npt.NDArray[np.bool_]:
     """Return which frames a selection takes.
 
     Raises:
         UsageError: None of those that are kept.
     """
-    numbers = np.cumsum(kept) - 1
+    numbers = np.cumsum(mask) - 1
     chosen = within(selection, numbers, stamps_ns)
-    if not (chosen & kept).any():
-        seconds = (int(stamps_ns[kept].max()) - int(stamps_ns.min())) / NS_PER_S
+    if not (chosen & mask).any():
+        seconds = (int(stamps_ns[mask].max()) - int(stamps_ns.min())) / NS_PER_S
         raise UsageError(
             f'the selection takes no frame; there are frames 0 to {numbers[-1]},'
             f' seconds 0s to {seconds:.3f}s'
@@ -153,8 +153,8 @@ def choose_frames(
     check_types(plan, survey)
     survey = clocked(survey, plan)
     frames, apart = _every_frame(plan, survey, track)
-    kept, lost, dropped = _complete(plan, frames, track)
-    if not kept.any():
+    mask, lost, dropped = _complete(plan, frames, track)
+    if not mask.any():
         if apart:
             raise UnsynchronisedError(f'no frame is whole: {"; ".join(apart)}')
         raise UsageError(
@@ -162,10 +162,10 @@ def choose_frames(
             f' the plan, set incomplete: keep, or remove the missing stream from the plan'
         )
     if selection is not None and not selection.is_whole:
-        chosen = span_of(frames.stamps_ns, kept, selection)
-        kept, lost = kept & chosen, lost & chosen
+        chosen = span_of(frames.stamps_ns, mask, selection)
+        mask, lost = mask & chosen, lost & chosen
     return replace(
-        pick_frames(frames, kept),
+        pick_frames(frames, mask),
         notes=(*frames.notes, *dropped),
         unposed_ns=within_gaps(frames.stamps_ns, lost, track),
     )
@@ -184,7 +184,7 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
     reference = _reference(plan, series, track)
     order = np.argsort(reference, kind='stable')
     reference = reference[order]
-    others = {stream: each for stream, each in series.items() if stream.value != plan.reference}
+    others = {stream: times for stream, times in series.items() if stream.value != plan.reference}
     places_2d, lost_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
@@ -225,17 +225,17 @@ def _complete(
     Also which of those with all samples have no pose, and notes on what was dropped.
     """
     notes: list[str] = []
-    kept = np.ones(len(frames), dtype=np.bool_)
+    mask = np.ones(len(frames), dtype=np.bool_)
     if plan.incomplete is Incomplete.DROP:
         for stream, indices in frames.samples.items():
-            kept &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
+            mask &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
     lost = np.zeros(len(frames), dtype=np.bool_)
     if track is not None:
         unknown = ~track.known(frames.stamps_ns)
-        lost = kept & unknown
+        lost = mask & unknown
         where = _where_unposed(frames.stamps_ns[unknown], track)
-        kept &= _without(unknown, f'pose around them{where}', notes)
-    return kept, lost, notes
+        mask &= _without(unknown, f'pose around them{where}', notes)
+    return mask, lost, notes
 
 
 def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int]] | None:
@@ -259,15 +259,15 @@ def _match_2d(
     groups = topic.groups()
     stamps = by_group(topic.stamps()[0], groups)
     match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
-    places = places_of(match.indices, groups)
+    indices = places_of(match.indices, groups)
     notes.append(_matching(Stream.LABELS, flat, match))
     if match.matched:
-        return places, []
+        return indices, []
     reason = (
         f'{flat}: no message within {plan.tolerance_s * 1000:.0f} ms of a frame; remove'
         f' labels.boxes_2d from the plan, or set stamps: log or a larger tolerance_s'
     )
-    return places, [Loss(flat, match.dropped, reason)]
+    return indices, [Loss(flat, match.dropped, reason)]
 
 
 def places_of(
@@ -293,16 +293,16 @@ def by_group(stamps_ns: Int64Array, groups: Sequence[Sequence[int]] | None) -> I
     return stamps_ns if groups is None else np.asarray(stamps_ns[[group[0] for group in groups]])
 
 
-def pick_frames(frames: Frames, kept: npt.NDArray[np.bool_]) -> Frames:
+def pick_frames(frames: Frames, mask: npt.NDArray[np.bool_]) -> Frames:
     """Return the frames of a mask, (N,)."""
-    samples = {stream: indices[kept] for stream, indices in frames.samples.items()}
+    samples = {stream: indices[mask] for stream, indices in frames.samples.items()}
     label_places, places_2d = (
-        tuple(each for each, taken in zip(places, kept.tolist(), strict=False) if taken)
-        for places in (frames.label_places, frames.places_2d)
+        tuple(group for group, is_kept in zip(groups, mask.tolist(), strict=False) if is_kept)
+        for groups in (frames.label_places, frames.places_2d)
     )
     return replace(
         frames,
-        stamps_ns=frames.stamps_ns[kept],
+        stamps_ns=frames.stamps_ns[mask],
         samples=samples,
         label_places=label_places,
         places_2d=places_2d,
@@ -317,8 +317,8 @@ def select_frames(frames: Frames, selection: SelectionOptions) -> Frames:
     """
     if selection.is_whole:
         return frames
-    every = np.ones(len(frames), dtype=np.bool_)
-    return pick_frames(frames, span_of(frames.stamps_ns, every, selection))
+    mask = np.ones(len(frames), dtype=np.bool_)
+    return pick_frames(frames, span_of(frames.stamps_ns, mask, selection))
 
 
 def within_gaps(
@@ -346,24 +346,24 @@ def _where_unposed(stamps_ns: Int64Array, track: Track) -> str:
     early = int(np.count_nonzero(stamps_ns < first))
     late = int(np.count_nonzero(stamps_ns > last))
     between = len(stamps_ns) - early - late
-    parts = (
+    counts = (
         (early, f'{early} before the first, at {first}'),
         (late, f'{late} after the last, at {last}'),
         (between, f'{between} between poses too far apart'),
     )
-    told = ', '.join(part for count, part in parts if count)
-    return f' ({told})' if told else ''
+    counts_text = ', '.join(text for count, text in counts if count)
+    return f' ({counts_text})' if counts_text else ''
 
 
 def _reference(plan: Plan, stamps: Mapping[Stream, Int64Array], track: Track | None) -> Int64Array:
     if plan.reference == Stream.POSE.value and track is not None:
         return track.stamps_ns
-    for stream, each in stamps.items():
+    for stream, stamps_ns in stamps.items():
         if stream.value == plan.reference:
-            return each
-    known = [stream.value for stream in stamps] + ['pose'] * (track is not None)
+            return stamps_ns
+    streams = [stream.value for stream in stamps] + ['pose'] * (track is not None)
     raise UsageError(
-        f'the plan has reference {plan.reference}; it must be one of {", ".join(known)}'
+        f'the plan has reference {plan.reference}; it must be one of {", ".join(streams)}'
     )
 
 
@@ -395,16 +395,16 @@ class Excerpt:
     Frames with a sample of every stream are preferred.
 
     Args:
-        most: Number of frames.
+        frame_count: Number of frames.
 
     Attributes:
-        numbers: (K,) those that were chosen, by position in the conversion; K <= most.
+        numbers: (K,) those that were chosen, by position in the conversion; K <= frame_count.
         stamps_ns: (K,) of these frames.
         total: Number of frames of the conversion.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, frame_count: int) -> None:
+        self._most = frame_count
         self.numbers: Int64Array = np.zeros(0, np.int64)
         self.stamps_ns: Int64Array = np.zeros(0, np.int64)
         self.total = 0
@@ -413,8 +413,8 @@ class Excerpt:
         """Return the chosen frames of a conversion."""
         self.total = len(frames)
         present = np.zeros(len(frames), np.int64)
-        for places in frames.samples.values():
-            present += places != NONE
+        for indices in frames.samples.values():
+            present += indices != NONE
         self.numbers = spread(present, self._most)
         self.stamps_ns = frames.stamps_ns[self.numbers]
         return pick_frames(frames, np.isin(np.arange(self.total), self.numbers))
@@ -435,13 +435,13 @@ class Excerpt:
             topics: By stream of the frames its topic.
         """
         log_ns = {topic: survey.topics[topic].log_ns for topic, _ in messages.channels}
-        moments = [
-            log_ns[topics[stream]][place]
-            for stream, places in frames.samples.items()
-            for place in places.tolist()
-            if place != NONE and topics[stream] in log_ns
+        samples_log_ns = [
+            log_ns[topics[stream]][index]
+            for stream, indices in frames.samples.items()
+            for index in indices.tolist()
+            if index != NONE and topics[stream] in log_ns
         ]
-        for start_ns, end_ns in _spans(sorted(moments)):
+        for start_ns, end_ns in _spans(sorted(samples_log_ns)):
             seen = {topic: bisect_left(stamps, start_ns) for topic, stamps in log_ns.items()}
             for message in messages.since(start_ns):
                 if message.stamp_ns > end_ns:
@@ -450,16 +450,16 @@ class Excerpt:
                 seen[message.topic] += 1
 
 
-def spread(present: Int64Array, most: int) -> Int64Array:
+def spread(present: Int64Array, frame_count: int) -> Int64Array:
     """Return the positions of the first and the last frame, and of those evenly between them.
 
     Args:
         present: (N,) number of streams that have a sample in each frame; only frames with the most
             are taken.
-        most: Number of frames.
+        frame_count: Number of frames.
     """
     best = np.flatnonzero(present == present.max())
-    steps = np.linspace(0, len(best) - 1, min(most, len(best)))
+    steps = np.linspace(0, len(best) - 1, min(frame_count, len(best)))
     return np.asarray(best[np.rint(steps).astype(np.int64)], np.int64)
 
 
@@ -471,15 +471,15 @@ def numbered(messages: Iterable[BagMessage]) -> Iterator[tuple[int, BagMessage]]
         seen[message.topic] += 1
 
 
-def _spans(moments: Sequence[int]) -> list[tuple[int, int]]:
+def _spans(log_stamps_ns: Sequence[int]) -> list[tuple[int, int]]:
     """Return the parts of the time to read, from and to, ascending and apart."""
-    found: list[tuple[int, int]] = []
-    for moment in moments:
-        start_ns, end_ns = moment - _MARGIN_NS, moment + _MARGIN_NS
-        if found and start_ns <= found[-1][1]:
-            start_ns = found.pop()[0]
-        found.append((start_ns, end_ns))
-    return found
+    spans: list[tuple[int, int]] = []
+    for log_ns in log_stamps_ns:
+        start_ns, end_ns = log_ns - _MARGIN_NS, log_ns + _MARGIN_NS
+        if spans and start_ns <= spans[-1][1]:
+            start_ns = spans.pop()[0]
+        spans.append((start_ns, end_ns))
+    return spans
 
 
 # The results and losses of a conversion from a bag to KITTI.
@@ -516,11 +516,11 @@ def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ..
         plan: Names the topics; those of transforms are always included.
         named: Topics whose messages are reported one by one already.
     """
-    wanted = {use.topic for use in topic_uses(plan)}
+    planned_topics = {use.topic for use in topic_uses(plan)}
     return tuple(
         topic.undecoded()
         for topic in survey.topics.values()
         if (topic.failures or topic.headless)
         and topic.name not in named
-        and (topic.name in wanted or topic.msgtype in TF_TYPES)
+        and (topic.name in planned_topics or topic.msgtype in TF_TYPES)
     )

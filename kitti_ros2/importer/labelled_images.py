@@ -104,9 +104,9 @@ class LabelledImages:
         if self._plan.cameras[camera].rectify:
             pixels = self._rigging.images.pixels(camera, image)
         picture = np.array(colour_pixels(pixels))
-        place = self._labels.place_at(stamp_ns, log_ns)
+        index = self._labels.place_at(stamp_ns, log_ns)
         calibration = self._rigging.calibrations.at(log_ns)
-        labels = FrameLabels() if place is None else self._objects(place, stamp_ns)
+        labels = FrameLabels() if index is None else self._objects(index, stamp_ns)
         annotate(picture, objects_of(labels, calibration), calibration, camera)
         return picture
 
@@ -114,8 +114,8 @@ class LabelledImages:
         """Close the files."""
         self._labels.close()
 
-    def _read_objects(self, place: int, image_ns: int) -> FrameLabels:
-        message = self._labels.read(place)
+    def _read_objects(self, index: int, image_ns: int) -> FrameLabels:
+        message = self._labels.read(index)
         if self._labels.topic == LABEL_LINES:
             return labels_of_text(decode_text(message))
         own_ns = stamp_of_boxes(message)
@@ -130,11 +130,11 @@ class _Labels:
     """Finds and reads the message of the labels' topic nearest to an image."""
 
     def __init__(self, bag: OpenBag, survey: Survey, topic: str) -> None:
-        found = topic_of(survey, topic)
+        labels = topic_of(survey, topic)
         self.topic = topic
-        self._log_ns: Int64Array = np.array(found.log_ns, dtype=np.int64)
-        stamps, why_not_headers = found.stamps()
-        self.by_log = why_not_headers is not None or len(found.header_ns) != found.count
+        self._log_ns: Int64Array = np.array(labels.log_ns, dtype=np.int64)
+        stamps, why_not_headers = labels.stamps()
+        self.by_log = why_not_headers is not None or len(labels.header_ns) != labels.count
         order = np.argsort(stamps, kind='stable')
         self._order, self._stamps = order, stamps[order]
         self._tolerance_ns = default_tolerance_ns(stamps)
@@ -154,20 +154,20 @@ class _Labels:
         """Return the index of the message of an image, None where none is near."""
         at = log_ns if self.by_log else stamp_ns
         after = int(np.searchsorted(self._stamps, at))
-        near = [each for each in (after - 1, after) if 0 <= each < len(self._stamps)]
-        best = min(near, key=lambda each: abs(int(self._stamps[each]) - at))
+        near = [index for index in (after - 1, after) if 0 <= index < len(self._stamps)]
+        best = min(near, key=lambda index: abs(int(self._stamps[index]) - at))
         if abs(int(self._stamps[best]) - at) > self._tolerance_ns:
             return None
         return int(self._order[best])
 
-    def read(self, place: int) -> Any:  # noqa: ANN401 - of the bag's types
+    def read(self, index: int) -> Any:  # noqa: ANN401 - of the bag's types
         """Read and decode a message.
 
         Raises:
             ValueError: It cannot be read.
         """
         try:
-            message = self._by_index.read(place)
+            message = self._by_index.read(index)
         except (KittiRos2Error, OSError) as error:
             raise ValueError(describe_error(error)) from None
         if message is None:
@@ -216,19 +216,19 @@ def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan
     return plan, rigging
 
 
-def _try_labels(rigging: Rigging, looks: Sequence[Any]) -> None:
+def _try_labels(rigging: Rigging, messages: Sequence[Any]) -> None:
     """Require that one of the sampled messages can be read, where any has boxes.
 
     Raises:
         ValueError: None can be: their frames are not joined, or not known at their stamps.
     """
     errors = []
-    for look in looks:
+    for message in messages:
         try:
-            rigging.labels.cuboids(look)
+            rigging.labels.cuboids(message)
         except ValueError as error:
             errors.append(error)
-    if errors and len(errors) == len(looks):
+    if errors and len(errors) == len(messages):
         raise errors[0]
 
 

@@ -58,7 +58,7 @@ def imu_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - o
     """Interpolate two Imu: linear, and slerp; share is 0 at the first."""
     near = _nearer(first, last, share)
     changes: dict[str, Any] = {}
-    oriented = [each for each in (first, last) if has_orientation(each)]
+    oriented = [imu for imu in (first, last) if has_orientation(imu)]
     if len(oriented) == 1:
         names = 'orientation', 'orientation_covariance'
         changes |= {name: getattr(oriented[0], name) for name in names}
@@ -68,8 +68,8 @@ def imu_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - o
             near.orientation, **dict(zip('xyzw', turn.tolist(), strict=True))
         )
     for name in ('angular_velocity', 'linear_acceleration'):
-        known = {getattr(each, f'{name}_covariance')[0] for each in (first, last)}
-        if len(known) == 1:
+        covariances = {getattr(imu, f'{name}_covariance')[0] for imu in (first, last)}
+        if len(covariances) == 1:
             changes[name] = _vector(getattr(first, name), getattr(last, name), share)
     return replace(near, **changes)
 
@@ -77,11 +77,11 @@ def imu_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - o
 def velocity_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - of the bag's types
     """Interpolate two messages with a Twist, twist, linearly: see oxts_poses.as_velocity."""
     near = _nearer(first, last, share)
-    parts = {
+    vectors = {
         name: _vector(getattr(first.twist, name), getattr(last.twist, name), share)
         for name in ('linear', 'angular')
     }
-    return SimpleNamespace(header=near.header, twist=SimpleNamespace(**parts))
+    return SimpleNamespace(header=near.header, twist=SimpleNamespace(**vectors))
 
 
 def fix_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - as above
@@ -148,16 +148,16 @@ def acceleration_unit(imu: TopicSurvey) -> float:
     """Return the m/s^2 of a unit of a topic's accelerations: Livox' drivers give them in g."""
     if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.looks:
         return 1.0
-    norms = [float(np.linalg.norm(vector_of(look.linear_acceleration))) for look in imu.looks]
+    norms = [float(np.linalg.norm(vector_of(message.linear_acceleration))) for message in imu.looks]
     least, most = _OF_ONE_G
     return _STANDARD_GRAVITY if least <= np.median(norms) <= most else 1.0
 
 
-def scaled_accelerations(imu: Any, unit: float) -> Any:  # noqa: ANN401 - of the bag's types
+def scaled_accelerations(imu: Any, scale: float) -> Any:  # noqa: ANN401 - of the bag's types
     """Return an Imu with accelerations in m/s^2, by the m/s^2 of its unit."""
-    told = imu.linear_acceleration
-    found = replace(told, x=told.x * unit, y=told.y * unit, z=told.z * unit)
-    return replace(imu, linear_acceleration=found)
+    force = imu.linear_acceleration
+    scaled = replace(force, x=force.x * scale, y=force.y * scale, z=force.z * scale)
+    return replace(imu, linear_acceleration=scaled)
 
 
 class UnitChecks:
@@ -298,7 +298,7 @@ class UnitPoses:
                 self.notes.append('origin: not used, for it is where poses become oxts without fix')
             return
         origin = GeoOrigin.parse(plan.origin)
-        place = f'{origin.lat:g},{origin.lon:g},{origin.alt:g}'
+        where = f'{origin.lat:g},{origin.lon:g},{origin.alt:g}'
         if plan.pose is not None and motion.track is None and not plan.imu:
             self.poses = [None] * len(frames)
             return
@@ -306,7 +306,7 @@ class UnitPoses:
             if plan.imu or plan.velocity:
                 self.place = origin
                 self.notes.append(
-                    f'oxts: no NavSatFix and no poses, so all packets are at {place} (origin of the'
+                    f'oxts: no NavSatFix and no poses, so all packets are at {where} (origin of the'
                     f' plan, LAT,LON,ALT); columns without a source are 0'
                 )
             return
@@ -315,14 +315,14 @@ class UnitPoses:
         except MissingDataError as error:
             body_t_imu = Transform.identity()
             self.notes.append(f'the unit of oxts is taken as at {plan.pose.body}: {error}')
-        found = motion.track.at(frames.stamps_ns)
-        missing = np.array([pose is None for pose in found], dtype=np.bool_)
+        poses = motion.track.at(frames.stamps_ns)
+        missing = np.array([pose is None for pose in poses], dtype=np.bool_)
         self.lost_ns = within_gaps(frames.stamps_ns, missing, motion.track)
-        self.poses = _unit_poses(found, body_t_imu, origin, self.notes)
+        self.poses = _unit_poses(poses, body_t_imu, origin, self.notes)
         world = plan.pose.world or 'the first pose'
         self.notes.append(
             f'oxts: no NavSatFix; place and attitude are those of {plan.pose.topic}, x east, y'
-            f' north, with {world} at {place} (origin of the plan, LAT,LON,ALT);'
+            f' north, with {world} at {where} (origin of the plan, LAT,LON,ALT);'
             f' columns without a source are 0'
         )
         self._find_velocity(plan, survey, rigging, body_t_imu)
@@ -345,28 +345,28 @@ class UnitPoses:
 
 
 def _unit_poses(
-    found: list[Transform | None], body_t_imu: Transform, origin: GeoOrigin, notes: list[str]
+    poses: list[Transform | None], body_t_imu: Transform, origin: GeoOrigin, notes: list[str]
 ) -> list[UnitPose | None]:
-    units = [None if pose is None else pose @ body_t_imu for pose in found]
-    known = [unit for unit in units if unit is not None]
-    if not known:
-        return [None] * len(units)
-    positions = np.array([unit.translation for unit in known])
+    imu_poses = [None if pose is None else pose @ body_t_imu for pose in poses]
+    known_poses = [pose for pose in imu_poses if pose is not None]
+    if not known_poses:
+        return [None] * len(imu_poses)
+    positions = np.array([pose.translation for pose in known_poses])
     if np.abs(positions[0]).max() > _FARTHEST_M:
         notes.append('oxts: the poses are far from their origin, so the first one is put there')
         positions = positions - positions[0]
-    places = iter(geographic_places(positions, origin).tolist())
-    return [None if unit is None else UnitPose(unit.rotation, *next(places)) for unit in units]
+    coords = iter(geographic_places(positions, origin).tolist())
+    return [None if pose is None else UnitPose(pose.rotation, *next(coords)) for pose in imu_poses]
 
 
 def _moving(track: Track, body_t_imu: Transform) -> DerivedVelocities:
     """Return the velocities of the unit on a track."""
     _, first = np.unique(track.stamps_ns // _THINNED_NS, return_index=True)
-    found = zip(track.stamps_ns[first].tolist(), track.at(track.stamps_ns[first]), strict=True)
-    known = [(at_ns, (pose @ body_t_imu).translation) for at_ns, pose in found if pose is not None]
-    times = np.array([at_ns for at_ns, _ in known], dtype=np.int64)
-    places = np.array([place for _, place in known]).reshape(-1, 3)
-    return DerivedVelocities(times, places, MAX_GAP_NS, SLOWEST_POSE_M_S)
+    poses = zip(track.stamps_ns[first].tolist(), track.at(track.stamps_ns[first]), strict=True)
+    path = [(at_ns, (pose @ body_t_imu).translation) for at_ns, pose in poses if pose is not None]
+    times = np.array([at_ns for at_ns, _ in path], dtype=np.int64)
+    positions = np.array([position for _, position in path]).reshape(-1, 3)
+    return DerivedVelocities(times, positions, MAX_GAP_NS, SLOWEST_POSE_M_S)
 
 
 def as_velocity(message: Any) -> Any:  # noqa: ANN401 - of the bag's types
@@ -427,16 +427,16 @@ class PacketMaker:
         Raises:
             UsageError: A topic is missing.
         """
-        self._unit = unit = UnitPoses(plan, survey, frames, rigging, motion)
-        self.lost_ns = unit.lost_ns
-        self._notes: list[str] = [*unit.notes]
+        self._unit = imu_poses = UnitPoses(plan, survey, frames, rigging, motion)
+        self.lost_ns = imu_poses.lost_ns
+        self._notes: list[str] = [*imu_poses.notes]
         self._lacking = 0
         self.losses: tuple[Loss, ...] = ()
         self._frames_ns = frames.stamps_ns
         self._topics = {
             'imu': plan.imu,
             'fix': plan.fix,
-            'velocity': plan.velocity or unit.velocity,
+            'velocity': plan.velocity or imu_poses.velocity,
         }
         self._mounting = self._mounted(plan, rigging.imu_t_topic)
         named = {role: topic for role, topic in self._topics.items() if topic}
@@ -453,21 +453,21 @@ class PacketMaker:
         velocity = self._topics['velocity']
         self._velocity_of = velocity if velocity and topic_of(survey, velocity).moves else ''
         self._derived = 0
-        wanted = {
+        messages_by_role = {
             role: self._around(topic, _MAX_FIX_GAP_NS, fixed)
             if role == 'fix'
             else self._around(topic, 0)
             for role, topic in named.items()
         }
-        self._wanted = self._parts_of_frames(wanted)
-        self._without_fix = [part is None for part in wanted.get('fix', ())]
+        self._wanted = self._parts_of_frames(messages_by_role)
+        self._without_fix = [keys is None for keys in messages_by_role.get('fix', ())]
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
         self._pending: dict[int, dict[tuple[str, int], Any]] = {}
         self._frames_of: dict[tuple[str, int], list[int]] = {}
-        for frame, parts in enumerate(self._wanted):
-            for part in parts or ():
-                self._frames_of.setdefault(part, []).append(frame)
+        for frame, keys in enumerate(self._wanted):
+            for key in keys or ():
+                self._frames_of.setdefault(key, []).append(frame)
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
         self._unoriented: list[int] = []
@@ -475,8 +475,8 @@ class PacketMaker:
 
     def _mounted(self, plan: Plan, turns: Mapping[str, Transform]) -> Mounting:
         """Return how the sensors of the topics are mounted in KITTI's imu frame."""
-        unit, velocity = self._unit, self._topics['velocity']
-        placed = {**turns, unit.velocity: unit.imu_T_velocity} if unit.velocity else turns
+        poses, velocity = self._unit, self._topics['velocity']
+        placed = {**turns, poses.velocity: poses.imu_T_velocity} if poses.velocity else turns
         return Mounting(
             placed.get(plan.imu, _IDENTITY),
             placed.get(velocity, _IDENTITY),
@@ -486,13 +486,13 @@ class PacketMaker:
 
     def _acceleration_unit(self, imu: str, survey: Survey) -> float:
         """Return the m/s^2 of the unit of a topic's accelerations, and note one that is not 1."""
-        unit = acceleration_unit(topic_of(survey, imu)) if imu else 1.0
-        if unit != 1:
+        scale = acceleration_unit(topic_of(survey, imu)) if imu else 1.0
+        if scale != 1:
             self._notes.append(
                 f"{imu}: its accelerations are in g, as Livox' drivers give them; they are"
-                f' multiplied by {unit}'
+                f' multiplied by {scale}'
             )
-        return unit
+        return scale
 
     def _find_velocities(
         self, survey: Survey, fixed: npt.NDArray[np.bool_] | None
@@ -502,13 +502,13 @@ class PacketMaker:
         if self._unit.moving is not None or fixed is None:
             return self._unit.moving
         stamps, first = np.unique(self._stamps[fix][fixed], return_index=True)
-        places = metres_of(topic_of(survey, fix).fixes[fixed][first])
-        return DerivedVelocities(stamps, places, _MAX_FIX_GAP_NS, SLOWEST_FIX_M_S)
+        positions = metres_of(topic_of(survey, fix).fixes[fixed][first])
+        return DerivedVelocities(stamps, positions, _MAX_FIX_GAP_NS, SLOWEST_FIX_M_S)
 
     def _moving(self, frame: int) -> Float64Array | None:
         """Return the velocity of a frame by the places, None where it is not known."""
-        places = self._velocities
-        return None if places is None else places.at(int(self._frames_ns[frame]))
+        velocities = self._velocities
+        return None if velocities is None else velocities.at(int(self._frames_ns[frame]))
 
     def _parts_of_frames(
         self, by_role: Mapping[str, Sequence[set[tuple[str, int]] | None]]
@@ -519,24 +519,24 @@ class PacketMaker:
         """
         if 'velocity' in by_role:
             optional = [
-                set() if part is None and self._moving(frame) is not None else part
-                for frame, part in enumerate(by_role['velocity'])
+                set() if keys is None and self._moving(frame) is not None else keys
+                for frame, keys in enumerate(by_role['velocity'])
             ]
             by_role = {**by_role, 'velocity': optional}
-        poses, wanted = self._unit.poses, list(by_role.values())
+        poses, by_frame = self._unit.poses, list(by_role.values())
         if poses is None:
             return [
-                None if None in parts else {part for each in parts for part in each or ()}
-                for parts in zip(*wanted, strict=True)
+                None if None in sets else {key for keys in sets for key in keys or ()}
+                for sets in zip(*by_frame, strict=True)
             ]
         self._notes += [
-            f'oxts: no message of {self._topics[role]} near {parts.count(None)} frames; its columns'
+            f'oxts: no message of {self._topics[role]} near {sets.count(None)} frames; its columns'
             f' are 0 there'
-            for role, parts in by_role.items()
-            if None in parts
+            for role, sets in by_role.items()
+            if None in sets
         ]
         return [
-            None if pose is None else {part for parts in wanted for part in parts[frame] or ()}
+            None if pose is None else {key for keys in by_frame for key in keys[frame] or ()}
             for frame, pose in enumerate(poses)
         ]
 
@@ -547,42 +547,42 @@ class PacketMaker:
 
     def notes(self) -> list[str]:
         """Return non-fatal remarks on the packets so far."""
-        told = [
+        notes = [
             f'oxts: {topic} has no message within the tolerance of {len(away)} frames, which take'
             f' the nearest: up to {max(away) / NS_PER_S:.2f} s away{self._metres(topic)}'
             for topic, away in self._far.items()
         ]
         if self._bridged:
-            longest, farthest = (max(values) for values in zip(*self._bridged, strict=True))
-            told.append(
+            longest, farthest = (max(column) for column in zip(*self._bridged, strict=True))
+            notes.append(
                 f'oxts: {self._topics["fix"]} has no fix beside {len(self._bridged)} frames, whose'
                 f' places lie between fixes that are up to {longest / NS_PER_S:.2f} s and'
                 f' {farthest:.2f} m apart'
             )
         if self._derived:
-            velocity, place = self._topics['velocity'], self._topics['fix']
+            velocity, fix = self._topics['velocity'], self._topics['fix']
             why = f', for {velocity} has none (all are 0)' if velocity != self._velocity_of else ''
-            source = place if self._unit.poses is None else 'the poses'
-            told.append(
+            source = fix if self._unit.poses is None else 'the poses'
+            notes.append(
                 f'oxts: the velocities of {self._derived} packets are derived from the places of'
                 f' {source}{why}'
             )
         if self._lacking and not self._gapless:
-            told.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
+            notes.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
         if self._unoriented:
-            told.append(self._without_orientation())
+            notes.append(self._without_orientation())
         attitude = self._topics['imu'] if self._unit.poses is None and not self._unoriented else ''
-        told += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
-        return [*self._notes, *told]
+        notes += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
+        return [*self._notes, *notes]
 
     def _without_orientation(self) -> str:
         """Return the note on packets whose Imu has no orientation, by frames unless all are."""
-        packets = sum(parts is not None for parts in self._wanted)
+        packets = sum(keys is not None for keys in self._wanted)
         some = len(self._unoriented) < packets
         where = f' near frames {format_numbers(sorted(self._unoriented))}, where' if some else ';'
         fix = self._topics['fix']
-        places = f', and the places those of {fix}' if fix else ''
-        return f'{self._topics["imu"]}: no orientation{where} roll, pitch and yaw are 0{places}'
+        also = f', and the places those of {fix}' if fix else ''
+        return f'{self._topics["imu"]}: no orientation{where} roll, pitch and yaw are 0{also}'
 
     def _metres(self, topic: str) -> str:
         """Return how far the places of fixes were carried on."""
@@ -590,17 +590,17 @@ class PacketMaker:
             return ''
         return f', and are carried on by up to {max(self._carried_m):.2f} m, by the velocity there'
 
-    def wants(self, topic: str, place: int) -> bool:
+    def wants(self, topic: str, index: int) -> bool:
         """Whether a message, by its place in its topic, is part of a packet."""
-        return (topic, place) in self._frames_of
+        return (topic, index) in self._frames_of
 
-    def take(self, topic: str, place: int, message: Any) -> None:  # noqa: ANN401 - of the bag
+    def take(self, topic: str, index: int, message: Any) -> None:  # noqa: ANN401 - of the bag
         """Take a required message; None where it cannot be decoded."""
-        part = (topic, place)
-        for frame in self._frames_of.pop(part):
-            found = self._pending.setdefault(frame, {})
-            found[part] = message if message is None else self._prepared(topic, message)
-            if found.keys() == self._wanted[frame]:
+        key = (topic, index)
+        for frame in self._frames_of.pop(key):
+            messages = self._pending.setdefault(frame, {})
+            messages[key] = message if message is None else self._prepared(topic, message)
+            if messages.keys() == self._wanted[frame]:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame))
 
     def _prepared(self, topic: str, message: Any) -> Any:  # noqa: ANN401 - of the bag
@@ -612,10 +612,10 @@ class PacketMaker:
         """Write the packets that are ready, in order; returns how many."""
         count = 0
         while self._next < len(self._wanted):
-            parts = self._wanted[self._next]
-            if parts is not None and not parts:
+            keys = self._wanted[self._next]
+            if keys is not None and not keys:
                 self._ready[self._next] = self._make(self._next, {})
-            if parts is not None and self._next not in self._ready:
+            if keys is not None and self._next not in self._ready:
                 break
             packet = self._ready.pop(self._next, None)
             if packet is not None:
@@ -655,12 +655,12 @@ class PacketMaker:
             most_ns: The longest gap that is bridged, if it is longer than some periods.
             usable: (N,) which messages count; None for all.
         """
-        kept = np.arange(len(self._stamps[topic])) if usable is None else np.flatnonzero(usable)
-        stamps = self._stamps[topic][kept]
+        used = np.arange(len(self._stamps[topic])) if usable is None else np.flatnonzero(usable)
+        stamps = self._stamps[topic][used]
         if not len(stamps):
             return [None] * len(self._frames_ns)
-        every = np.sort(self._stamps[topic])
-        period = int(np.median(np.diff(every))) if len(every) > 1 else 0
+        topic_stamps = np.sort(self._stamps[topic])
+        period = int(np.median(np.diff(topic_stamps))) if len(topic_stamps) > 1 else 0
         most_ns = max(most_ns, round(_BRIDGED_PERIODS * period))
         order = np.argsort(stamps, kind='stable')
         ranked = stamps[order]
@@ -668,18 +668,18 @@ class PacketMaker:
         away = np.abs(later_ns)
         far = away > max(self._tolerance_ns, period)
         after = np.searchsorted(ranked, self._frames_ns)
-        wanted: list[set[tuple[str, int]] | None] = []
-        for frame, place in enumerate(after.tolist()):
-            between = away[frame] > 0 and 0 < place < len(stamps)
-            if between and ranked[place] - ranked[place - 1] <= most_ns:
-                wanted.append({(topic, int(kept[at])) for at in order[place - 1 : place + 1]})
+        messages: list[set[tuple[str, int]] | None] = []
+        for frame, later in enumerate(after.tolist()):
+            between = away[frame] > 0 and 0 < later < len(stamps)
+            if between and ranked[later] - ranked[later - 1] <= most_ns:
+                messages.append({(topic, int(used[at])) for at in order[later - 1 : later + 1]})
             else:
-                wanted.append(None if far[frame] else {(topic, int(kept[order[nearest[frame]]]))})
-        return wanted
+                messages.append(None if far[frame] else {(topic, int(used[order[nearest[frame]]]))})
+        return messages
 
     def _forbid_gaps(self) -> None:
         """Require packets of all frames in the tracking layout, where line n is frame n."""
-        lacking = [frame for frame, parts in enumerate(self._wanted) if parts is None]
+        lacking = [frame for frame, keys in enumerate(self._wanted) if keys is None]
         if not lacking:
             return
         source = 'imu, fix or velocity near' if self._unit.poses is None else 'poses around'
@@ -697,11 +697,11 @@ class PacketMaker:
         else:
             self._notes.append(which)
 
-    def _make(self, frame: int, found: Mapping[tuple[str, int], Any]) -> OxtsPacket | None:
-        by_topic: dict[str, list[tuple[int, Any]]] = {topic: [] for topic, _ in found}
-        for (topic, place), message in found.items():
+    def _make(self, frame: int, messages: Mapping[tuple[str, int], Any]) -> OxtsPacket | None:
+        by_topic: dict[str, list[tuple[int, Any]]] = {topic: [] for topic, _ in messages}
+        for (topic, index), message in messages.items():
             if message is not None:
-                by_topic[topic].append((place, message))
+                by_topic[topic].append((index, message))
         if not all(by_topic.values()):
             return None
         imu, fix, velocity = (
@@ -736,24 +736,24 @@ class PacketMaker:
     ) -> Any:  # noqa: ANN401 - of the bag
         """Return what lies between the two messages around a frame, or the only one."""
         stamps = self._stamps[topic]
-        known = sorted(
+        by_stamp = sorted(
             ((int(stamps[message[0]]), message[1]) for message in messages), key=itemgetter(0)
         )
         frame_ns = int(self._frames_ns[frame])
-        (found_ns, found), (end_ns, last) = known[0], known[-1]
-        if found_ns != end_ns:
-            mixed = between(found, last, (frame_ns - found_ns) / (end_ns - found_ns))
-            if mixed is not found and mixed is not last:
-                if topic == self._topics['fix'] and end_ns - found_ns > self._usual_gap_ns:
-                    way = metres_of(np.array([place_of(found), place_of(last)]))[1]
-                    self._bridged.append((end_ns - found_ns, float(np.linalg.norm(way))))
+        (first_ns, first), (end_ns, last) = by_stamp[0], by_stamp[-1]
+        if first_ns != end_ns:
+            mixed = between(first, last, (frame_ns - first_ns) / (end_ns - first_ns))
+            if mixed is not first and mixed is not last:
+                if topic == self._topics['fix'] and end_ns - first_ns > self._usual_gap_ns:
+                    way = metres_of(np.array([place_of(first), place_of(last)]))[1]
+                    self._bridged.append((end_ns - first_ns, float(np.linalg.norm(way))))
                 return mixed
-            found_ns, found = (found_ns, found) if mixed is found else (end_ns, last)
-        if abs(frame_ns - found_ns) > self._tolerance_ns:
-            self._far.setdefault(topic, []).append(abs(frame_ns - found_ns))
+            first_ns, first = (first_ns, first) if mixed is first else (end_ns, last)
+        if abs(frame_ns - first_ns) > self._tolerance_ns:
+            self._far.setdefault(topic, []).append(abs(frame_ns - first_ns))
         if topic == self._topics['fix']:
-            return self._carried(found, frame, frame_ns - found_ns)
-        return found
+            return self._carried(first, frame, frame_ns - first_ns)
+        return first
 
     def _carried(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
         """Return a fix before a frame, or after it, carried on by the velocity of the places."""
@@ -762,5 +762,5 @@ class PacketMaker:
             return fix
         way = moving * (later_ns / NS_PER_S)
         self._carried_m.append(float(np.linalg.norm(way)))
-        place = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
-        return replace(fix, latitude=place.lat, longitude=place.lon, altitude=place.alt)
+        position = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
+        return replace(fix, latitude=position.lat, longitude=position.lon, altitude=position.alt)

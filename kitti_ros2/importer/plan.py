@@ -384,21 +384,21 @@ def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, s
     """
     if not isinstance(classes, dict):
         raise UsageError(f'{where}: {shown(classes)}; expected NAME: CLASS, ...')
-    found = {}
-    for name, wanted in classes.items():
-        if type(name) not in (str, int) or not isinstance(wanted, str):
+    checked = {}
+    for name, class_text in classes.items():
+        if type(name) not in (str, int) or not isinstance(class_text, str):
             raise UsageError(
-                f'{where}: {shown(name)}: {shown(wanted)}; expected two texts (quote numbers)'
+                f'{where}: {shown(name)}: {shown(class_text)}; expected two texts (quote numbers)'
             )
-        kind = own_class(wanted)
-        is_word = wanted.isprintable() and len(wanted.split()) == 1
+        kind = own_class(class_text)
+        is_word = class_text.isprintable() and len(class_text.split()) == 1
         if kind is None and not (any_word and is_word):
             raise UsageError(
-                f'{where}: {name}: {wanted!r}; expected {", ".join(KITTI_CLASSES)}, or any word'
-                f' with keep_classes: true{did_you_mean(wanted, KITTI_CLASSES)}'
+                f'{where}: {name}: {class_text!r}; expected {", ".join(KITTI_CLASSES)}, or any word'
+                f' with keep_classes: true{did_you_mean(class_text, KITTI_CLASSES)}'
             )
-        found[str(name)] = kind or wanted
-    return found
+        checked[str(name)] = kind or class_text
+    return checked
 
 
 # Check of the numbers of a plan.
@@ -422,17 +422,17 @@ def as_number(value: float, where: str) -> float:
     return number
 
 
-def check_numbers(values: Mapping[str, Any], place: str) -> None:
+def check_numbers(numbers: Mapping[str, Any], where: str) -> None:
     """Check the values of a plan, or of a part of it, against their limits.
 
     Args:
-        values: By the names of the fields.
-        place: The file and the part, for errors.
+        numbers: By the names of the fields.
+        where: The file and the part, for errors.
 
     Raises:
         UsageError: One is outside of its limits; the error names the key.
     """
-    for key, value in values.items():
+    for key, value in numbers.items():
         if not isinstance(value, float):
             continue
         if key.endswith('offset_s') and abs(value) > _LONGEST_S:
@@ -445,7 +445,7 @@ def check_numbers(values: Mapping[str, Any], place: str) -> None:
             expected = 'more than 0'
         else:
             continue
-        raise UsageError(f'{place}{key}: {value}; expected {expected}')
+        raise UsageError(f'{where}{key}: {value}; expected {expected}')
 
 
 # A plan as YAML: formatted, and parsed with the key of each error.
@@ -459,9 +459,9 @@ def format_plan(plan: Plan, notes: tuple[str, ...] = ()) -> str:
 
     values = _values(plan)
     values['cameras'] = dict(sorted(values['cameras'].items()))
-    kept = {name: value for name, value in values.items() if value not in (None, '', {})}
+    given_values = {name: value for name, value in values.items() if value not in (None, '', {})}
     comments = ''.join(f'# {one_line(note)}\n' for note in notes)
-    return comments + yaml.safe_dump(kept, sort_keys=False, width=100)
+    return comments + yaml.safe_dump(given_values, sort_keys=False, width=100)
 
 
 def _values(part: Any) -> Any:  # noqa: ANN401 - a plan, or a part of it
@@ -472,11 +472,11 @@ def _values(part: Any) -> Any:  # noqa: ANN401 - a plan, or a part of it
         return {name: _values(value) for name, value in part.items()}
     if not is_dataclass(part):
         return part
-    values = {each: getattr(part, each.name) for each in fields(part)}
+    values = {plan_field: getattr(part, plan_field.name) for plan_field in fields(part)}
     return {
-        _key(each.name): _values(value)
-        for each, value in values.items()
-        if not (QUIET in each.metadata and value in (each.default, {}))
+        _key(plan_field.name): _values(value)
+        for plan_field, value in values.items()
+        if not (QUIET in plan_field.metadata and value in (plan_field.default, {}))
     }
 
 
@@ -499,19 +499,19 @@ def parse_plan(text: str, path: Path) -> Plan:
         raise UsageError(f'{path}: is not valid YAML ({error})') from None
     if not isinstance(values, dict):
         raise UsageError(f'{path}: is not a plan; expected the output of to-kitti --plan')
-    made = dict(values)
-    made['cameras'] = cameras = _parse_cameras(made.pop('cameras', None) or {}, path)
-    made['camera_sets'] = _parse_sets(made.pop('camera_sets', None) or {}, path)
-    if made['camera_sets'] and cameras:
+    parts = dict(values)
+    parts['cameras'] = cameras = _parse_cameras(parts.pop('cameras', None) or {}, path)
+    parts['camera_sets'] = _parse_sets(parts.pop('camera_sets', None) or {}, path)
+    if parts['camera_sets'] and cameras:
         raise UsageError(f'{path}: camera_sets: each has its own camera; expected no cameras')
     for name, kind in (('scan', ScanPlan), ('pose', PosePlan), ('labels', LabelPlan)):
-        if made.get(name) is not None:
-            made[name] = _make(kind, made[name], path, name)
-    _check_parts(made, path)
+        if parts.get(name) is not None:
+            parts[name] = _make(kind, parts[name], path, name)
+    _check_parts(parts, path)
     for name, choice in _CHOICES.items():
-        if name in made:
-            made[name] = _choose(choice, made[name], f'{path}: {name}')
-    plan: Plan = _make(Plan, made, path, '')
+        if name in parts:
+            parts[name] = _choose(choice, parts[name], f'{path}: {name}')
+    plan: Plan = _make(Plan, parts, path, '')
     _check_origin(plan.origin, path)
     return plan
 
@@ -533,33 +533,33 @@ def _parse_cameras(cameras: object, path: Path) -> dict[int, CameraPlan]:
     return {key: _camera(value, path, f'cameras: {key}') for key, value in cameras.items()}
 
 
-def _camera(value: object, path: Path, place: str) -> CameraPlan:
-    camera: CameraPlan = _make(CameraPlan, value, path, place)
+def _camera(value: object, path: Path, where: str) -> CameraPlan:
+    camera: CameraPlan = _make(CameraPlan, value, path, where)
     if camera.forward not in {'', X_FORWARD}:
         raise UsageError(
-            f'{path}: {place}: forward: {camera.forward}; expected {X_FORWARD}, or nothing for an'
+            f'{path}: {where}: forward: {camera.forward}; expected {X_FORWARD}, or nothing for an'
             f' optical frame'
         )
     return camera
 
 
 def _parse_sets(sets: object, path: Path) -> dict[str, CameraPlan]:
-    place = f'{path}: camera_sets'
+    where = f'{path}: camera_sets'
     if not isinstance(sets, dict):
-        raise UsageError(f'{place}: {shown(sets)}; expected names of sets, each with a camera')
+        raise UsageError(f'{where}: {shown(sets)}; expected names of sets, each with a camera')
     for name in sets:
         if not isinstance(name, str) or not _SET_NAME.fullmatch(name):
             raise UsageError(
-                f'{place}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
+                f'{where}: {name!r}; expected a name of letters, digits, - and _, such as CAM_BACK'
             )
     if len({name.lower() for name in sets}) < len(sets):
-        raise UsageError(f'{place}: names of sets must differ by more than case')
+        raise UsageError(f'{where}: names of sets must differ by more than case')
     return {name: _camera(value, path, f'camera_sets: {name}') for name, value in sets.items()}
 
 
-def _check_parts(made: dict[str, Any], path: Path) -> None:
+def _check_parts(parts: dict[str, Any], path: Path) -> None:
     """Check the values of scan and labels; classes get KITTI's spelling."""
-    scan, labels = made.get('scan'), made.get('labels')
+    scan, labels = parts.get('scan'), parts.get('labels')
     _check_words(scan, path)
     if labels is None:
         return
@@ -567,16 +567,16 @@ def _check_parts(made: dict[str, Any], path: Path) -> None:
         raise UsageError(f'{path}: labels: occluded: {labels.occluded}; expected 0 to 3')
     where = f'{path}: labels: classes'
     classes = check_classes(labels.classes, where, any_word=labels.keep_classes)
-    made['labels'] = replace(labels, classes=classes)
+    parts['labels'] = replace(labels, classes=classes)
 
 
 def _check_words(scan: ScanPlan | None, path: Path) -> None:
-    words = {'from': [each.word for each in SCAN_SOURCES], 'model': list(MODELS)}
-    for key, known in words.items():
+    words = {'from': [source.word for source in SCAN_SOURCES], 'model': list(MODELS)}
+    for key, valid in words.items():
         value = '' if scan is None else getattr(scan, 'from_' if key == 'from' else key)
-        if value and value not in known:
-            hint = did_you_mean(value, known)
-            expected = ', '.join(known)
+        if value and value not in valid:
+            hint = did_you_mean(value, valid)
+            expected = ', '.join(valid)
             raise UsageError(
                 f'{path}: scan: {key}: {shown(value)}; expected one of {expected}{hint}'
             )
@@ -587,40 +587,40 @@ def _choose(kind: type[Enum], value: object, where: str) -> Enum:
         # The error of an Enum has the whole value.
         return kind(value if isinstance(value, str) else None)
     except ValueError:
-        known = [str(each.value) for each in kind]
-        hint = did_you_mean(value if isinstance(value, str) else '', known)
-        raise UsageError(f'{where}: {shown(value)}; expected {" or ".join(known)}{hint}') from None
+        names = [str(choice.value) for choice in kind]
+        hint = did_you_mean(value if isinstance(value, str) else '', names)
+        raise UsageError(f'{where}: {shown(value)}; expected {" or ".join(names)}{hint}') from None
 
 
 def _make(kind: Any, values: object, path: Path, where: str) -> Any:  # noqa: ANN401 - of that kind
     """Make a dataclass from a mapping, its values checked against the types of the fields."""
-    place = f'{path}: {where}: ' if where else f'{path}: '
+    prefix = f'{path}: {where}: ' if where else f'{path}: '
     if not isinstance(values, dict):
-        raise UsageError(f'{place}expected {", ".join(_key(f.name) for f in fields(kind))}')
-    known = {_key(each.name): each for each in fields(kind)}
-    unknown = [str(key) for key in values if key not in known]
+        raise UsageError(f'{prefix}expected {", ".join(_key(f.name) for f in fields(kind))}')
+    by_key = {_key(plan_field.name): plan_field for plan_field in fields(kind)}
+    unknown = [str(key) for key in values if key not in by_key]
     if unknown:
-        hint = did_you_mean(unknown[0], known)
-        keys = ', '.join(known)
-        raise UsageError(f'{place}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
+        hint = did_you_mean(unknown[0], by_key)
+        keys = ', '.join(by_key)
+        raise UsageError(f'{prefix}unknown key {unknown[0]!r}; valid keys are {keys}{hint}')
     hints = get_type_hints(kind, localns={'Mapping': dict})
     checked = {}
     for key, value in values.items():
-        name = known[key].name
-        wanted = hints[name]
-        if wanted is float and type(value) in (int, float):
-            checked[name] = as_number(value, f'{place}{key}')
-        elif wanted in _WORDS and type(value) is not wanted:
-            raise UsageError(f'{place}{key}: {shown(value)}; expected {_WORDS[wanted]}')
+        name = by_key[key].name
+        field_type = hints[name]
+        if field_type is float and type(value) in (int, float):
+            checked[name] = as_number(value, f'{prefix}{key}')
+        elif field_type in _WORDS and type(value) is not field_type:
+            raise UsageError(f'{prefix}{key}: {shown(value)}; expected {_WORDS[field_type]}')
         else:
             checked[name] = value
-    check_numbers(checked, place)
+    check_numbers(checked, prefix)
     try:
         return kind(**checked)
     except TypeError:
-        needed = (n for n, each in known.items() if each.default is each.default_factory)  # MISSING
-        missing = [name for name in needed if known[name].name not in checked]
-        raise UsageError(f'{place}missing {", ".join(missing)}') from None
+        needed = (n for n, f in by_key.items() if f.default is f.default_factory)  # MISSING
+        missing = [name for name in needed if by_key[name].name not in checked]
+        raise UsageError(f'{prefix}missing {", ".join(missing)}') from None
 
 
 _CHOICES: dict[str, type[Enum]] = {

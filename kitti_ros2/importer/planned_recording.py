@@ -143,7 +143,7 @@ class PlannedRecording:
             for stream, topic in self._topics.items()
         }
         self.streams: Mapping[Stream, StreamIndex] = {
-            stream: _index(frames, places) for stream, places in self._places.items()
+            stream: _index(frames, positions) for stream, positions in self._places.items()
         }
         self._label_places = _label_places(self._plan, survey, frames)
         self._messages = PlacedMessages(source, set(self._topics.values()))
@@ -162,11 +162,11 @@ class PlannedRecording:
 
     def _find_unit(self, survey: Survey) -> Transform:
         """Return body_T_imu from static transforms; the identity if they do not contain it."""
-        pose, unit = self._track, self._plan.imu_frame
-        if pose is None or not unit:
+        pose, imu_frame = self._track, self._plan.imu_frame
+        if pose is None or not imu_frame:
             return Transform.identity()
         tree = survey.tree
-        return tree.find(pose.body, unit) or Transform.identity()
+        return tree.find(pose.body, imu_frame) or Transform.identity()
 
     def read(self, stream: Stream, number: int) -> Sample | None:
         """Read the sample of a frame; None if it has none.
@@ -206,25 +206,25 @@ class PlannedRecording:
 
     def _converted(self, stream: Stream, number: int, convert: Callable[[Any], T]) -> T | None:
         """Read and convert the message of a frame; None if the frame has none."""
-        place = self._places[stream][number] if stream in self._places else None
-        if place is None:
+        position = self._places[stream][number] if stream in self._places else None
+        if position is None:
             return None
-        with _described(place, number):
-            return convert(self._messages.read(place))
+        with _described(position, number):
+            return convert(self._messages.read(position))
 
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
-        place = self._frames.samples[Stream.SCAN][number]
+        index = self._frames.samples[Stream.SCAN][number]
         stamps_ns = self._frames.stamps[self._topics[Stream.SCAN]]
-        scan, _ = self._rigging(number).scans.scan(message, int(stamps_ns[place]))
+        scan, _ = self._rigging(number).scans.scan(message, int(stamps_ns[index]))
         return scan
 
     def _labels_of(self, number: int) -> FrameLabels | None:
         """Read the messages with the boxes of a frame; None if it has none."""
-        places = self._label_places[number] if self._label_places else ()
-        if not places:
+        positions = self._label_places[number] if self._label_places else ()
+        if not positions:
             return None
-        with _described(places[0], number):
-            return self._labels([self._messages.read(place) for place in places], number)
+        with _described(positions[0], number):
+            return self._labels([self._messages.read(position) for position in positions], number)
 
     def _labels(self, messages: Sequence[Any], number: int) -> FrameLabels:
         if self._topics[Stream.LABELS] == LABEL_LINES:
@@ -284,13 +284,13 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 
 @contextmanager
-def _described(place: Place, number: int) -> Iterator[None]:
+def _described(position: Place, number: int) -> Iterator[None]:
     """Raise any error as that of the message of a frame: a recorder may have written any bytes."""
     try:
         yield
     except Exception as error:
-        what = f'{place.topic}: the message of frame {number}: {describe_error(error)}'
-        raise KittiRos2Error(what) from error
+        text = f'{position.topic}: the message of frame {number}: {describe_error(error)}'
+        raise KittiRos2Error(text) from error
 
 
 def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[Place]]:
@@ -298,18 +298,18 @@ def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[Place
     if plan.labels is None:
         return []
     log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
-    every = (place for group in frames.label_places for place in group)
-    found = iter(places_of(plan.labels.topic, log_ns, every))
-    return [[next(found) for _ in group] for group in frames.label_places]
+    indices = (index for group in frames.label_places for index in group)
+    positions = iter(places_of(plan.labels.topic, log_ns, indices))
+    return [[next(positions) for _ in group] for group in frames.label_places]
 
 
 def _places(topic: str, survey: Survey, samples: Sequence[int]) -> list[Place | None]:
     """Return the place of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
-    found = iter(places_of(topic, log_ns, (place for place in samples if place != NONE)))
-    return [None if place == NONE else next(found) for place in samples]
+    positions = iter(places_of(topic, log_ns, (index for index in samples if index != NONE)))
+    return [None if index == NONE else next(positions) for index in samples]
 
 
-def _index(frames: Frames, places: Sequence[Place | None]) -> StreamIndex:
-    numbers = np.flatnonzero([place is not None for place in places])
+def _index(frames: Frames, positions: Sequence[Place | None]) -> StreamIndex:
+    numbers = np.flatnonzero([position is not None for position in positions])
     return StreamIndex(numbers, frames.stamps_ns[numbers])

@@ -100,7 +100,7 @@ class Rigging:
         return MovingBase(frame, velo_t_frame, moving)
 
     def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
-        found = {}
+        imu_t_topic = {}
         target = self._plan.imu_frame
         receiver = {self._plan.fix}
         if self._plan.velocity_axes is VelocityAxes.ENU:
@@ -108,20 +108,20 @@ class Rigging:
         for topic in {self._plan.imu, self._plan.velocity} - receiver:
             frame = _body_of(topic_of(survey, topic)) if topic else ''
             if frame and target and frame != target:
-                found[topic] = self._tree.transform(target, frame)
+                imu_t_topic[topic] = self._tree.transform(target, frame)
         for topic in receiver:
             antenna = self._place_of(topic_of(survey, topic).frame if topic else '')
             if antenna is not None:
-                found[topic] = antenna
-        return found
+                imu_t_topic[topic] = antenna
+        return imu_t_topic
 
     def _place_of(self, frame: str) -> Transform | None:
         """Return imu_T_frame, None where static transforms do not connect them."""
         target = self._plan.imu_frame
         if not (frame and target):
             return None
-        known = frame == target or {frame, target} <= self._tree.frames
-        return self._tree.find(target, frame) if known else None
+        connected = frame == target or {frame, target} <= self._tree.frames
+        return self._tree.find(target, frame) if connected else None
 
     def body_t_rect(self) -> Transform:
         """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
@@ -167,43 +167,43 @@ class Rigging:
         """Return non-fatal remarks on the samples so far."""
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
-        found = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        found += self._nominal_places() if first is None else ()
-        found += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
-        found += [*self._lever_arm, *self._swapped]
-        return [*found, *self.calibrations.notes]
+        notes = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
+        notes += self._nominal_places() if first is None else ()
+        notes += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
+        notes += [*self._lever_arm, *self._swapped]
+        return [*notes, *self.calibrations.notes]
 
     def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:
         """Yield a note on the place of a NavSatFix's antenna, where the imu's is known."""
         plan = self._plan
         if not (plan.fix and plan.imu_frame):
             return
-        frame, place = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
-        if place is None:
+        frame, imu_t_antenna = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
+        if imu_t_antenna is None:
             yield (
                 f'{plan.fix}: no static transform joins its frame {frame!r} to {plan.imu_frame}, so'
                 f' its places are taken as those of {plan.imu_frame}'
             )
             return
-        away_m = float(np.linalg.norm(place.translation))
+        away_m = float(np.linalg.norm(imu_t_antenna.translation))
         if away_m > _REPORTED_LEVER_M:
-            told = f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
+            note = f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
             if plan.imu:
-                yield f'{told} places are moved there, by the orientation of {plan.imu}'
+                yield f'{note} places are moved there, by the orientation of {plan.imu}'
             else:
-                yield f'{told} places are written as they are, for no Imu tells the attitude'
+                yield f'{note} places are written as they are, for no Imu tells the attitude'
 
     def _nominal_places(self) -> Iterator[str]:
         """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""
         plan = self._plan
         if plan.pose is None:
             return
-        traits, place = plan.layout.traits, 'its nominal place on the scanner'
+        traits, position = plan.layout.traits, 'its nominal place on the scanner'
         if Stream.POSE in traits.streams:
-            place = place if plan.scan is not None else f'the origin of {plan.pose.body}'
-            yield f'pose: of camera 0 at {place}, since there is no calibration'
+            position = position if plan.scan is not None else f'the origin of {plan.pose.body}'
+            yield f'pose: of camera 0 at {position}, since there is no calibration'
         elif Stream.OXTS in traits.streams and plan.scan and not (plan.fix or plan.imu_frame):
-            yield f'oxts: of the imu at {place}, since there is no calibration'
+            yield f'oxts: of the imu at {position}, since there is no calibration'
 
     def losses(self) -> tuple[Loss, ...]:
         """Return the parts of samples so far that could not be converted."""
@@ -288,19 +288,19 @@ class Riggings:
         """Return the first place of the valid value in each series."""
         if not len(self._moments_ns):
             return tuple(0 for _ in self._series)
-        moment_ns = int(self._moments_ns[frame])
-        valid = (max(bisect_right(stamps, moment_ns) - 1, 0) for stamps in self._stamps_ns)
-        return tuple(places[at] for places, at in zip(self._places, valid, strict=True))
+        latest_ns = int(self._moments_ns[frame])
+        valid = (max(bisect_right(stamps, latest_ns) - 1, 0) for stamps in self._stamps_ns)
+        return tuple(firsts[index] for firsts, index in zip(self._places, valid, strict=True))
 
     def _rigging(self, state: _State) -> Rigging:
-        known = self._made.pop(state, None)
-        if known is None:
-            known = Rigging(self._plan, self._survey_of(state), self._moving)
+        rigging = self._made.pop(state, None)
+        if rigging is None:
+            rigging = Rigging(self._plan, self._survey_of(state), self._moving)
             self._states.add(state)
         if len(self._made) >= _MOST_KEPT:
             self._account(self._made.pop(next(iter(self._made))))
-        self._made[state] = known
-        return known
+        self._made[state] = rigging
+        return rigging
 
     def _survey_of(self, state: _State) -> Survey:
         """Return the survey as if nothing changed."""
@@ -308,10 +308,10 @@ class Riggings:
             return self._survey
         topics = dict(self._survey.topics)
         static = {(parent, child): pose for parent, child, pose in self._survey.static}
-        values = [series[place][1] for place, series in zip(state, self._series, strict=True)]
+        values = [series[index][1] for index, series in zip(state, self._series, strict=True)]
         infos = _info_topics(self._plan, self._survey)
-        for name, look in zip(infos, values, strict=False):
-            topics[name] = replace(topics[name], looks=[] if look is None else [look])
+        for name, info in zip(infos, values, strict=False):
+            topics[name] = replace(topics[name], looks=[] if info is None else [info])
         static.update(zip(self._survey.changes, values[len(infos) :], strict=True))
         return replace(
             self._survey, topics=topics, static=[(*link, pose) for link, pose in static.items()]
@@ -329,12 +329,12 @@ class Riggings:
 
     @property
     def _kept(self) -> list[Rigging]:
-        return [self.first, *(each for each in self._made.values() if each is not self.first)]
+        return [self.first, *(other for other in self._made.values() if other is not self.first)]
 
     def notes(self) -> list[str]:
         """Return the notes of all riggings, each once."""
-        found = [note for rigging in self._kept for note in rigging.notes()]
-        return [*dict.fromkeys([*found, *self._notes]), *self._on_changes()]
+        notes = [note for rigging in self._kept for note in rigging.notes()]
+        return [*dict.fromkeys([*notes, *self._notes]), *self._on_changes()]
 
     def _on_changes(self) -> Iterator[str]:
         if self._plan.layout.traits.calibration_per_frame and len(self._states) > 1:
@@ -348,8 +348,8 @@ class Riggings:
         counts = self._lost.copy()
         for rigging in self._kept:
             self._count(rigging, counts)
-        found = [Loss(stream, count, message) for (stream, message), count in counts.items()]
-        return (*found, *self._without_place())
+        losses = [Loss(stream, count, message) for (stream, message), count in counts.items()]
+        return (*losses, *self._without_place())
 
     def _without_place(self) -> Iterator[Loss]:
         plan, calibration = self._plan, self.first.calibrations.first
@@ -364,13 +364,13 @@ class Riggings:
             if not same[state]:
                 others.append(frame)
         if others:
-            held = [frame for frame in range(len(self._frames_ns)) if frame not in {*others}]
-            since, until = (format_stamp(int(self._frames_ns[held[at]])) for at in (0, -1))
+            valid = [frame for frame in range(len(self._frames_ns)) if frame not in {*others}]
+            since, until = (format_stamp(int(self._frames_ns[valid[at]])) for at in (0, -1))
             yield Loss(
                 Stream.CALIBRATION.value,
                 len(others),
                 f'CameraInfo or static transforms change within the bag: the calibration that is'
-                f' written holds for frames {format_numbers(held)}, {since} to {until} UTC; layout'
+                f' written holds for frames {format_numbers(valid)}, {since} to {until} UTC; layout'
                 f' {plan.layout.value} has a place for one (--layout object has one a frame;'
                 f' --start and --end select)',
                 tuple(others),
@@ -384,46 +384,46 @@ class Riggings:
         if calibration is None or other is None:
             return calibration is other
         return all(
-            np.allclose(one, two, rtol=_SAME, atol=_SAME)
-            for one, two in zip(_numbers(calibration), _numbers(other), strict=True)
+            np.allclose(first, second, rtol=_SAME, atol=_SAME)
+            for first, second in zip(_numbers(calibration), _numbers(other), strict=True)
         )
 
 
 def _numbers(calibration: Calibration) -> list[Float64Array]:
     """Return the matrices of a calibration that projections and mounts are made of."""
-    found = [calibration.velo_T_imu.matrix()]
+    matrices = [calibration.velo_T_imu.matrix()]
     if calibration.cam0_T_velo is not None:
-        found.append(calibration.cam0_T_velo.matrix())
+        matrices.append(calibration.cam0_T_velo.matrix())
     if calibration.r0_rect is not None:
-        found.append(calibration.r0_rect)
+        matrices.append(calibration.r0_rect)
     for _, camera in sorted(calibration.cameras.items()):
-        found += [camera.p_rect, np.zeros(1) if camera.d is None else camera.d]
-    return found
+        matrices += [camera.p_rect, np.zeros(1) if camera.d is None else camera.d]
+    return matrices
 
 
 def _first_places(values: Sequence[Any]) -> list[int]:
     """Return for each value of a series the first place of the same one."""
     distinct: list[int] = []
-    found = []
-    for place, value in enumerate(values):
-        known = (each for each in distinct[-_MOST_KEPT:] if _is_equal(values[each], value))
-        first = next(known, place)
-        if first == place:
-            distinct.append(place)
-        found.append(first)
-    return found
+    first_indices = []
+    for index, value in enumerate(values):
+        equal = (other for other in distinct[-_MOST_KEPT:] if _is_equal(values[other], value))
+        first = next(equal, index)
+        if first == index:
+            distinct.append(index)
+        first_indices.append(first)
+    return first_indices
 
 
-def _is_equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - contents of CameraInfo or transforms
-    if isinstance(one, Transform) and isinstance(other, Transform):
-        return not differ(one, other, _SAME)
-    return one is other
+def _is_equal(first: Any, second: Any) -> bool:  # noqa: ANN401 - contents of CameraInfo or transforms
+    if isinstance(first, Transform) and isinstance(second, Transform):
+        return not differ(first, second, _SAME)
+    return first is second
 
 
 def _info_topics(plan: Plan, survey: Survey) -> list[str]:
     """Return the CameraInfo topics of a plan, and the others that change."""
     planned = {camera.info for camera in plan.cameras.values() if camera.info in survey.topics}
-    return sorted(planned | {name for name, each in survey.topics.items() if each.contents[1:]})
+    return sorted(planned | {name for name, topic in survey.topics.items() if topic.contents[1:]})
 
 
 def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
@@ -431,9 +431,9 @@ def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
     topic = survey.topics[name]
     images = [camera.topic for camera in plan.cameras.values() if camera.info == name]
     stamps = topic.stamps()[0] + (topic_of(survey, images[0]).offset_ns if images else 0)
-    found = [(int(stamps[place]), look) for place, look in topic.contents if _is_valid(look)]
-    found.sort(key=lambda entry: entry[0])
-    return found or [(0, topic.looks[0] if topic.looks else None)]
+    contents = [(int(stamps[index]), info) for index, info in topic.contents if _is_valid(info)]
+    contents.sort(key=lambda stamped_info: stamped_info[0])
+    return contents or [(0, topic.looks[0] if topic.looks else None)]
 
 
 def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
@@ -449,9 +449,9 @@ def _moments(plan: Plan, frames: Frames) -> Any:  # noqa: ANN401 - Int64Array
     """Return (N,) the stamps of the latest image of each frame; its own without any."""
     latest = np.full(len(frames), np.iinfo(np.int64).min)
     for index, camera in plan.cameras.items():
-        places = frames.samples.get(Stream(f'image_{index}'))
+        indices = frames.samples.get(Stream(f'image_{index}'))
         stamps = frames.stamps.get(camera.topic)
-        if places is not None and stamps is not None and len(stamps):
-            there = places != NONE
-            latest[there] = np.maximum(latest[there], stamps[places[there]])
+        if indices is not None and stamps is not None and len(stamps):
+            present = indices != NONE
+            latest[present] = np.maximum(latest[present], stamps[indices[present]])
     return np.where(latest > np.iinfo(np.int64).min, latest, frames.stamps_ns)

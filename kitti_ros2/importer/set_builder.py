@@ -113,13 +113,13 @@ class DepthMaps:
     def __init__(
         self, plan: Plan, rigging: Rigging, writer: LayoutWriter, *, unrectified: bool
     ) -> None:
-        wanted = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
+        has_maps = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
         self._unrectified = rigging.scans.are_depth and unrectified
         self._writer = writer
         self.folders = {
             camera: writer.depth_folder(camera)
             for camera in sorted(plan.cameras)
-            if wanted and writer.depth_folder(camera) and rigging.images.size(camera)
+            if has_maps and writer.depth_folder(camera) and rigging.images.size(camera)
         }
 
     def write(self, number: int, stamp_ns: int, points: Float32Array, rigging: Rigging) -> None:
@@ -154,18 +154,18 @@ def make_depth_map(
     """
     model = calibration.cameras[camera]
     seen = rect_from_velo(calibration) if model.cam_T_velo is None else model.cam_T_velo
-    places = seen.apply(points[:, :3].astype(np.float64))
-    u, v, depth = (np.column_stack([places, np.ones(len(places))]) @ model.p_rect.T).T
+    positions = seen.apply(points[:, :3].astype(np.float64))
+    u, v, depth = (np.column_stack([positions, np.ones(len(positions))]) @ model.p_rect.T).T
     ahead = depth > 0
-    column, row = (np.round(each[ahead] / depth[ahead]) for each in (u, v))
+    column, row = (np.round(coordinate[ahead] / depth[ahead]) for coordinate in (u, v))
     inside = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
-    value = np.clip(np.round(depth[ahead][inside] * _PER_M), 1, _DEEPEST).astype(np.uint16)
+    levels = np.clip(np.round(depth[ahead][inside] * _PER_M), 1, _DEEPEST).astype(np.uint16)
     # The last write to a pixel stays: the nearest.
-    order = np.argsort(-value.astype(np.int64), kind='stable')
-    found = np.zeros((size[1], size[0]), dtype=np.uint16)
+    order = np.argsort(-levels.astype(np.int64), kind='stable')
+    depth_map = np.zeros((size[1], size[0]), dtype=np.uint16)
     places_in = row[inside].astype(np.intp)[order], column[inside].astype(np.intp)[order]
-    found[places_in] = value[order]
-    return found
+    depth_map[places_in] = levels[order]
+    return depth_map
 
 
 # Decoded messages of a plan's frames -> the files of their samples.
@@ -213,15 +213,15 @@ class SampleWriter:
                 count += 1
         return count
 
-    def write_scan(self, number: int, topic: str, place: int, cloud: Any) -> int:  # noqa: ANN401 - of the bag
+    def write_scan(self, number: int, topic: str, index: int, cloud: Any) -> int:  # noqa: ANN401 - of the bag
         """Write a scan, by its place in its topic; return its bytes.
 
         Raises:
             ValueError: No point is left of it.
         """
-        stamp_ns = self._stamp_ns(number, topic, place)
+        stamp_ns = self._stamp_ns(number, topic, index)
         rigging = self._rigging(number)
-        scan, dropped = rigging.scans.scan(cloud, self._own_ns(topic, place), place)
+        scan, dropped = rigging.scans.scan(cloud, self._own_ns(topic, index), index)
         with self._lock:
             self._points_dropped.update(dropped)
         if not len(scan.points):
@@ -231,10 +231,10 @@ class SampleWriter:
         self._depth_maps.write(number, stamp_ns, scan.points, rigging)
         return scan.points.nbytes
 
-    def write_image(self, camera: int, number: int, topic: str, place: int, image: Any) -> int:  # noqa: ANN401 - of the bag
+    def write_image(self, camera: int, number: int, topic: str, index: int, image: Any) -> int:  # noqa: ANN401 - of the bag
         """Write an image, by its place in its topic; return its bytes."""
         png = self._rigging(number).images.png(camera, image)
-        self.writer.write_image(camera, number, self._stamp_ns(number, topic, place), png)
+        self.writer.write_image(camera, number, self._stamp_ns(number, topic, index), png)
         return len(png)
 
     def write_labels(self, number: int, solid: list[Any], flat: list[Any]) -> int:
@@ -257,10 +257,10 @@ class SampleWriter:
         """Write the poses of the frames, each of which must have one; return how many."""
         stamps_ns = self.frames.stamps_ns
         poses = camera_poses(track, stamps_ns, self.riggings.first.body_t_rect())
-        known = [pose for pose in poses if pose is not None]
-        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), known, strict=True)):
+        posed = [pose for pose in poses if pose is not None]
+        for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), posed, strict=True)):
             self.writer.write_pose(number, stamp_ns, pose)
-        return len(known)
+        return len(posed)
 
     def notes(self) -> list[str]:
         """Return what was written of depth maps and tracks, and which points were dropped."""
@@ -272,22 +272,22 @@ class SampleWriter:
     def _rigging(self, number: int) -> Rigging:
         return self.riggings.of(number - self.first)
 
-    def _stamp_ns(self, number: int, topic: str, place: int) -> int:
+    def _stamp_ns(self, number: int, topic: str, index: int) -> int:
         """Return a sample's own stamp where the layout stores it, else the frame's."""
         if self.plan.layout.traits.stamps_per_stream:
-            return self._own_ns(topic, place)
+            return self._own_ns(topic, index)
         return int(self.frames.stamps_ns[number - self.first])
 
-    def _own_ns(self, topic: str, place: int) -> int:
-        return int(self.frames.stamps[topic][place])
+    def _own_ns(self, topic: str, index: int) -> int:
+        return int(self.frames.stamps[topic][index])
 
 
 def times_of_boxes(plan: Plan, frames: Frames, frame: int) -> BoxTimes:
     """Return when the boxes of a frame and its scan are placed, by the position of the frame."""
     topics = frame_topics(plan)
-    place = int(frames.samples[Stream.LABELS][frame])
+    index = int(frames.samples[Stream.LABELS][frame])
     boxes = topics[Stream.LABELS]
-    own_ns, moved_ns = (int(each[boxes][place]) for each in (frames.stamps, frames.moved_ns))
+    own_ns, moved_ns = (int(times[boxes][index]) for times in (frames.stamps, frames.moved_ns))
     cloud_ns = int(frames.stamps_ns[frame])
     scans = frames.samples.get(Stream.SCAN)
     if scans is not None and scans[frame] != NONE:
@@ -435,31 +435,31 @@ class SetBuilder:
             messages: Each with its place in its topic.
             decode: By the types of their bags.
         """
-        for place, message in messages:
-            wanted = [
-                (stream, self._numbers[stream][place])
+        for index, message in messages:
+            samples = [
+                (stream, self._numbers[stream][index])
                 for stream in self._streams.get(message.topic, ())
-                if place in self._numbers[stream]
+                if index in self._numbers[stream]
             ]
-            labelled = self._labels.frames_of(message.topic, place)
-            packet = self._packets.wants(message.topic, place)
-            if not wanted and not labelled and not packet:
+            labelled = self._labels.frames_of(message.topic, index)
+            packet = self._packets.wants(message.topic, index)
+            if not samples and not labelled and not packet:
                 continue
             try:
                 decoded = decode(message)
             except ValueError as error:
                 self._losses.lose(message.topic, message.stamp_ns, str(error))
-                self._spoil([*(number for _, number in wanted), *labelled])
+                self._spoil([*(number for _, number in samples), *labelled])
                 decoded = None
             if packet:
-                self._packets.take(message.topic, place, decoded)
+                self._packets.take(message.topic, index, decoded)
                 self.write_packets()
-            for number, solid, flat in self._labels.take(message.topic, place, decoded):
+            for number, solid, flat in self._labels.take(message.topic, index, decoded):
                 self._take_labels(number, solid, flat, message.stamp_ns)
             if decoded is None:
                 continue
-            for stream, number in wanted:
-                yield self._job(stream, number, place, message, decoded)
+            for stream, number in samples:
+                yield self._job(stream, number, index, message, decoded)
         # An excerpt has one message of each frame.
         for number, solid, flat in self._labels.rest():
             self._take_labels(number, solid, flat, 0)
@@ -474,15 +474,15 @@ class SetBuilder:
         self,
         stream: Stream,
         number: int,
-        place: int,
+        index: int,
         message: BagMessage,
         decoded: Any,  # noqa: ANN401 - of the bag's types
     ) -> SampleJob:
         samples, topic = self._samples, message.topic
         if stream is Stream.SCAN:
-            write = partial(samples.write_scan, number, topic, place, decoded)
+            write = partial(samples.write_scan, number, topic, index, decoded)
         else:
-            write = partial(samples.write_image, stream.camera or 0, number, topic, place, decoded)
+            write = partial(samples.write_image, stream.camera or 0, number, topic, index, decoded)
         return SampleJob(stream, number, topic, message.stamp_ns, write)
 
     def _take_labels(self, number: int, solid: list[Any], flat: list[Any], log_ns: int) -> None:

@@ -150,23 +150,23 @@ def group_messages(stamps_ns: Sequence[int], log_ns: Sequence[int]) -> list[list
         The places of each group's messages, groups in the order of their first ones.
     """
     stamps = np.array(stamps_ns, dtype=np.int64)
-    alone = [[place] for place in range(len(stamps))]
-    known = np.unique(stamps[stamps > 0])
+    alone = [[index] for index in range(len(stamps))]
+    distinct = np.unique(stamps[stamps > 0])
     # A publisher that never renews its stamp tells nothing by it.
-    if len(known) < 2 or len(known) == np.count_nonzero(stamps > 0):
+    if len(distinct) < 2 or len(distinct) == np.count_nonzero(stamps > 0):
         return alone
     logs = np.array(log_ns, dtype=np.int64)
-    starts = np.full(len(known), np.iinfo(np.int64).max)
-    np.minimum.at(starts, np.searchsorted(known, stamps[stamps > 0]), logs[stamps > 0])
+    starts = np.full(len(distinct), np.iinfo(np.int64).max)
+    np.minimum.at(starts, np.searchsorted(distinct, stamps[stamps > 0]), logs[stamps > 0])
     near_ns = int(np.median(np.diff(np.sort(starts)))) // 2
     groups: dict[int, list[int]] = defaultdict(list)
-    for place, stamp in enumerate(stamps.tolist()):
-        key = stamp if stamp > 0 else -1 - place
+    for index, stamp in enumerate(stamps.tolist()):
+        key = stamp if stamp > 0 else -1 - index
         if not stamp:
-            gaps = np.where(stamps > 0, np.abs(logs - logs[place]), np.iinfo(np.int64).max)
+            gaps = np.where(stamps > 0, np.abs(logs - logs[index]), np.iinfo(np.int64).max)
             nearest = int(np.argmin(gaps))
-            key = int(stamps[nearest]) if gaps[nearest] <= near_ns else -1 - place
-        groups[key].append(place)
+            key = int(stamps[nearest]) if gaps[nearest] <= near_ns else -1 - index
+        groups[key].append(index)
     return sorted(groups.values())
 
 
@@ -258,10 +258,10 @@ class TopicSurvey:
 
     def undecoded(self) -> Loss:
         """Return the messages that failed to decode as a loss, with the first reason."""
-        every = '' if self.is_readable else 'not one of its messages can be read; the first '
+        extent = '' if self.is_readable else 'not one of its messages can be read; the first '
         count = max(self.failures, len(self.headless))
         reason = self.failure or 'a header cannot be decoded'
-        return Loss(self.name, count, f'{self.name}: {every}{reason}')
+        return Loss(self.name, count, f'{self.name}: {extent}{reason}')
 
     @property
     def frame(self) -> str:
@@ -278,10 +278,10 @@ class TopicSurvey:
     @property
     def turn_ns(self) -> tuple[int, int] | None:
         """When the first and the last point were measured, nanoseconds from the stamp: medians."""
-        known = [span for span in self.spans_ns or () if span is not None]
-        if not known:
+        spans = [span for span in self.spans_ns or () if span is not None]
+        if not spans:
             return None
-        start, end = (int(each) for each in np.median(np.array(known), axis=0))
+        start, end = (int(limit_ns) for limit_ns in np.median(np.array(spans), axis=0))
         return start, end
 
     def turns_ns(self) -> Int64Array | None:
@@ -323,7 +323,7 @@ class TopicSurvey:
         if self.msgtype in BOXES:
             alone = {*self.copies, *self.headless}
             stamps_ns = [
-                -1 if place in alone else stamp or -1 for place, stamp in enumerate(self.header_ns)
+                -1 if index in alone else stamp or -1 for index, stamp in enumerate(self.header_ns)
             ]
         if len(stamps_ns) != self.count:
             return None
@@ -383,10 +383,10 @@ class TopicSurvey:
         return used, reason
 
 
-def pass_over(what: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
+def pass_over(stream: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
     """Return a note of the topics that were not chosen for a stream; empty without any."""
     others = ', '.join(f'{topic.name} ({topic.count})' for topic in topics if topic is not best)
-    return [f'passed over for {what}: {others}'] if others else []
+    return [f'passed over for {stream}: {others}'] if others else []
 
 
 _LOOKS = 8
@@ -445,17 +445,17 @@ class Survey:
 
     def of_type(self, *msgtypes: str) -> list[TopicSurvey]:
         """Return the topics of some types with messages that can be decoded, by name."""
-        return [each for each in self._of_type(msgtypes) if each.is_readable]
+        return [topic for topic in self._of_type(msgtypes) if topic.is_readable]
 
     def unreadable(self, *msgtypes: str) -> list[TopicSurvey]:
         """Return the topics of some types without a message that can be decoded, by name."""
-        return [each for each in self._of_type(msgtypes) if not each.is_readable]
+        return [topic for topic in self._of_type(msgtypes) if not topic.is_readable]
 
     def _of_type(self, msgtypes: Sequence[str]) -> list[TopicSurvey]:
-        found = [
+        topics = [
             topic for topic in self.topics.values() if topic.msgtype in msgtypes and topic.count
         ]
-        return sorted(found, key=lambda each: each.name)
+        return sorted(topics, key=lambda topic: topic.name)
 
 
 def topic_of(survey: Survey, name: str) -> TopicSurvey:
@@ -466,10 +466,10 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     """
     topic = survey.topics.get(name)
     if topic is None or not topic.count:
-        topics = sorted(each.name for each in survey.topics.values() if each.count)
-        known = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
+        topics = sorted(other.name for other in survey.topics.values() if other.count)
+        hint = did_you_mean(name, topics) or f'; it has {", ".join(topics)}'
         raise UsageError(
-            f'the plan names {name or "an empty topic"}, of which the bag has no message{known}'
+            f'the plan names {name or "an empty topic"}, of which the bag has no message{hint}'
         )
     return topic
 
@@ -485,12 +485,12 @@ def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Su
         BadBagError: One cannot be read.
     """
     with open_messages(bags, topics) as messages:
-        taken = _Pass(messages)
-        messages.skim(taken.needs_start_only)
-        taken.take_all(messages)
+        survey_pass = _Pass(messages)
+        messages.skim(survey_pass.needs_start_only)
+        survey_pass.take_all(messages)
         losses = messages.losses
         notes = [text for text in messages.problems if text not in losses]
-        return taken.survey(notes, losses, messages.left_out)
+        return survey_pass.survey(notes, losses, messages.left_out)
 
 
 def glance(source: BagSource) -> Survey:
@@ -500,18 +500,18 @@ def glance(source: BagSource) -> Survey:
         BadBagError: It cannot be read.
     """
     with opened(source) as bag:
-        with open_messages(bag) as every:
-            types = dict(every.channels)
-            taken = _Pass(every)
-            losses, left_out = every.losses, every.left_out
-        wanted = {topic for topic, msgtype in types.items() if msgtype in DESCRIBING}
-        if wanted:
-            with open_messages(bag, wanted) as messages:
-                taken.take_all(messages)
+        with open_messages(bag) as channels_only:
+            types = dict(channels_only.channels)
+            survey_pass = _Pass(channels_only)
+            losses, left_out = channels_only.losses, channels_only.left_out
+        describing = {topic for topic, msgtype in types.items() if msgtype in DESCRIBING}
+        if describing:
+            with open_messages(bag, describing) as messages:
+                survey_pass.take_all(messages)
         for topic in (topic for topic, msgtype in types.items() if msgtype in FIRST_ONLY):
             with open_messages(bag, {topic}) as messages:
-                taken.take_all(islice(messages, 1))
-    return taken.survey((), losses, left_out)
+                survey_pass.take_all(islice(messages, 1))
+    return survey_pass.survey((), losses, left_out)
 
 
 class _Pass:
@@ -562,8 +562,8 @@ class _Pass:
         }
         losses = {**losses, **invalid}
         static, moving, _ = self._links.sorted()
-        found = static, moving, self._links.changes(), self._calibrations, notes, losses, left_out
-        return Survey(self._topics, *found, self._links.clashes)
+        results = static, moving, self._links.changes(), self._calibrations, notes, losses, left_out
+        return Survey(self._topics, *results, self._links.clashes)
 
     def _take(self, message: BagMessage) -> None:
         topic = self._topics[message.topic]
@@ -604,30 +604,30 @@ class _Pass:
             _enter_first_stamp(topic, message)
         if isinstance(message.data, MessageStart):
             return
-        is_due, look = _is_look(topic, topic.count), None
+        is_due, sample = _is_look(topic, topic.count), None
         if is_due or _is_sampled(topic):
-            look = self._decoded(topic, message)
-        if look is not None:
+            sample = self._decoded(topic, message)
+        if sample is not None:
             if is_due:
-                _keep(topic, look)
-            _count_classes(topic, look)
-            topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(look))
+                _keep(topic, sample)
+            _count_classes(topic, sample)
+            topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(sample))
         if topic.msgtype == FIX:
             topic.places = topic.places or array('d')
-            topic.places.extend(place_of(look))
+            topic.places.extend(place_of(sample))
         elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
-            self._enter_turn(topic, message, look)
+            self._enter_turn(topic, message, sample)
 
-    def _enter_turn(self, topic: TopicSurvey, message: BagMessage, look: Any) -> None:  # noqa: ANN401
+    def _enter_turn(self, topic: TopicSurvey, message: BagMessage, sample: Any) -> None:  # noqa: ANN401
         """Enter the times of the first and last point of a message; look is it decoded, or None."""
-        if topic.name in self._turns and look is None:
+        if topic.name in self._turns and sample is None:
             with suppress(ValueError):  # the conversion enters it as a loss
-                look = self._decode_lent(message)
-        elif look is not None and has_times(look):
+                sample = self._decode_lent(message)
+        elif sample is not None and has_times(sample):
             self._turns.setdefault(topic.name, TurnTimes())
-        timed = look is not None and topic.name in self._turns
+        timed = sample is not None and topic.name in self._turns
         topic.spans_ns = topic.spans_ns or []
-        topic.spans_ns.append(self._turns[topic.name].span_ns(look) if timed else None)
+        topic.spans_ns.append(self._turns[topic.name].span_ns(sample) if timed else None)
 
     def _end_turns(self, topic: TopicSurvey) -> None:
         """Read the times of the first message again, by the unit that later ones have told."""
@@ -642,19 +642,19 @@ class _Pass:
         if body == self._bodies.get(topic.name):
             return
         self._bodies[topic.name] = body
-        look = self._contents.get((topic.name, body)) or self._decoded(topic, message)
-        if look is not None:
-            self._contents[topic.name, body] = look
-            topic.contents.append((topic.count - 1, look))
+        info = self._contents.get((topic.name, body)) or self._decoded(topic, message)
+        if info is not None:
+            self._contents[topic.name, body] = info
+            topic.contents.append((topic.count - 1, info))
 
     def _enter_copy(self, topic: TopicSurvey, message: BagMessage) -> None:
         """Enter a message with boxes that is the same as an earlier one."""
         if topic.msgtype in BOXES:
-            known = self._known[topic.name]
+            keys = self._known[topic.name]
             key = topic.header_ns[-1], hash(body_after_header(message.data))
-            if key in known:
+            if key in keys:
                 topic.copies.append(topic.count - 1)
-            known.add(key)
+            keys.add(key)
 
     def _decoded(self, topic: TopicSurvey, message: BagMessage) -> Any:  # noqa: ANN401
         try:
@@ -692,10 +692,10 @@ def _is_look(topic: TopicSurvey, count: int) -> bool:
     return not topic.looks or (count.bit_count() == 1 and len(topic.looks) < _LOOKS)
 
 
-def _keep(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
+def _keep(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of the bag's types
     """Keep a decoded message; of images, which are large, those up to the first with a size."""
     if topic.msgtype not in PICTURES or not any(map(image_size, topic.looks)):
-        topic.looks = [*topic.looks, look][:_LOOKS]
+        topic.looks = [*topic.looks, sample][:_LOOKS]
 
 
 def _is_sampled(topic: TopicSurvey) -> bool:
@@ -709,9 +709,9 @@ def _is_sampled(topic: TopicSurvey) -> bool:
     return topic.msgtype == FIX or (topic.msgtype in _WITH_TWIST and not topic.moves)
 
 
-def _count_classes(topic: TopicSurvey, look: Any) -> None:  # noqa: ANN401 - of the bag's types
+def _count_classes(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of the bag's types
     if topic.msgtype in SOLID:
         with suppress(ValueError):
-            boxes = boxes_in(look)
+            boxes = boxes_in(sample)
             topic.classes.update(box.class_name for box in boxes)
             topic.has_tracks |= any(box.identity for box in boxes)

@@ -91,10 +91,10 @@ class NamedFrames:
         self.odometry: list[OdometryLink] = []
         self.tree = survey.tree
         self.transformed = self.tree.frames
-        topics = sorted(survey.of_type(types.ODOMETRY), key=lambda each: -each.count)
+        topics = sorted(survey.of_type(types.ODOMETRY), key=lambda odometry: -odometry.count)
         planned = survey.topics.get(pose.topic) if pose is not None else None
         if planned is not None and planned.msgtype in (types.ODOMETRY, types.POSE):
-            topics = [planned, *(each for each in topics if each is not planned)]
+            topics = [planned, *(odometry for odometry in topics if odometry is not planned)]
         for topic in topics:
             child = child_of(topic)
             named = pose is not None and topic is planned
@@ -219,24 +219,24 @@ def face_forward(
     axes = None if heading is None else heading.axes_of(tree, scan.frame)
     if heading is None or axes is None or (is_forward(axes) and not _leans(axes, heading)):
         return scan
-    looks = f'{scan.topic} is in {scan.frame}, '
+    text = f'{scan.topic} is in {scan.frame}, '
     if is_optical(scan.frame):
-        looks += 'z forward'
+        text += 'z forward'
     elif is_forward(axes):
         lean = np.degrees(np.arccos(np.clip(axes[2, 2], -1, 1)))
-        looks += f'whose z leans by {lean:.0f} degrees (up is z of {heading.frame})'
+        text += f'whose z leans by {lean:.0f} degrees (up is z of {heading.frame})'
     else:
-        looks += describe_axes(axes, heading)
-    looks += '; KITTI has x forward and z up'
+        text += describe_axes(axes, heading)
+    text += '; KITTI has x forward and z up'
     near = near_frame(scan.frame, tree, heading)
     if near:
-        notes.append(f'{looks}: scan.frame is {near}')
+        notes.append(f'{text}: scan.frame is {near}')
         return replace(scan, frame=near)
     forward = heading.frame if heading.body else nearest_axis(axes.T)
     if forward == 'x':
         return scan
     of = f'x of {forward}' if heading.body else f'{forward} of {scan.frame}'
-    notes.append(f'{looks}: the scans are turned so that x is {of} (scan.forward)')
+    notes.append(f'{text}: the scans are turned so that x is {of} (scan.forward)')
     return replace(scan, forward=forward)
 
 
@@ -263,28 +263,28 @@ def is_up(axes: Float64Array) -> bool:
 
 def forward_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     """Return the body's frame, or the one next to a frame, that has x forward; '' without one."""
-    found = []
+    candidates = []
     for other in tree.frames:
-        place, axes = tree.find(frame, other), heading.axes_of(tree, other)
-        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
+        frame_t_other, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        if frame_t_other is None or axes is None or not is_forward(axes) or _leans(axes, heading):
             continue
         if other == heading.frame and heading.body:
             return other
-        found.append((float(np.linalg.norm(place.translation)), other))
-    return min(found)[1] if found else ''
+        candidates.append((float(np.linalg.norm(frame_t_other.translation)), other))
+    return min(candidates)[1] if candidates else ''
 
 
 def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     """Return a parent or child of a frame with its origin and x forward, '' without one."""
-    found = []
+    candidates = []
     for other in tree.neighbours(frame):
-        place, axes = tree.find(frame, other), heading.axes_of(tree, other)
-        if place is None or axes is None or not is_forward(axes) or _leans(axes, heading):
+        frame_t_other, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        if frame_t_other is None or axes is None or not is_forward(axes) or _leans(axes, heading):
             continue
-        distance = float(np.linalg.norm(place.translation))
+        distance = float(np.linalg.norm(frame_t_other.translation))
         if distance <= _SAME_ORIGIN_M:
-            found.append((distance, other))
-    return min(found)[1] if found else ''
+            candidates.append((distance, other))
+    return min(candidates)[1] if candidates else ''
 
 
 # velo_T_frame of the frames of clouds and boxes, also of those that the vehicle moves in.
@@ -374,10 +374,10 @@ class StaticFrames(Mapping[str, 'Transform']):
         return self._find(frame) is not None
 
     def __getitem__(self, frame: str) -> Transform:
-        found = self._find(frame)
-        if found is None:
+        transform = self._find(frame)
+        if transform is None:
             raise KeyError(frame)
-        return found
+        return transform
 
     def __iter__(self) -> Iterator[str]:
         names = self._frames | {self._base.frame}
@@ -439,10 +439,10 @@ def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Tra
     Raises:
         UnknownPlaceError: It is not known then.
     """
-    (found,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
-    if found is None:
+    (transform,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
+    if transform is None:
         raise UnknownPlaceError(tree.reason(target, source, stamp_ns), stamp_ns)
-    return found
+    return transform
 
 
 def stamp_of_boxes(message: Any) -> int:  # noqa: ANN401 - of the bag's types
