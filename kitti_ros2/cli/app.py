@@ -22,8 +22,8 @@ from .command import (
     VARIABLE,
     Command,
     add_options,
-    answering,
     complete_at_first_tab,
+    completion_timeout,
     completion_words,
 )
 from .exits import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
@@ -128,7 +128,7 @@ def run(words: list[str]) -> int:
         KeyboardInterrupt: Ctrl-C.
     """
     if VARIABLE in os.environ:
-        with answering():
+        with completion_timeout():
             get_command(completion_words()).main(prog_name='kitti-ros2')
     if words[:1] in (['--install-completion'], ['--show-completion']):
         complete_at_first_tab()
@@ -272,7 +272,7 @@ def format_remedies(remedies: Sequence[Remedy], words: Sequence[str]) -> str:
         remedies: Those of an error.
         words: The arguments of the command line.
     """
-    usable = [remedy for remedy in remedies if _place(words, remedy.given) is not None]
+    usable = [remedy for remedy in remedies if _word_index(words, remedy.given) is not None]
     return ' or '.join(_format(remedy, list(words)) for remedy in usable)
 
 
@@ -293,7 +293,7 @@ def _format(remedy: Remedy, words: list[str]) -> str:
 def _same_command(remedy: Remedy, words: list[str], params: dict[str, Any]) -> str:
     """Return the command with another source, and with an output of its own in a loop."""
     changed = [shlex.quote(word) for word in words]
-    index = _place(words, remedy.given)
+    index = _word_index(words, remedy.given)
     if index is not None:
         over_folders = remedy.each and not remedy.by_name
         changed[index] = f'"${_FOLDER}"' if over_folders else shlex.quote(str(remedy.source))
@@ -306,7 +306,7 @@ def _same_command(remedy: Remedy, words: list[str], params: dict[str, Any]) -> s
     if remedy.each and out is not None:
         name, at = (
             _output_of_each(as_path(out), by_name=remedy.by_name),
-            _place(words, as_path(out)),
+            _word_index(words, as_path(out)),
         )
         if at is None:
             added += ['-o', name]
@@ -341,7 +341,7 @@ def _output_for(remedy: Remedy, out: Path) -> str:
     return str(out) if out.suffix in suffixes else f'{out}.mcap'
 
 
-def _place(words: Sequence[str], path: Path) -> int | None:
+def _word_index(words: Sequence[str], path: Path) -> int | None:
     """Return the index of the word that is a path."""
     for index, word in enumerate(words[1:], 1):
         if word and as_path(word).expanduser() == path.expanduser():

@@ -50,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
         gc.disable()
         # numpy's threads for large matrices, which are not used here, busy-wait.
         os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-        _mend_streams()
+        _replace_closed_streams()
         if not (debug or sys.warnoptions):
             warnings.simplefilter('ignore')  # they are for developers
         signal.signal(signal.SIGTERM, _end)
@@ -77,11 +77,11 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
     try:
         return _run_and_flush(words, interruptible=interruptible)
     except KeyboardInterrupt:
-        _complain('interrupted; no incomplete output is left behind')
+        _print_error('interrupted; no incomplete output is left behind')
         return EXIT_INTERRUPTED
     except SystemExit as error:
         if notes_of(error):
-            _complain(f'terminated; {"; ".join(notes_of(error))}')
+            _print_error(f'terminated; {"; ".join(notes_of(error))}')
         raise
     except BrokenPipeError:
         # The reader of the pipe closed it, as head does; Python would report it again at exit.
@@ -90,13 +90,13 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
     except (KittiRos2Error, OSError) as error:
         if debug:
             raise
-        _complain(_describe(error, words))
+        _print_error(_describe(error, words))
         _flush_or_discard(sys.stdout)
         return _code_of(error)
     except Exception as error:
         if debug:
             raise
-        _complain(_describe_unexpected(error))
+        _print_error(_describe_unexpected(error))
         return EXIT_USAGE
 
 
@@ -160,7 +160,7 @@ def _on_interrupt(handler: Callable[..., object]) -> None:
         signal.signal(signal.SIGINT, handler)
 
 
-def _mend_streams() -> None:
+def _replace_closed_streams() -> None:
     """Replace closed streams (``>&-``) by /dev/null; escape characters without an encoding."""
     for name in ('stdout', 'stderr'):
         stream = getattr(sys, name)
@@ -217,7 +217,7 @@ def _has_working_directory() -> bool:
     return True
 
 
-def _complain(message: str) -> None:
+def _print_error(message: str) -> None:
     try:
         sys.stderr.write(f'kitti-ros2: {one_line(message)}\n')
         sys.stderr.flush()

@@ -15,7 +15,7 @@ from ..batch.manifest import DONE, FAILED, MANIFEST
 from ..batch.units import FolderSearch, refuse_within
 from ..model.errors import UsageError, format_bytes, format_count, format_duration
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import cell, complain, format_path, plain_table, print_json, say
+from .output import cell, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
     """Yield what shows the progress of so many units, if standard error is a terminal."""
     if not show or not sys.stderr.isatty():
-        yield _RemarkLines()
+        yield _NoteLines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
@@ -50,14 +50,14 @@ def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
         yield _Bars(bars, units)
 
 
-class _RemarkLines(Progress):
+class _NoteLines(Progress):
     """Remarks as lines on standard error."""
 
     def remark(self, text: str) -> None:
-        complain(f'kitti-ros2: {text}')
+        say_error(f'kitti-ros2: {text}')
 
 
-class _Bars(_RemarkLines):
+class _Bars(_NoteLines):
     """One bar for all units, and one for each that is running."""
 
     def __init__(self, bars: Any, units: int) -> None:  # noqa: ANN401 - rich's progress
@@ -124,7 +124,7 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
     Console(highlight=False).print(table)
 
 
-def complain_of(records: Sequence[UnitRecord], command: str) -> None:
+def print_failures(records: Sequence[UnitRecord], command: str) -> None:
     """Print failed units, and what is bad in others, on standard error."""
     singular, plural = _BAD.get(command, _SKIPPED)
     failed = [record for record in records if record.state == FAILED]
@@ -132,12 +132,12 @@ def complain_of(records: Sequence[UnitRecord], command: str) -> None:
     lines = [f'failed {record.name}: {record.reason}' for record in failed]
     lines += [f'{singular} in {record.name}: {text}' for record in lossy for text in record.losses]
     for line in lines[:_SHOWN]:
-        complain(line)
+        say_error(line)
     if len(lines) > _SHOWN:
-        complain(f'... and {len(lines) - _SHOWN} more; kitti-ros2 status OUT --json lists them')
+        say_error(f'... and {len(lines) - _SHOWN} more; kitti-ros2 status OUT --json lists them')
     if failed or lossy:
         count = sum(record.bad for record in lossy)
-        complain(
+        say_error(
             f'kitti-ros2: {format_count(len(failed), "unit")} failed, {count}'
             f' {singular if count == 1 else plural} in'
             f' {format_count(len(lossy), "unit")}; exit code {EXIT_LOSSES}'
@@ -238,10 +238,10 @@ def run_collection(
         combined.show()
         _summarize(report, collection.command, elapsed)
     for problem in search.problems:
-        complain(problem)
-    complain_of(report.records, collection.command)
+        say_error(problem)
+    print_failures(report.records, collection.command)
     if search.problems:
-        complain(f'kitti-ros2: left out, as listed above; exit code {EXIT_LOSSES}')
+        say_error(f'kitti-ros2: left out, as listed above; exit code {EXIT_LOSSES}')
     return EXIT_OK if report.ok and not search.problems else EXIT_LOSSES
 
 

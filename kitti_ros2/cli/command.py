@@ -127,7 +127,7 @@ class Command(TyperCommand):
             if args and args[-1] in valued:
                 args.pop()  # an option without its value would hide the arguments
         else:
-            words.place_arguments([arg.metavar for arg in self._arguments])
+            words.take_arguments([arg.metavar for arg in self._arguments])
             args = words.spread()
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
@@ -190,7 +190,7 @@ class _GivenWords:
         """The list option whose values the words end with."""
         return self._lists.get(self._parts[-1][0]) if self._parts else None
 
-    def place_arguments(self, names: Sequence[str]) -> None:
+    def take_arguments(self, names: Sequence[str]) -> None:
         """Take missing arguments from the end of a list, if it is clear that they are there.
 
         Raises:
@@ -288,7 +288,7 @@ def completion_words() -> list[str]:
 
 
 @contextmanager
-def answering() -> Iterator[None]:
+def completion_timeout() -> Iterator[None]:
     """Answer in time or not at all, without a message: the terminal belongs to the shell."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     signal.signal(signal.SIGALRM, _give_up)
@@ -547,7 +547,7 @@ def _help(option: Option) -> str:
 
 
 # YAML reads 0010 as 8 and truncates a stamp to microseconds.
-_KEPT_AS_TEXT = ('int', 'timestamp')
+_TAGS_AS_TEXT = ('int', 'timestamp')
 
 
 def load_config(path: Path, names: Collection[str]) -> dict[str, object]:
@@ -565,7 +565,7 @@ def load_config(path: Path, names: Collection[str]) -> dict[str, object]:
     from ..options.declare import check_names
 
     try:
-        values = load_yaml(STORE.read_text(path), _KEPT_AS_TEXT)
+        values = load_yaml(STORE.read_text(path), _TAGS_AS_TEXT)
     except OSError as error:
         raise UsageError(f'{path}: {error.strerror}; --config takes a YAML file') from None
     except BadFileError as error:

@@ -14,12 +14,12 @@ from ..options.datasets import make_crop_options, make_split_options
 from .command import JsonOption, QuietOption, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
-    complain,
     format_path,
     print_json,
     put_result,
     report_values,
     say,
+    say_error,
     show_losses,
     step_progress,
 )
@@ -137,9 +137,9 @@ def split(
     elif not quiet:
         _print(report)
     for fault in report.faults:
-        complain(fault)
+        say_error(fault)
     if report.faults and not report.losses:
         count = format_count(len(report.faults), 'fault')
-        complain(f'kitti-ros2: {count} in the lists, listed above; exit code 1')
+        say_error(f'kitti-ros2: {count} in the lists, listed above; exit code 1')
     show_losses(report.losses)
     return EXIT_LOSSES if report.faults or report.losses else EXIT_OK

@@ -14,7 +14,7 @@ import typer
 from ..model.errors import OutputExistsError
 from ..model.streams import Layout
 from .command import OverwriteOption, QuietOption, argument, choice
-from .info import overlook, print_overview
+from .info import inspect_source, print_overview
 from .output import format_path, step_progress
 from .to_bag import to_bag
 
@@ -76,6 +76,6 @@ def demo(
     source = recording / inside
     code = to_bag(source, bag, layout=layout, overwrite=overwrite, quiet=quiet)
     if not quiet:
-        print_overview(overlook(bag, ReadOptions()))
+        print_overview(inspect_source(bag, ReadOptions()))
         sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
     return code

@@ -19,12 +19,12 @@ from .command import JsonOption, QuietOption, takes
 from .exits import EXIT_INTERRUPTED, EXIT_OK
 from .output import (
     bytes_progress,
-    complain,
     format_path,
     print_json,
     put_result,
     report_values,
     say,
+    say_error,
 )
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ def download(
             progress = fetching, extracting
             report = download_all(entries, root, options, extraction, progress)
     except KeyboardInterrupt:
-        complain('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
+        say_error('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
         sys.exit(EXIT_INTERRUPTED)
     return put_result(
         lambda: report_values(report), lambda: _say(report), report.losses, json=json, quiet=quiet

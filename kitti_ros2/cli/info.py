@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _MOST_FRAMES = 24
 
 
-def overlook(path: Path, options: ReadOptions) -> Overview:
+def inspect_source(path: Path, options: ReadOptions) -> Overview:
     """Return the overview of a bag, or of a KITTI folder."""
     from ..bags.bag_files import OpenBag
     from ..bags.open_source import open_source
@@ -178,7 +178,7 @@ def info(
       kitti-ros2 info 2011_09_26/2011_09_26_drive_0005_sync
       kitti-ros2 info drive_0005.mcap --json
     """
-    overview = overlook(src, make_settings(given).read)
+    overview = inspect_source(src, make_settings(given).read)
     if json:
         print_json(_values(overview))
     else:

@@ -36,7 +36,7 @@ def say(line: str) -> None:
     sys.stdout.write(f'{one_line(line)}\n')
 
 
-def complain(line: str) -> None:
+def say_error(line: str) -> None:
     """Print on standard error as one line of plain text."""
     sys.stderr.write(f'{one_line(line)}\n')
 
@@ -59,14 +59,14 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
     for message, same in list(causes.items())[:_SHOWN_LOSSES]:
         count = sum(loss.count for loss in same)
         names = same[0].stream + (f' and {len(same) - 1} more' if len(same) > 1 else '')
-        complain(f'skipped {names} ({count}): {message}')
+        say_error(f'skipped {names} ({count}): {message}')
     rest = list(causes.values())[_SHOWN_LOSSES:]
     if rest:
         count = sum(loss.count for same in rest for loss in same)
-        complain(f'skipped {count} more, for {len(rest)} more reasons')
+        say_error(f'skipped {count} more, for {len(rest)} more reasons')
     total = sum(loss.count for loss in losses)
     listed = 'the first of them listed above' if rest else 'listed above'
-    complain(f'kitti-ros2: {total} skipped in all, {listed}; exit code 1')
+    say_error(f'kitti-ros2: {total} skipped in all, {listed}; exit code 1')
 
 
 # Tables for a terminal of 80 columns, without lines.
@@ -235,7 +235,7 @@ def open_page(page: Path) -> None:
 
     address = page.resolve().as_uri()
     if not webbrowser.open(address):
-        complain(f'no browser is found; open {address}')
+        say_error(f'no browser is found; open {address}')
 
 
 # Progress bars on standard error: none where it is not a terminal.

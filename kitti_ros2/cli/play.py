@@ -18,7 +18,7 @@ from ..options.table import PLAY, make_play_settings
 from ..player.ros_installed import check_installed
 from .command import QuietOption, add_config, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
-from .output import complain, say
+from .output import say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,16 +126,16 @@ def _play_for_viewers(
     keep_freed_memory()
     status = StatusLine(show=not quiet)
 
-    def tell(text: str) -> None:
+    def print_line(text: str) -> None:
         status.hide()
         say(text)
         sys.stdout.flush()
 
     def warn(text: str) -> None:
         status.hide()
-        complain(text)
+        say_error(text)
 
-    terminal = Terminal(tell, warn, status, keyboard=keyboard, quiet=quiet)
+    terminal = Terminal(print_line, warn, status, keyboard=keyboard, quiet=quiet)
     failures = run_bridge(str(src), settings, viewers.port, origin_check, ending, terminal)
     return EXIT_LOSSES if failures else EXIT_OK
 

@@ -14,7 +14,7 @@ from ..model.bag_formats import CONTAINERS
 from ..model.errors import format_bytes, format_count
 from .command import FsyncOption, JsonOption, OverwriteOption, QuietOption, argument, choice
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import complain, format_path, print_json, say, step_progress
+from .output import format_path, print_json, say, say_error, step_progress
 
 if TYPE_CHECKING:
     from ..bags.recover import RecoveryReport
@@ -66,7 +66,7 @@ def recover(
         report = repair(bag, out, storage, overwrite=overwrite, fsync=fsync, progress=progress)
     elapsed = time.monotonic() - started
     for loss in report.losses:
-        complain(loss)
+        say_error(loss)
     if json:
         print_json({**asdict(report), 'seconds': elapsed})
     elif not quiet:
@@ -76,5 +76,5 @@ def recover(
     what = _lost(report)
     if report.lost_exactly and not report.lost:
         what = 'every message was copied, but the bag is not as a recorder leaves it'
-    complain(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
+    say_error(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES

@@ -17,7 +17,7 @@ from ..options.evaluation import DetectionOptions
 from ..options.table import make_settings, split_batch_options
 from .command import OverwriteOption, QuietOption, argument, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import ENDINGS, ResultOutput, complain, format_path, open_page, say, step_progress
+from .output import ENDINGS, ResultOutput, format_path, open_page, say, say_error, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -140,7 +140,7 @@ def report(
         size = path.write_bytes(make_page(page).encode())
     for finding in page.findings:
         if finding.is_loss:
-            complain(f'{finding.where + ": " if finding.where else ""}{finding.text}')
+            say_error(f'{finding.where + ": " if finding.where else ""}{finding.text}')
     if not quiet:
         notes = f', {format_count(page.notes, "note")}' if page.notes else ''
         say(
@@ -151,5 +151,5 @@ def report(
         open_page(out)
     if page.sound:
         return EXIT_OK
-    complain(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
+    say_error(f'kitti-ros2: data is missing or damaged, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES

@@ -17,7 +17,7 @@ from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
 from .command import JsonOption, OverwriteOption, QuietOption, takes
 from .exits import EXIT_OK
-from .output import cell, complain, format_path, plain_table, print_json, say
+from .output import cell, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ def _write(
         say(format_path(path))
     _show_commands(setup.commands)
     for note in setup.notes:
-        complain(f'note: {note}')
+        say_error(f'note: {note}')
 
 
 def _list(*, json: bool, quiet: bool) -> None:

@@ -28,7 +28,7 @@ def status(
       kitti-ros2 status bags --json
     """
     from ..batch.manifest import STATES, manifest_folder, measure_pace, read_manifest
-    from .collection import complain_of, print_groups, print_pace, record_json
+    from .collection import print_failures, print_groups, print_pace, record_json
 
     keep_imports()
     with manifest_folder(out) as folder:
@@ -50,5 +50,5 @@ def status(
         }
         print_groups({state: units for state, units in by_state.items() if units}, command)
         print_pace(out, pace)
-    complain_of(records, command)
+    print_failures(records, command)
     return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK

@@ -50,9 +50,9 @@ if TYPE_CHECKING:
 
 # The plan of a conversion as a table for a terminal, and as values for JSON.
 
-_MOST_PASSED_OVER = 12
-_PASSED_OVER = '-'
-_PASSED = 'passed over: '
+_MOST_UNUSED = 12
+_UNUSED = '-'
+_UNUSED_NOTE = 'passed over: '
 _SHORT = {Stream.CALIBRATION.value: 'calib'}
 """Names of streams in the table where theirs are long."""
 
@@ -71,7 +71,7 @@ def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
     console.print(one_line(f'{names}: {_head(outlook, overview)}'), style='bold', markup=False)
     console.print(_topic_table(overview), soft_wrap=False)
     if overview.passed_over:
-        say(f'{_PASSED_OVER}: passed over in this layout')
+        say(f'{_UNUSED}: passed over in this layout')
 
 
 def _head(outlook: Outlook, overview: PlanOverview) -> str:
@@ -92,11 +92,11 @@ def _topic_table(overview: PlanOverview) -> Table:
     table.add_column('frame', overflow='fold')
     for topic in overview.used:
         _add(table, ' '.join(_SHORT.get(name, name) for name in topic.streams), topic)
-    for topic in overview.passed_over[:_MOST_PASSED_OVER]:
-        _add(table, _PASSED_OVER, topic)
-    rest = len(overview.passed_over) - _MOST_PASSED_OVER
+    for topic in overview.passed_over[:_MOST_UNUSED]:
+        _add(table, _UNUSED, topic)
+    rest = len(overview.passed_over) - _MOST_UNUSED
     if rest > 0:
-        table.add_row(_PASSED_OVER, f'{rest} more; all with --json', '', '', '', '')
+        table.add_row(_UNUSED, f'{rest} more; all with --json', '', '', '', '')
     return table
 
 
@@ -106,7 +106,7 @@ def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
     table.add_row(stream, cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame))
 
 
-def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
+def print_notes(outlook: Outlook, overview: PlanOverview) -> None:
     """Print why a conversion would fail, the notes, and the layouts to choose from."""
     from rich.console import Console
 
@@ -126,17 +126,17 @@ def print_remarks(outlook: Outlook, overview: PlanOverview) -> None:
 def _joined(notes: Iterable[str]) -> Iterator[str]:
     """Yield notes, those on single topics that are passed over as one, where the first is."""
     notes = list(notes)
-    parts = [note.removeprefix(_PASSED).partition('; ') for note in notes if _is_single(note)]
+    parts = [note.removeprefix(_UNUSED_NOTE).partition('; ') for note in notes if _is_single(note)]
     for note in notes:
         if not _is_single(note):
             yield note
         elif parts:
-            yield _PASSED + '; '.join(f'{topic}, {reason}' for topic, _, reason in parts)
+            yield _UNUSED_NOTE + '; '.join(f'{topic}, {reason}' for topic, _, reason in parts)
             parts = []
 
 
 def _is_single(note: str) -> bool:
-    return note.startswith(_PASSED) and '; ' in note
+    return note.startswith(_UNUSED_NOTE) and '; ' in note
 
 
 def print_next(commands: Iterable[tuple[str, str]]) -> None:
@@ -194,7 +194,7 @@ class PlanRequest:
     preview: Path | None
 
 
-class Seen(NamedTuple):
+class PreparedPlan(NamedTuple):
     """The result of a look: the plan, and the preview if one is requested."""
 
     outlook: Outlook
@@ -221,7 +221,9 @@ def check_preview(preview: Path, bags: Sequence[Path], out: Path | None) -> None
         )
 
 
-def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = False) -> Seen:
+def prepare_plan(
+    request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = False
+) -> PreparedPlan:
     """Survey bags, make or read their plan, and write the preview if there is one.
 
     Args:
@@ -247,7 +249,7 @@ def see(request: PlanRequest, bags: Sequence[OpenBag], *, any_layout: bool = Fal
 
             drawn = _draw(request, bags, outlook)
             write_picture(picture_path, drawn.picture)
-    return Seen(outlook, drawn)
+    return PreparedPlan(outlook, drawn)
 
 
 def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
@@ -271,40 +273,40 @@ def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
     from ..bags.bag_files import path_of
 
     names = ', '.join(format_path(path_of(bag)) for bag in bags)
-    overview = _overlook(bags, outlook)
+    overview = _plan_overview(bags, outlook)
     print_plan(names, outlook, overview)
     return overview
 
 
-def _overlook(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+def _plan_overview(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
     from ..importer.apply_plan import overlook_plan
 
     return overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
 
 
-def print_look(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
+def show_plan(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
     """Show the plan of bags without an output, or write the preview; return the exit code."""
     from ..bags.bag_files import path_of
 
-    seen = see(request, bags, any_layout=True)
-    losses = () if seen.drawn is None else seen.drawn.losses
+    prepared = prepare_plan(request, bags, any_layout=True)
+    losses = () if prepared.drawn is None else prepared.drawn.losses
     if json:
-        overview = _overlook(bags, seen.outlook)
-        values = plan_values([path_of(bag) for bag in bags], seen.outlook, overview)
-        print_json(values | drawn_values(request, seen.drawn))
+        overview = _plan_overview(bags, prepared.outlook)
+        values = plan_values([path_of(bag) for bag in bags], prepared.outlook, overview)
+        print_json(values | drawn_values(request, prepared.drawn))
     elif request.preview is None:
-        overview = print_table(bags, seen.outlook)
-        print_remarks(seen.outlook, overview)
-        print_next(_commands(request, bags, seen.outlook, overview))
+        overview = print_table(bags, prepared.outlook)
+        print_notes(prepared.outlook, overview)
+        print_next(_commands(request, bags, prepared.outlook, overview))
     elif not quiet:
-        say_drawn(request, seen)
+        say_drawn(request, prepared)
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-def say_drawn(request: PlanRequest, seen: Seen) -> None:
+def say_drawn(request: PlanRequest, prepared: PreparedPlan) -> None:
     """Print what the preview shows, if there is one, and what could not be drawn."""
-    drawn = seen.drawn
+    drawn = prepared.drawn
     if request.preview is None or drawn is None:
         return
     for reason in drawn.missing:
@@ -312,7 +314,7 @@ def say_drawn(request: PlanRequest, seen: Seen) -> None:
     numbers = ', '.join(map(str, drawn.numbers))
     height, width = drawn.picture.shape[:2]
     size = format_bytes(request.preview.stat().st_size)
-    layout = seen.outlook.plan.layout.value
+    layout = prepared.outlook.plan.layout.value
     summary = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
     say(f'{format_path(request.preview)}: preview, {summary}')
 
@@ -423,18 +425,18 @@ def _convert(
     """Convert, after a look at the plan where one is wanted, and print a summary."""
     from ..own_bags.to_kitti import Conversion
 
-    seen = None
+    prepared = None
     if shown or request.preview is not None:
-        seen = see(request, bags)
+        prepared = prepare_plan(request, bags)
         if shown:
-            print_table(bags, seen.outlook)
+            print_table(bags, prepared.outlook)
         if not (quiet or json):
-            say_drawn(request, seen)
+            say_drawn(request, prepared)
     started = time.monotonic()
     notes: list[str] = []
     note = _note if not (quiet or json) else notes.append
     progress = partial(conversion_progress, show=not (quiet or json))
-    survey = None if seen is None else seen.outlook.survey
+    survey = None if prepared is None else prepared.outlook.survey
     conversion = Conversion(bags, out, request.options, request.plan_file, note, progress, survey)
     reports = conversion.run()
     elapsed = time.monotonic() - started
@@ -443,7 +445,7 @@ def _convert(
     def values() -> dict[str, object]:
         recordings = [*map(report_values, reports)]
         result = {'path': out, 'recordings': recordings, 'notes': notes, 'seconds': elapsed}
-        return result | drawn_values(request, None if seen is None else seen.drawn)
+        return result | drawn_values(request, None if prepared is None else prepared.drawn)
 
     def show() -> None:
         for report in reports:
@@ -575,7 +577,7 @@ def to_kitti(
     with ExitStack() as exit_stack:
         opened = _open(bags, exit_stack)
         if out is None:
-            return print_look(request, opened, quiet=quiet, json=json)
+            return show_plan(request, opened, quiet=quiet, json=json)
         shown = shown and plan_file is None
         shown = shown and not is_restored(own_bags(opened, options)[0], options)
         return _convert(request, opened, out, shown=shown, quiet=quiet, json=json)

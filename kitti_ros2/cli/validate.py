@@ -17,7 +17,7 @@ from ..options.datasets import make_validation_options
 from ..options.table import split_batch_options
 from .command import AllOverwriteOption, JsonOption, QuietOption, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import ResultOutput, complain, format_path, print_json, refuse_files, step_progress
+from .output import ResultOutput, format_path, print_json, refuse_files, say_error, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..options.table import BatchOptions
     from ..validation.rule import RuleFindings, ValidationReport
 
-_SHOWN_PLACES = 3
+_SHOWN_PER_RULE = 3
 _SHOWN_SOURCES = 12
 _SHOWN_ERRORS = 20
 _STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
@@ -86,21 +86,21 @@ def _print_report(report: ValidationReport, elapsed: float) -> None:
 def _print_group(console: Any, group: RuleFindings) -> None:  # noqa: ANN401 - rich's console
     head = f'{group.severity} {group.rule} ({group.count:,}): {group.checks}'
     console.print(one_line(head), style=_STYLES[group.severity], markup=False)
-    for finding in group.findings[:_SHOWN_PLACES]:
+    for finding in group.findings[:_SHOWN_PER_RULE]:
         line = '' if finding.line is None else f':{finding.line}'
         location = f'{format_path(finding.path)}{line}'
         console.print('  ' + one_line(f'{location}: {finding.message}'), markup=False)
-    if group.count > _SHOWN_PLACES:
-        console.print(f'  ... and {group.count - _SHOWN_PLACES:,} more', markup=False)
+    if group.count > _SHOWN_PER_RULE:
+        console.print(f'  ... and {group.count - _SHOWN_PER_RULE:,} more', markup=False)
     console.print(f'  -> {group.remedy}', markup=False)
 
 
-def _complain_of_errors(report: ValidationReport) -> None:
+def _print_errors(report: ValidationReport) -> None:
     errors = [finding for finding in report.findings if finding.severity == 'error']
     for error in errors[:_SHOWN_ERRORS]:
-        complain(f'{error.severity} {error.rule}: {error.place}: {error.message} ({error.remedy})')
+        say_error(f'error {error.rule}: {error.place}: {error.message} ({error.remedy})')
     if report.errors > _SHOWN_ERRORS:
-        complain(f'... and {report.errors - _SHOWN_ERRORS:,} more; --json lists them')
+        say_error(f'... and {report.errors - _SHOWN_ERRORS:,} more; --json lists them')
 
 
 def _count(report: ValidationReport) -> str:
@@ -151,6 +151,6 @@ def validate(
     if report.ok:
         return EXIT_OK
     if quiet:
-        _complain_of_errors(report)
-    complain(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
+        _print_errors(report)
+    say_error(f'kitti-ros2: {_count(report)}; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES

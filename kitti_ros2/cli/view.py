@@ -21,7 +21,7 @@ from ..model.streams import Stream
 from ..options.table import make_settings, make_view_settings
 from .command import QuietOption, argument, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
-from .output import complain, conversion_progress, format_path, say, show_losses, step_progress
+from .output import conversion_progress, format_path, say, say_error, show_losses, step_progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -112,7 +112,7 @@ def _draw(
         description = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
         film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
-        for note in (*source.assumptions, *_absent(settings, source, tally.kinds), *film):
+        for note in (*source.assumptions, *_missing_classes(settings, source, tally.kinds), *film):
             say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
@@ -124,7 +124,9 @@ def _draw(
     return (*concerned_losses(source, numbers, mode, settings.pictures), *tally.losses())
 
 
-def _absent(settings: ViewSettings, source: RecordingFrames, classes: Collection[str]) -> list[str]:
+def _missing_classes(
+    settings: ViewSettings, source: RecordingFrames, classes: Collection[str]
+) -> list[str]:
     """Return a note on each requested class that is missing, such as a misspelt one."""
     from ..pictures.panel import MODES
 
@@ -343,12 +345,12 @@ def _show_losses(report: ShowReport) -> None:
     lines = [f'missing: {text}' for text in report.missing]
     lines += [f'skipped ({count}): {text}' for text, count in report.losses.items()]
     for line in lines[:_SHOWN_LOSSES]:
-        complain(f'{" ".join(line.split())}')
+        say_error(f'{" ".join(line.split())}')
     if len(lines) > _SHOWN_LOSSES:
-        complain(f'and {len(lines) - _SHOWN_LOSSES} more lines like these')
+        say_error(f'and {len(lines) - _SHOWN_LOSSES} more lines like these')
     if lines:
         count = format_count(sum(report.losses.values()), 'message')
-        complain(f'kitti-ros2: {count} skipped, listed above; exit code 1')
+        say_error(f'kitti-ros2: {count} skipped, listed above; exit code 1')
 
 
 _COMMON = (

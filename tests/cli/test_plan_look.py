@@ -360,7 +360,7 @@ def test_a_plan_without_calibration_is_drawn_as_far_as_it_goes(write, tmp_path, 
 
 
 def test_many_topics_that_are_passed_over_are_counted(bag, on_terminal, monkeypatch):
-    monkeypatch.setattr('kitti_ros2.cli.to_kitti._MOST_PASSED_OVER', 1)
+    monkeypatch.setattr('kitti_ros2.cli.to_kitti._MOST_UNUSED', 1)
     _, out, _ = on_terminal(bag)
     assert len([topic for topic, row in rows_of(out).items() if row[0] == '-']) == 1
     assert '3 more; all with --json' in out

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.cli.info import overlook
+from kitti_ros2.cli.info import inspect_source
 from kitti_ros2.drawing.drawn_objects import rgb_of
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import make_header, make_vector3, serialize
@@ -90,7 +90,7 @@ def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch
         'parse_description',
         lambda text, bag: read.append(bag) or parse(text, bag),
     )
-    assert overlook(path, ReadOptions()).losses == ()
+    assert inspect_source(path, ReadOptions()).losses == ()
     assert len(read) == 1
     assert gather(path, ANY).frames == SMALL.frames
     assert len(read) == 2
