@@ -40,23 +40,31 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         'markers', 'one_in(n): of its many cases about one in n runs, and each with --every-case'
     )
+    config.addinivalue_line(
+        'markers', 'programs: starts players, shells, viewers or stacks; runs if it is asked for'
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out cases of long tables: always the same, and none that is asked for by its id."""
+    """Leave out cases of long tables, and from a run of all tests those that start programs.
+
+    The cases are always the same ones, and none is left out that is asked for by its id.
+    """
     if config.getoption('every_case') or any('::' in word for word in config.args):
         return
     left_out = [
-        each
+        case
         for _, cases in groupby(items, lambda item: item.nodeid.partition('[')[0])
-        for number, each in enumerate(cases)
-        if number and (mark := each.get_closest_marker('one_in'))
-        if crc32(each.name.encode()) % mark.args[0]
+        for number, case in enumerate(cases)
+        if number and (mark := case.get_closest_marker('one_in'))
+        if crc32(case.name.encode()) % mark.args[0]
     ]
+    if config.args_source is not pytest.Config.ArgsSource.ARGS and not config.option.markexpr:
+        left_out += [item for item in items if item.get_closest_marker('programs')]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
-        gone = {id(each) for each in left_out}
-        items[:] = [each for each in items if id(each) not in gone]
+        gone = {id(item) for item in left_out}
+        items[:] = [item for item in items if id(item) not in gone]
 
 
 @pytest.fixture(scope='session')

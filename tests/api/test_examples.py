@@ -28,6 +28,8 @@ from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 from shared_files import made_once  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
 NAMES = sorted(path.name for path in EXAMPLES.glob('*.py'))
 

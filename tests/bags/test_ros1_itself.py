@@ -20,6 +20,8 @@ from kitti_ros2.bags.segment_writer import ros1_lz4
 from kitti_ros2.cli import main
 from kitti_ros2.model.streams import Layout
 
+pytestmark = pytest.mark.programs
+
 DEBIAN = Path('/usr/bin/python3')
 SCRIPT = Path(__file__).with_name('ros1_itself.py')
 COMPRESSIONS = ['none', 'bz2', 'lz4']

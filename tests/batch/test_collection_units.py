@@ -31,7 +31,7 @@ def collection(tmp_path, recordings):
     shutil.copytree(drive.parent, root / drive.parent.name)
     shutil.copytree(drive, root / drive.parent.name / drive.name.replace('0001', '0007'))
     for layout in (Layout.OBJECT, Layout.ODOMETRY, Layout.TRACKING):
-        write_synthetic(root / layout.value, layout, SMALL)
+        shutil.copytree(recordings[layout], root / layout.value)
     (root / 'papers').mkdir()
     return root
 

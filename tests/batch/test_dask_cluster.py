@@ -23,6 +23,8 @@ from kitti_ros2.model.streams import Layout
 
 from builders import copied_drives, files_of, one_line  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 distributed = pytest.importorskip('distributed', reason='clusters need the extra cluster')
 
 DRIVES = 3

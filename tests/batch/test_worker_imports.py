@@ -19,6 +19,8 @@ from kitti_ros2.options.table import LOCAL
 
 from builders import copied_drives  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 WORKER = """
 import gc, multiprocessing, sys
 from kitti_ros2.batch.pool import prepare_workers

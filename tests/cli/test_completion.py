@@ -17,6 +17,8 @@ from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 SHELLS = {
     'bash': ['--norc', '-i'],
     'zsh': ['-i'],

@@ -29,6 +29,8 @@ from kitti_ros2.options.table import make_settings
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.programs
+
 SHELLS = ('sh', 'bash')
 TEXTS = ('text', 'bibtex')
 """Languages of what is shown, not run."""

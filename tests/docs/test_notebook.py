@@ -9,6 +9,8 @@ import json
 import pytest
 from code_blocks import ROOT, blocks_in
 
+pytestmark = pytest.mark.programs
+
 NOTEBOOK = ROOT / 'docs' / 'tutorials' / 'notebook.ipynb'
 PAGE = NOTEBOOK.with_suffix('.md')
 

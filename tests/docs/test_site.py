@@ -17,6 +17,8 @@ from code_blocks import ROOT
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.programs
+
 FIRST_RESULT = """new Promise(done => {
     const look = () => {
         const result = document.querySelector('.md-search-result__link')

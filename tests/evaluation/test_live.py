@@ -27,6 +27,8 @@ from kitti_ros2.options.evaluation import make_live_options
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.player.playback import Answers
 
+pytestmark = pytest.mark.programs
+
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 TOPIC = '/answering/boxes'

@@ -23,6 +23,8 @@ from shared_files import made_once  # isort: skip
 from terminals import read_to_the_end, read_until  # isort: skip
 from waiting import is_running  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'

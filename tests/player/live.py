@@ -16,6 +16,7 @@ from kitti_ros2.bags.reader import open_messages
 from waiting import PATIENCE_S  # isort: skip
 
 HERE = Path(__file__).parent
+GRACE_S = 10
 MAIN = 'import sys; sys.argv[0] = "kitti-ros2"; from kitti_ros2.cli import main; sys.exit(main())'
 
 WATCHED = f"""
@@ -123,11 +124,14 @@ class Recording:
 
 
 def stop(process):
-    """End a process that a test is done with; a killed one leaves its shared memory behind."""
+    """End a process that a test is done with; a killed one leaves its shared memory behind.
+
+    A listener hangs now and then while the middleware ends; nobody waits for that.
+    """
     if process.poll() is None:
         process.terminate()
         try:
-            process.communicate(timeout=PATIENCE_S)
+            process.communicate(timeout=GRACE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()

@@ -22,6 +22,8 @@ from kitti_ros2.player.session import LAST_WAIT_S
 
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 # A player whose node is as one of Cyclone DDS while a subscriber acknowledges nothing.
 STUCK = """
 import sys, threading

@@ -15,6 +15,8 @@ import live
 from builders import convert_recording  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 PAIRS = (('gray_left', 'gray_right'), ('color_left', 'color_right'))
 TOPICS = {
     f'/kitti/camera_{name}/{topic}': f'sensor_msgs/msg/{kind}'

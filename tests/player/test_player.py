@@ -27,6 +27,8 @@ import live
 from builders import convert_recording  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 SCAN = '/kitti/velo/points'
 TF = 'tf2_msgs/msg/TFMessage'
 MARKERS = '/kitti/labels/markers'

@@ -21,6 +21,8 @@ import live
 
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 SCANS = '/kitti/velo/points'
 NODES = 2  # of tf_stack.py
 

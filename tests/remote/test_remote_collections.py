@@ -25,6 +25,8 @@ from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 LOCK = 'bags/.manifest.sqlite.lock'
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.programs
+
 BENCHMARKS = Path(__file__).parents[2] / 'benchmarks'
 MODULES = {'kiss-icp': 'kiss_icp', 'genz-icp': 'genz_icp', 'rko_lio': 'rko_lio'}
 INSTALLED = [

@@ -34,6 +34,8 @@ from viewer import ENDED, PAUSE, PAUSED, PLAY, PLAYING, Viewer  # isort: skip
 from builders import convert_recording  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 STATE = '/kitti_player/state'
 SCAN = '/kitti/velo/points'
 OXTS = '/kitti/oxts/imu'

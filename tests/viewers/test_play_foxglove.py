@@ -21,6 +21,8 @@ from websockets.sync.client import connect
 
 from viewer import Player, Viewer  # isort: skip
 
+pytestmark = pytest.mark.programs
+
 OXTS = '/kitti/oxts/imu'
 PROTOCOL = 'foxglove.sdk.v1'
 FRAMES = 5  # of the small synthetic recordings
