@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sub-commands of the command line, the parser of its arguments, and what is said of mistakes."""
+"""Sub-commands of the command line, the parser of arguments, and its errors."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ _COMMANDS = {
     'eval tracking': ('eval', 'Score tracks: HOTA, CLEAR-MOT and IDF1 of cars and pedestrians.'),
     'eval live': ('eval', 'Play to a running stack, score its results, measure its latency.'),
 }
-"""The module and the first line of the help of each command; those of a group are two words.
+"""Module and first line of help by command; names of a group have two words.
 
 Only the requested command is imported.
 """
 
 
 def command_names() -> list[str]:
-    """Return the names of all sub-commands; those of a group are two words."""
+    """Return the names of all sub-commands; those of a group have two words."""
     return [*_COMMANDS]
 
 
@@ -91,7 +91,7 @@ def find_command(words: list[str]) -> tuple[str, Any]:
 
 
 def _requested(words: list[str]) -> str:
-    """Return the name of the command that is first in the words, or nothing."""
+    """Return the command that the words begin with; empty if there is none."""
     if words[:1] == ['--']:
         words = words[1:]
     return next((name for name in _COMMANDS if words[: len(name.split())] == name.split()), '')
@@ -182,7 +182,7 @@ def _eval() -> None:
 
 
 def _listed() -> int:
-    """Stand for a command that help texts and completions list, and that is not imported."""
+    """Stand for a command that is listed in help texts and completions, but not imported."""
     raise UsageError('a command is the first word; see kitti-ros2 --help')
 
 
@@ -257,19 +257,19 @@ def _no_command(word: str, names: list[str]) -> str:
     return f'there is no command {word}{hint or f"; there are {listed}"}'
 
 
-# The commands that do what was meant, made from the words of the one that failed.
+# Corrected commands, made from the words of the one that failed.
 
 _PROGRAM = 'kitti-ros2'
 _ROS_ARGS = '--ros-args'
 _FOLDER, _NAME = 'd', 's'
-"""The variables of shell loops: over folders, over the names of sequences."""
+"""Variables of shell loops: over folders, over the names of sequences."""
 
 
 def format_remedies(remedies: Sequence[Remedy], words: Sequence[str]) -> str:
     """Format the commands of remedies, joined by or; '' if the source is not among the words.
 
     Args:
-        remedies: Those of an error.
+        remedies: Remedies of an error.
         words: The arguments of the command line.
     """
     usable = [remedy for remedy in remedies if _word_index(words, remedy.given) is not None]

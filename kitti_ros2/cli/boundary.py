@@ -66,7 +66,7 @@ def main(args: list[str] | None = None) -> int:
             gc.freeze()  # as below
             return code
         code = _run_to_one_line(words, debug=debug, interruptible=True)
-        gc.freeze()  # the interpreter looks for garbage once more at its end: a tenth of a second
+        gc.freeze()  # the last collection of the interpreter takes a tenth of a second
         _on_interrupt(lambda *_: os._exit(code))  # there is nothing left to interrupt
         return code
     return _run_to_one_line(words, debug=debug)
@@ -101,12 +101,12 @@ def _run_to_one_line(words: list[str], *, debug: bool, interruptible: bool = Fal
 
 
 def _discard(stream: TextIO) -> None:
-    """Let what a standard stream still holds go nowhere."""
+    """Redirect a standard stream to /dev/null, with its buffered text."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _flush_or_discard(stream: TextIO) -> None:
-    """Leave nothing that Python would fail to write at exit, which is then another exit code."""
+    """Flush now: Python would fail to write at exit, and change the exit code."""
     try:
         stream.flush()
     except OSError:
@@ -132,7 +132,7 @@ def _run_and_flush(words: list[str], *, interruptible: bool) -> int:
     """Run and flush, to detect a closed pipe here and not at exit.
 
     Args:
-        words: Of the command line.
+        words: The command line.
         interruptible: Whether Ctrl-C raises KeyboardInterrupt as soon as there may be something to
             clean up; before that __main__ handles it.
     """
@@ -171,10 +171,10 @@ def _replace_closed_streams() -> None:
 
 
 class _End:
-    """The handler of signals that end a command: through the context managers that clean up.
+    """Handler of signals that end a command through its context managers, which clean up.
 
-    Another one soon after the first would cut these short. Later ones count again: what cleans up
-    may hang.
+    A second signal soon after the first is ignored, so that the cleaning finishes; later ones are
+    handled again, because it may hang.
     """
 
     def __init__(self) -> None:
@@ -221,7 +221,7 @@ def _print_error(message: str) -> None:
     try:
         sys.stderr.write(f'kitti-ros2: {one_line(message)}\n')
         sys.stderr.flush()
-    except OSError:  # a full disk: there is nobody to tell, and the exit code stays
+    except OSError:  # a full disk: nothing can be printed, and the exit code stays
         _discard(sys.stderr)
 
 

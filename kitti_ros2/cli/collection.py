@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
-    """Yield what shows the progress of so many units, if standard error is a terminal."""
+    """Yield an object that shows the progress of units, if standard error is a terminal."""
     if not show or not sys.stderr.isatty():
         yield _NoteLines()
         return
@@ -51,7 +51,7 @@ def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
 
 
 class _NoteLines(Progress):
-    """Remarks as lines on standard error."""
+    """Notes as lines on standard error."""
 
     def remark(self, text: str) -> None:
         say_error(f'kitti-ros2: {text}')
@@ -92,7 +92,7 @@ _COUNTED = {
     'stats': ('frames', 'objects'),
     'report': ('frames', 'bytes'),
 }
-"""By command what is counted of a unit."""
+"""Counts of a unit that are shown, by command."""
 _FRAMES = ('frames',)
 _HEADINGS = {'bytes': 'size'}
 _BAD = {'validate': ('error', 'errors'), 'report': ('loss', 'losses')}
@@ -125,7 +125,7 @@ def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> No
 
 
 def print_failures(records: Sequence[UnitRecord], command: str) -> None:
-    """Print failed units, and what is bad in others, on standard error."""
+    """Print failed units, and the errors and losses of others, on standard error."""
     singular, plural = _BAD.get(command, _SKIPPED)
     failed = [record for record in records if record.state == FAILED]
     lossy = [record for record in records if record.state == DONE and record.bad]
@@ -174,10 +174,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Combined:
-    """What the outputs of all units give together; nothing by default.
+    """Result of all units together; nothing by default.
 
     Attributes:
-        values: Returns it for print_json.
+        values: Returns the result for print_json.
         show: Prints it.
     """
 
@@ -198,7 +198,7 @@ def run_collection(
     Args:
         collection: The command, with its output.
         find: Returns the units of a search.
-        combine: Makes what is common to all units, from those that are done and their outputs.
+        combine: Makes the result of all units, from those that are done and their outputs.
         json: Whether to print the summary as JSON.
         quiet: Print only failed units and skipped data.
 
@@ -260,7 +260,7 @@ def need_folder(out: Path | None, endings: Sequence[str] = ()) -> Path:
 
     Args:
         out: As given with -o.
-        endings: Of the files that -o names without --all.
+        endings: Endings of the files that -o names without --all.
 
     Raises:
         UsageError: It is not given, or is the name of a file.

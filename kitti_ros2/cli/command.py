@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The options of sub-commands: declared, in YAML files, parsed, completed, in help texts."""
+"""Options of sub-commands: declarations, YAML files, parsing, completion, help texts."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class Command(TyperCommand):
         return parsed
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:  # noqa: ANN401 - as above
-        """Complete a value of a list, or an option; its help without what shells interpret."""
+        """Complete a value of a list, or an option with plain help."""
         option = ctx.meta.get(OPEN_LIST)
         if option is not None and not incomplete.startswith('-'):
             completions: list[Any] = option.shell_complete(ctx, incomplete)
@@ -154,7 +154,7 @@ class Command(TyperCommand):
 
 
 class _GivenWords:
-    """The words after a command, in parts: a list option with its values, any other word or option.
+    """The words after a command, in parts: list options with their values, other words.
 
     Args:
         words: The words.
@@ -194,8 +194,8 @@ class _GivenWords:
         """Take missing arguments from the end of a list, if it is clear that they are there.
 
         Raises:
-            UsageError: It is not: some arguments are given, or several lists may hold them. Or a
-                list has no values.
+            UsageError: It is not clear, because some arguments are given or several lists may
+                hold them; or a list has no values.
         """
         for part in self._parts:
             if part[0] in self._lists and len(part) == 1:
@@ -229,7 +229,7 @@ class _GivenWords:
 
 
 class _PathWord:
-    """Stands for Path, of which typer would make one of URLs, too, without their `//`."""
+    """Type in place of Path: typer would make a Path of a URL, without its `//`."""
 
 
 _KINDS: tuple[tuple[Any, Any], ...] = (
@@ -270,13 +270,13 @@ def _path_or_url() -> Any:  # noqa: ANN401 - a type of typer's copy of click
 # Completion of a command line that is being typed: option values, topics and sequences of SRC.
 #
 # The shell starts the command with the words so far in the environment; see completion_words.
-# What is asked of SRC reads the names of its files, or the summary of a bag.
+# Completions for SRC read the names of its files, or the summary of a bag.
 
 Complete: TypeAlias = 'Callable[[Any, str], list[str]]'
 """A function that typer calls with its context and the word that is being typed."""
 
 VARIABLE = '_KITTI_ROS2_COMPLETE'
-"""The variable of the environment that asks for a completion; typer's scripts set it."""
+"""Environment variable that requests a completion; typer's scripts set it."""
 _WORDS = ('COMP_WORDS', '_TYPER_COMPLETE_ARGS')
 _LONGEST_S = 3.0
 
@@ -424,7 +424,7 @@ _VALUES = {
 }
 
 
-# Options of commands: from their declarations in options/, and one that several have.
+# Options of commands: from their declarations in options/, and those that several share.
 
 QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
@@ -461,7 +461,7 @@ def choice(words: Collection[str], help_text: str) -> Any:  # noqa: ANN401 - an 
 Marked = TypeVar('Marked', bound='Callable[..., object]')
 
 _TABLES: dict[str, tuple[str, str, frozenset[str], list[Parameter]]] = {}
-"""By name of a function: its table and its module, the options left out, its parameters."""
+"""Table, its module, the options left out and own parameters, by name of a function."""
 
 
 def takes(
@@ -471,7 +471,7 @@ def takes(
 
     Args:
         table: Name of the table.
-        of: Its module.
+        of: Module of the table.
         but: Options that the command declares itself.
     """
 
@@ -555,7 +555,7 @@ def load_config(path: Path, names: Collection[str]) -> dict[str, object]:
 
     Args:
         path: The file.
-        names: The valid ones.
+        names: The valid names.
 
     Raises:
         UsageError: The file is missing, invalid YAML, or not a mapping of known names.

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from ..pictures.recording_frames import RecordingFrames
 
 
-# The frames with the most errors: the folder with their pictures.
+# Pictures of the frames with the most errors.
 
 _PICTURE = re.compile(r'\d{2,}_\d{6,}\.png', re.ASCII)
 
@@ -87,7 +87,7 @@ def draw_worst(
     *,
     quiet: bool,
 ) -> tuple[Loss, ...]:
-    """Draw frames with their errors into a new folder; return what could not be drawn."""
+    """Draw frames with their errors into a new folder; return the losses."""
     from ..evaluation.worst_pictures import draw_worst_frames
     from ..files.staging import staged
 
@@ -154,7 +154,7 @@ def _print(live: LiveScores) -> None:
 
 
 def _values(live: LiveScores) -> dict[str, object]:
-    """Return what is printed as JSON: the document of the evaluation, and that of the run."""
+    """Return the values for JSON: those of the evaluation, and those of the run."""
     from ..evaluation.score_values import detection_values, odometry_values, tracking_values
 
     values_of: dict[str, Callable[[Any], dict[str, Any]]] = {

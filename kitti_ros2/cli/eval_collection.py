@@ -48,7 +48,7 @@ class Evaluation:
 
     Attributes:
         name: The word after eval.
-        kind: What it compares.
+        kind: Ground truth and results that it compares.
         run: Runs a unit.
         read: Returns the options that choose among the ground truth, from values by name.
         columns: Headings of the table of results.
@@ -78,7 +78,7 @@ def run_eval_collection(
     """Score each result of a collection, and print the figures of each.
 
     Args:
-        evaluation: What is scored.
+        evaluation: The evaluation.
         paths: Ground truth and results: roots, globs or lists.
         given: The options of a unit by name.
         batch: How the collection is run.

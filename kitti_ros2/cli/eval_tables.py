@@ -126,7 +126,7 @@ def print_trajectory(scores: OdometryScores) -> None:
 
 
 def _alignment_of(scores: OdometryScores) -> str:
-    """Say which figures are aligned: a rigid alignment changes no segment, a scale does."""
+    """Describe which figures are aligned: a scale changes segments, a rigid alignment does not."""
     if scores.alignment.has_scale:
         return f', scale {scores.errors.scale:.6g} for APE, RPE and segments'
     return ' for APE and RPE; segments do not depend on it'
@@ -179,7 +179,7 @@ _COLUMNS = {
     'PT': 'PT',
     'ML': 'ML',
 }
-"""By TrackEval's name of a figure the heading of its column."""
+"""Heading of the column of a figure, by TrackEval's name."""
 
 
 def print_tracks(scores: TrackingScores) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a command ends: its exit code, and a clean exit on Ctrl-C and SIGTERM."""
+"""Exit codes, and a clean exit on Ctrl-C and SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from functools import lru_cache
 
 
 EXIT_OK = 0
-"""Everything was written; or what reads the output had enough of it, as `head` does."""
+"""Everything was written; or the reader of the output closed it early, as `head` does."""
 EXIT_LOSSES = 1
 """Some data was missing or bad: it is listed, also with -q, and everything else was written."""
 EXIT_USAGE = 2

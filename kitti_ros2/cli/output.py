@@ -32,7 +32,7 @@ _SHOWN_LOSSES = 20
 
 
 def say(line: str) -> None:
-    """Print on standard output as one line of plain text, whatever the characters."""
+    """Print on standard output as one line of plain text."""
     sys.stdout.write(f'{one_line(line)}\n')
 
 
@@ -72,7 +72,7 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
 # Tables for a terminal of 80 columns, without lines.
 
 NONE = '-'
-"""The cell of a figure that is not there."""
+"""Cell of a missing figure."""
 
 
 def plain_table(first: str, numbers: Iterable[str] = ()) -> Table:
@@ -101,7 +101,7 @@ def number_cell(value: float | None, digits: int = 2) -> str:
 
 
 def figure_cells(figures: Mapping[str, float | None], names: Iterable[str]) -> list[str]:
-    """Format the figures of a class; the counts of one that neither side has are no figures."""
+    """Format the figures of a class; those of one without objects and results are missing."""
     values = [figures[name] for name in names]
     return [NONE for _ in values] if None in values else [number_cell(value) for value in values]
 
@@ -127,12 +127,12 @@ def put_result(
     json: bool,
     quiet: bool,
 ) -> int:
-    """Print the result of a command, and what it skipped.
+    """Print the result of a command, and its losses.
 
     Args:
         values: Returns the result for JSON.
         show: Prints it for a reader.
-        losses: What was skipped.
+        losses: Data that was skipped.
         json: Whether to print JSON.
         quiet: Print only losses.
 
@@ -147,15 +147,15 @@ def put_result(
     return EXIT_LOSSES if losses else EXIT_OK
 
 
-# Where and how a command that checks, counts or scores puts its result.
+# Output of commands that check, count or score.
 
 
 @dataclass(frozen=True)
 class ResultOutput:
-    """Where and how a result is put.
+    """File or folder and form of a result.
 
     Attributes:
-        out: What -o names, None without it: a file, or with --all the folder of outputs.
+        out: Argument of -o, None without it: a file, or with --all the folder of outputs.
         overwrite: Whether existing files may be replaced.
         json: Whether to print JSON instead of text.
         quiet: Print only errors and losses.
@@ -230,7 +230,7 @@ ENDINGS = ('.html', '.htm')
 
 
 def open_page(page: Path) -> None:
-    """Open a page in the browser, or say that there is none."""
+    """Open a page in the browser; print its address if there is none."""
     import webbrowser
 
     address = page.resolve().as_uri()

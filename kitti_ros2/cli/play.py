@@ -36,7 +36,7 @@ _VIEWERS_CLOCK_HZ = 20.0
 
 @dataclass(frozen=True)
 class ViewerAccess:
-    """Where viewers connect, and which.
+    """Address for viewers, and the web pages that may connect.
 
     Attributes:
         port: TCP port.
@@ -52,7 +52,7 @@ class ViewerAccess:
 def viewer_access(
     port: int | None, bind: str | None, allow_origin: Sequence[str]
 ) -> ViewerAccess | None:
-    """Return what the options for viewers say; None without --foxglove.
+    """Return the access of viewers by the options; None without --foxglove.
 
     Raises:
         UsageError: There are other options for viewers without --foxglove.
@@ -65,7 +65,7 @@ def viewer_access(
 
 
 def split_ros_args(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return our arguments and those of ROS: from each --ros-args to the next -- or the end."""
+    """Return our arguments, and those of ROS: from each --ros-args to the next -- or the end."""
     ours: list[str] = []
     theirs: list[str] = []
     reading = False

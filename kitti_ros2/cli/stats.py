@@ -41,7 +41,7 @@ def _run_whole(
     batch: BatchOptions,
     output: ResultOutput,
 ) -> int:
-    """Count what is in each unit of a collection; print all together, and write their table."""
+    """Count the content of each unit of a collection; print and write the total as a table."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.unit_functions import run_statistics_unit

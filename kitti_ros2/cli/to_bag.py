@@ -71,7 +71,7 @@ def _run_whole(
 
 @contextmanager
 def _interruption_described() -> Iterator[None]:
-    """Let Ctrl-C be an error that names what is kept: typer catches KeyboardInterrupt."""
+    """Turn Ctrl-C into an error that names partial bags: typer catches KeyboardInterrupt."""
     try:
         yield
     except KeyboardInterrupt as error:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""kitti-ros2 to-kitti, and the look at its plan before anything is written."""
+"""kitti-ros2 to-kitti, and its plan, shown before anything is written."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ _MOST_UNUSED = 12
 _UNUSED = '-'
 _UNUSED_NOTE = 'passed over: '
 _SHORT = {Stream.CALIBRATION.value: 'calib'}
-"""Names of streams in the table where theirs are long."""
+"""Short names of streams for the table."""
 
 
 def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
-    """Print which topic becomes which stream, and what is passed over.
+    """Print which topic becomes which stream, and the unused topics.
 
     Args:
-        names: Of the bags.
+        names: Names of the bags.
         outlook: The plan and how it was made.
-        overview: What it makes of the bags.
+        overview: Streams, topics and faults by the plan.
     """
     from rich.console import Console
 
@@ -124,7 +124,7 @@ def print_notes(outlook: Outlook, overview: PlanOverview) -> None:
 
 
 def _joined(notes: Iterable[str]) -> Iterator[str]:
-    """Yield notes, those on single topics that are passed over as one, where the first is."""
+    """Yield notes; those on single unused topics are joined at the position of the first."""
     notes = list(notes)
     parts = [note.removeprefix(_UNUSED_NOTE).partition('; ') for note in notes if _is_single(note)]
     for note in notes:
@@ -149,7 +149,7 @@ def print_next(commands: Iterable[tuple[str, str]]) -> None:
 def plan_values(
     paths: Iterable[Path], outlook: Outlook, overview: PlanOverview
 ) -> dict[str, object]:
-    """Return a plan and what it makes of bags, for JSON."""
+    """Return a plan and its overview for JSON."""
     return {
         'bags': list(paths),
         'layout': overview.plan.layout.value,
@@ -170,7 +170,7 @@ def _by_name(outlook: Outlook) -> Mapping[str, object]:
     return {layout.value: streams for layout, streams in outlook.layouts.items()}
 
 
-# A look at the plan of a conversion before anything is written: its table, its preview.
+# The plan before anything is written: its table, its preview.
 
 _OF_THE_PLAN = ('layout', 'name', 'calib')
 """Options that --plan takes as well."""
@@ -179,11 +179,11 @@ _SPELLINGS = {'train_fraction': 'split'}
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What a user wants to see of a plan.
+    """Request to show a plan.
 
     Attributes:
         given: Options by name, as the user gave them.
-        options: The same.
+        options: The same, parsed.
         plan_file: A plan to use.
         preview: The picture to write, if any.
     """
@@ -195,7 +195,7 @@ class PlanRequest:
 
 
 class PreparedPlan(NamedTuple):
-    """The result of a look: the plan, and the preview if one is requested."""
+    """A plan, and its preview if one is requested."""
 
     outlook: Outlook
     drawn: Preview | None
@@ -227,8 +227,8 @@ def prepare_plan(
     """Survey bags, make or read their plan, and write the preview if there is one.
 
     Args:
-        request: What is wanted.
-        bags: Those of one recording.
+        request: The request.
+        bags: Bags of one recording.
         any_layout: Whether a missing layout is chosen by the content of the bags.
     """
     from ..files.staging import staged_file
@@ -253,7 +253,7 @@ def prepare_plan(
 
 
 def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
-    """Draw what a conversion would write: by the plan, or the original files."""
+    """Draw frames as a conversion would write them: by the plan, or the original files."""
     from ..importer.survey import look
     from ..own_bags.recording import open_own_recording
     from ..pictures.preview import draw_preview, draw_recorded
@@ -305,7 +305,7 @@ def show_plan(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, jso
 
 
 def say_drawn(request: PlanRequest, prepared: PreparedPlan) -> None:
-    """Print what the preview shows, if there is one, and what could not be drawn."""
+    """Print the frames and the size of the preview, if there is one, and missing data."""
     drawn = prepared.drawn
     if request.preview is None or drawn is None:
         return
@@ -320,7 +320,7 @@ def say_drawn(request: PlanRequest, prepared: PreparedPlan) -> None:
 
 
 def drawn_values(request: PlanRequest, drawn: Preview | None) -> dict[str, object]:
-    """Return what the preview shows, for JSON; nothing without one."""
+    """Return the preview for JSON; nothing without one."""
     if drawn is None:
         return {}
     shown = {'path': request.preview, 'frames': drawn.numbers, 'missing': drawn.missing}
@@ -422,7 +422,7 @@ def _convert(
     quiet: bool,
     json: bool,
 ) -> int:
-    """Convert, after a look at the plan where one is wanted, and print a summary."""
+    """Convert, after showing the plan if requested, and print a summary."""
     from ..own_bags.to_kitti import Conversion
 
     prepared = None
@@ -459,7 +459,7 @@ def _note(text: str) -> None:
 
 
 def _open(paths: Sequence[Path], exit_stack: ExitStack) -> list[OpenBag]:
-    """Open bags until the end of a stack."""
+    """Open bags, which the exit stack closes."""
     from ..bags.open_source import open_bag_source
 
     return [exit_stack.enter_context(open_bag_source(path)) for path in paths]

@@ -275,7 +275,7 @@ def run_rerun(
         raise UsageError(
             "--rerun needs rerun-sdk, which is not installed; run pip install 'kitti_ros2[rerun]'"
         )
-    # Rerun's log repeats on several lines what is printed here in one.
+    # Rerun's log repeats on several lines an error that is printed here in one.
     os.environ.setdefault('RUST_LOG', 'off')
     settings = make_settings(given)
     with closing(open_program(src, settings)) as program:

@@ -52,7 +52,7 @@ Span: TypeAlias = tuple[float, float]
 """Lowest and highest value, both included; an open end is infinite."""
 
 LASERS = 64
-"""Of KITTI's scanner, a Velodyne HDL-64E."""
+"""Lasers of KITTI's scanner, a Velodyne HDL-64E."""
 _FEWER_LASERS = (32, 16)
 _LEAST_VOXEL_M = 0.001
 _FOLDER = re.compile(r'velodyne[\w.-]*', re.ASCII)
@@ -218,7 +218,7 @@ class CropOptions:
 _NAME = re.compile(r'[A-Za-z0-9_][A-Za-z0-9_.-]*', re.ASCII)
 _NAMES = ('train', 'val')
 _ROUNDING = 1e-9
-"""How far the sum of the shares may be from 1."""
+"""Tolerance of the sum of the shares, which is 1."""
 
 
 @dataclass(frozen=True)

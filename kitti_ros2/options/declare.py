@@ -45,7 +45,7 @@ def given_as(
     placeholder: str = '',
     keyword: str = '',
 ) -> Callable[[P], P]:
-    """Declare what a parser takes, where it is not one word.
+    """Declare the type that a parser takes, if it is not one word.
 
     Args:
         kind: On the command line: bool for a flag, list[str] for several words, or the type of
@@ -145,7 +145,7 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
     return parse
 
 
-# Parsers of quantities: sizes, times, lengths in metres, shares; see parsers.py.
+# Parsers of quantities: sizes, times, lengths in metres, shares.
 
 _SIZE = re.compile(r'(\d{1,100}(?:\.\d{1,100})?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
@@ -303,7 +303,7 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     return shares
 
 
-# Parsers of lists of classes, each with a class, a label or an overlap; see parsers.py.
+# Parsers of lists of classes, each with a class, a label or an overlap.
 
 
 @given_as(list[str], keyword='OneOrMore | Mapping[str, str]')
@@ -397,7 +397,7 @@ class Option:
         field: Name of the field that it fills.
         default: Default of the field.
         meaning: One line of help, without the default.
-        parse: Parser of a value; see parsers.py.
+        parse: Parser of a value.
         name: Name in YAML and ROS; the command line has dashes for underscores.
         unset: Text for help if the default depends on something else, such as another option.
         bounds: Lowest and highest value of the ROS parameter; see check_bounds for other values.
@@ -436,7 +436,7 @@ class Option:
 
     @property
     def placeholder(self) -> str:
-        """What stands for the value in help texts; empty for a flag, and for a word as such."""
+        """Placeholder of the value in help texts; empty for a flag, and for a plain word."""
         if self.choices and not self.metavar:
             return f'[{"|".join(self.choices)}]'
         return self.metavar or _GIVEN.get(self.parse, _ONE_WORD)[1]
@@ -513,7 +513,7 @@ def make_options(kind: type[T], parsed: Mapping[str, Any], **others: Any) -> T: 
 
     Args:
         kind: Its dataclass.
-        parsed: Values by name of option; those of other dataclasses are passed over.
+        parsed: Values by name of option; those of other dataclasses are ignored.
         others: Values of fields that are not in `parsed`.
 
     Raises:

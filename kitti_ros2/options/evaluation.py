@@ -91,7 +91,7 @@ class BagResultsOptions:
 # Options of scoring detections.
 
 BENCHMARK_CLASSES = {'car': 0.7, 'pedestrian': 0.5, 'cyclist': 0.5}
-"""By class of the object benchmark the overlap above which a detection matches (MIN_OVERLAP)."""
+"""Overlap above which a detection matches, by class of the object benchmark (MIN_OVERLAP)."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ TASKS = {
     types.POSE: _POSES,
     types.PATH: _POSES,
 }
-"""By message type the evaluations of such results, the usual one first."""
+"""Evaluations of results by message type, the usual one first."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class ImportOptions:
         layout: One of KITTI's; None keeps that of a bag written by to-bag.
         name: Drive, split or sequence, None takes the plan's.
         calib: A KITTI calibration file or folder instead of the bag's own calibration.
-        origin: Place of the origin of poses that become oxts, LAT,LON,ALT; None takes the plan's.
+        origin: LAT,LON,ALT of the origin of poses that become oxts; None takes the plan's.
         train_fraction: Fraction of an object set's frames in train, 0 to 1.
         all_cameras: Whether each camera of a bag of others gets a data set of its own.
         append: Whether to continue the numbering of an existing object set.

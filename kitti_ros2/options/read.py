@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of what is read: layout and sequence of a KITTI folder, the part that is selected."""
+"""Options of reading: layout and sequence of a KITTI folder, the selected part."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _PERIODS_S = (0.001, 60.0)
 
 
 class ScanStamp(str, Enum):
-    """Moment of a scan that its stamp marks: the start of the turn, or facing forward."""
+    """Time of a scan that its stamp marks: the start of the turn, or facing forward."""
 
     START = 'start'
     FORWARD = 'forward'
@@ -69,7 +69,7 @@ class ReadOptions:
         semantic: Whether scans are read with SemanticKITTI's labels.
         period_ns: Time between frames of recordings without time stamps, and length of a turn
             of the scanner whose start and end are not known; 1 ms to 60 s.
-        scan_stamp: Moment of a scan that its stamp marks. Scans that KITTI has compensated for
+        scan_stamp: Time of a scan that its stamp marks. Scans that KITTI has compensated for
             motion (odometry) keep their stamps.
         real_time: Whether frames of an object set have the stamps of their raw drives.
         mapping: The folder of the object devkit's mapping; None searches beside the set.
@@ -270,7 +270,7 @@ class SelectionOptions:
         streams: Names of streams; image selects all cameras; empty selects all.
         topics: Names of topics, wildcards allowed; empty selects all.
         exclude_topics: Names of topics to leave out of those, wildcards allowed.
-        start, end: First and last moment, both included; None is unlimited.
+        start, end: First and last frame, offset or stamp, both included; None is unlimited.
 
     Raises:
         UsageError: The end is before the start.
@@ -375,7 +375,7 @@ class ImuOptions:
 
     Attributes:
         path: The extract of the drive; None takes the synchronised packets.
-        stamps: Of its packets.
+        stamps: Stamps of its packets.
 
     Raises:
         UsageError: Regular stamps are requested without an extract.

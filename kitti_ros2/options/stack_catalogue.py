@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stacks of --for: what each demands of messages, and how a recording meets it.
+"""The stacks of --for: their demands on messages, and how a recording meets them.
 
 A stack is a file, stacks/NAME.yaml; its names of topics and frames are in stack_names.py. The
 classes below are the schema of the files. A stack's own files are described in its own words; the
@@ -20,7 +20,7 @@ from .stack_names import FRAMES, TOPICS, StackName
 
 _FOLDER = Path(__file__).with_name('stacks')
 _SLACK = 0.8
-"""The share of a rate that is near enough."""
+"""Share of a rate that is close enough."""
 
 Value: TypeAlias = str | bool
 
@@ -85,7 +85,7 @@ class Included:
 
 @dataclass(frozen=True)
 class Result:
-    """What a stack publishes that is worth keeping.
+    """Results that a stack publishes.
 
     Attributes:
         topics: Recorded, besides /tf and /tf_static.
@@ -107,11 +107,11 @@ class Stack:
     """One program and its demands.
 
     Attributes:
-        name: As users write it.
+        name: Name on the command line.
         title: Name and publisher.
-        what: What it does, a few words.
-        version: What was read.
-        demands: What it asks of messages.
+        what: Its purpose, a few words.
+        version: Version of the source that was read.
+        demands: Its demands on messages.
         points: Point fields that it reads, a few words; '' for none.
         imu: Whether it reads an Imu, a few words; '' for no.
         settings: Options of messages that it needs: their names, and the values that meet its
@@ -150,12 +150,12 @@ class Stack:
 
     @property
     def topics(self) -> Mapping[str, str]:
-        """Topics by their names in the preset default, to the names that it expects."""
+        """Names of topics that it expects, by their names in the preset default."""
         return TOPICS.get(StackName(self.name), {})
 
     @property
     def frames(self) -> Mapping[str, str]:
-        """Fields of FrameNames with the names that it expects."""
+        """Names of frames that it expects, by field of FrameNames."""
         return FRAMES.get(StackName(self.name), {})
 
     def notes_of_imu(self, topic: str, rate_hz: float) -> list[str]:
@@ -167,7 +167,7 @@ class Stack:
 
 
 class _Stacks(Mapping[str, Stack]):
-    """Reads the file of a stack when it is asked for."""
+    """Mapping that reads the file of a stack at first access."""
 
     def __getitem__(self, name: str) -> Stack:
         if name not in [*self]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the stacks, for the option --for, and those that they expect of topics and frames.
+"""Names of the stacks, for the option --for, and of the topics and frames that they expect.
 
 stack_catalogue.py describes them. This module is small: readers of bags import it, too.
 """
@@ -24,7 +24,7 @@ _COLOR_RIGHT = '/kitti/camera_color_right'
 
 
 class StackName(str, Enum):
-    """Programs whose demands are known."""
+    """Programs with known demands."""
 
     KISS_ICP = 'kiss-icp'
     GENZ_ICP = 'genz-icp'
@@ -108,6 +108,6 @@ TOPICS: Mapping[StackName, Mapping[str, str]] = {
         VELOCITY: '/sensing/vehicle_velocity_converter/twist_with_covariance',
     },
 }
-"""Names of topics, by those of the preset default, where a stack expects others."""
+"""Names of topics that a stack expects, by those of the preset default that differ."""
 FRAMES: Mapping[StackName, Mapping[str, str]] = {StackName.NVBLOX: {'map': 'odom'}}
-"""The same of frames, by field of FrameNames."""
+"""Names of frames that a stack expects, by field of FrameNames."""

@@ -125,7 +125,7 @@ class ViewSettings:
     Attributes:
         read, pictures, predictions: The options objects of each part.
         selection: First and last frame of a film or folder; the first is that of a picture.
-        mode: What is drawn.
+        mode: Name of the drawing.
         frame: The frame of a picture; None is the first.
         frames: Frames of a film or folder, FIRST:LAST[:STEP]; None is all.
         rate_hz: Pictures per second of a film; None is the rate of the recording.
@@ -443,7 +443,7 @@ class BatchOptions:
 
 
 BATCH = options_of(BatchOptions)
-"""Options of a collection; they are of the command line only."""
+"""Options of a collection, on the command line only."""
 _SLICED = 'slice_frames'
 
 
