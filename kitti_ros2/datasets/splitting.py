@@ -282,7 +282,7 @@ class GivenList:
         testing = found.is_of_testing(self.name)
         known = found.testing_frames if testing else found.frames
         self._parsed = parse_image_set(
-            STORE.read_text(path), path, frames=found.lists_frames, known=known
+            STORE.read_text(path), path, frames=found.lists_frames, file_names=known
         )
         units = found.testing if testing else found.units
         self._unchecked = units is None

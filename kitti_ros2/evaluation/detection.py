@@ -186,7 +186,7 @@ def _unread(frames: FrameBoxes) -> set[int]:
 def _read_list(path: Path, truth: FrameBoxes) -> tuple[set[int], list[Loss]]:
     """Read the numbers of a list of frames; its invalid lines are losses."""
     names = truth.frames
-    image_set = parse_image_set(STORE.read_text(path), path, frames=True, known=names)
+    image_set = parse_image_set(STORE.read_text(path), path, frames=True, file_names=names)
     losses = [Loss('frames', 1, reason) for reason in image_set.invalid]
     numbers = (names.number(name) for name in image_set.entries)
     return {number for number in numbers if number is not None}, losses

@@ -140,18 +140,18 @@ def next_number(out: Path, split: str) -> int:
         UsageError: The folder contains something else.
     """
     folders = [out / split / name for name in STORE.names(out / split)]
-    found = [
+    numbers = [
         int(name[: names.FRAME_DIGITS])
         for folder in folders
         for name in STORE.names(folder)
         if name[: names.FRAME_DIGITS].isdecimal() and len(name) == names.FRAME_DIGITS + 4
     ]
-    if not found:
+    if not numbers:
         raise UsageError(
             f'{out}: holds no object set to append to; expected {split}/ with frames of'
             f' {names.FRAME_DIGITS} digits'
         )
-    return max(found) + 1
+    return max(numbers) + 1
 
 
 @contextmanager
@@ -273,21 +273,21 @@ def _recover(out: Path) -> tuple[str, ...]:
     work = out / FOLDER
     if not os.path.lexists(work):
         return ()
-    found = {entry.name for entry in work.iterdir()} if not work.is_symlink() else {work.name}
-    if found - _OURS:
-        raise OutputExistsError(work, f'it holds {min(found - _OURS)}; move it away')
+    entries = {entry.name for entry in work.iterdir()} if not work.is_symlink() else {work.name}
+    if entries - _OURS:
+        raise OutputExistsError(work, f'it holds {min(entries - _OURS)}; move it away')
     journal = find_journal(out)
     if journal is not None:
         _undo(out, journal)
         done = f'has been undone, and frames {format_numbers(journal.numbers)} removed again'
-    elif COMMITTED in found:
+    elif COMMITTED in entries:
         path = work / COMMITTED
         numbers = parse_journal(STORE.read_text(path), path).numbers
         done = f'had been complete: frames {format_numbers(numbers)} are in the set'
     else:
         done = 'had not added a frame yet, and its files have been removed'
     for name in (CONTENT, BEFORE):
-        if name in found:
+        if name in entries:
             shutil.rmtree(work / name)
     for name in (_NEW_JOURNAL, COMMITTED):
         (work / name).unlink(missing_ok=True)
@@ -309,6 +309,6 @@ def _undo(out: Path, journal: AppendJournal) -> None:
         with suppress(OSError):  # contains files of others
             (out / folder).rmdir()
     touched = {parent for path in (*journal.files, *journal.lists) for parent in path.parents}
-    sync_folders(out / each for each in touched if (out / each).is_dir())
+    sync_folders(out / parent_path for parent_path in touched if (out / parent_path).is_dir())
     (work / JOURNAL).unlink()
     sync_folders([work])

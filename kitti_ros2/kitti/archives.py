@@ -63,12 +63,12 @@ def places(files: Sequence[str], archive: str) -> list[str]:
         archive: Name of the archive.
     """
     split = [tuple(part for part in name.split('/') if part not in {'', '.'}) for name in files]
-    known = [_known(parts, archive) for parts in split]
-    tops = {parts[:dropped] for parts, (dropped, _) in zip(split, known, strict=True) if dropped}
+    pairs = [_known(parts, archive) for parts in split]
+    tops = {parts[:dropped] for parts, (dropped, _) in zip(split, pairs, strict=True) if dropped}
     top = next(iter(tops)) if len(tops) == 1 else ()
     return [
         '/'.join(place or (parts[len(top) :] if parts[: len(top)] == top else parts))
-        for parts, (_, place) in zip(split, known, strict=True)
+        for parts, (_, place) in zip(split, pairs, strict=True)
     ]
 
 
@@ -77,7 +77,7 @@ def is_known(file: str, archive: str) -> bool:
     return bool(_known(tuple(file.split('/')), archive)[1])
 
 
-def places_in(root: Path, wanted: Sequence[str]) -> list[str]:
+def places_in(root: Path, paths: Sequence[str]) -> list[str]:
     """Return places relative to a root that is itself the folder `dataset`, or that of a date.
 
     A root that contains `sequences` counts as `dataset`.
@@ -86,8 +86,8 @@ def places_in(root: Path, wanted: Sequence[str]) -> list[str]:
         names.DATASET if (root / names.SEQUENCES).is_dir() else Path(os.path.realpath(root)).name
     )
     if not (inside == names.DATASET or names.RAW_DATE.fullmatch(inside)):
-        return list(wanted)
-    return [place.removeprefix(f'{inside}/') for place in wanted]
+        return list(paths)
+    return [place.removeprefix(f'{inside}/') for place in paths]
 
 
 def is_part_of_set(folder: str) -> bool:
@@ -99,8 +99,8 @@ def is_part_of_set(folder: str) -> bool:
 
 def is_top(folder: str) -> bool:
     """Whether a folder is one that KITTI's archives have at their top."""
-    known = (*names.SPLITS, names.DATASET, names.IMAGE_SETS)
-    return folder in known or bool(
+    top_names = (*names.SPLITS, names.DATASET, names.IMAGE_SETS)
+    return folder in top_names or bool(
         _DEVKIT_NAME.fullmatch(folder) or names.RAW_DATE.fullmatch(folder)
     )
 
@@ -112,9 +112,9 @@ def _known(parts: Parts, archive: str) -> tuple[int, Parts]:
         own = 1 if len(parts) > 1 and parts[0] in {'devkit', devkit[0]} else 0
         return own, (devkit[0], *parts[own:])
     for rule in (_in_raw, _in_odometry, _in_splits):
-        found = rule(parts, archive)
-        if found is not None:
-            return found
+        location = rule(parts, archive)
+        if location is not None:
+            return location
     return 0, ()
 
 
@@ -152,9 +152,9 @@ def _in_odometry(parts: Parts, _: str) -> tuple[int, Parts] | None:
 
 
 def _in_splits(parts: Parts, _: str) -> tuple[int, Parts] | None:
-    for known in ({*names.SPLITS, names.IMAGE_SETS}, _IN_SPLIT):
+    for folder_names in ({*names.SPLITS, names.IMAGE_SETS}, _IN_SPLIT):
         for index, part in enumerate(parts[:-1]):
-            if part in known:
+            if part in folder_names:
                 return index, parts[index:]
     return None
 
@@ -205,8 +205,8 @@ class Archive(NamedTuple):
             files = _files_of_zip(path) if is_zip else _first_files_of_tar(path)
         except Exception:  # noqa: BLE001 - decompressors raise errors of their own
             return None
-        known = [name for name in files if '..' not in name and is_known(name, path.name)]
-        tops = {place.partition('/')[0] for place in places(known, path.name)}
+        kitti_files = [name for name in files if '..' not in name and is_known(name, path.name)]
+        tops = {place.partition('/')[0] for place in places(kitti_files, path.name)}
         if not tops:
             return cls(path.parent, None)
         if not all(is_top(top) for top in tops):
@@ -226,7 +226,7 @@ def _first_files_of_tar(path: Path) -> list[str]:
     import tarfile  # noqa: PLC0415 - for errors only
 
     with tarfile.open(path) as archive:
-        return [each.name for each in islice(archive, _FIRST_ENTRIES) if each.isfile()]
+        return [member.name for member in islice(archive, _FIRST_ENTRIES) if member.isfile()]
 
 
 # KITTI's archives of calibration files: which one has a missing file, and how it is extracted.

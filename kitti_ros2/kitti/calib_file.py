@@ -351,10 +351,10 @@ def parse_raw_calibration(
 def _on_another_day(cam_to_cam: CalibTable, day: str) -> tuple[str, ...]:
     """Return a note if a file of KITTI's is of another day than the drive."""
     _, time = cam_to_cam.entries.get('calib_time', (0, ''))
-    known = calib_archives.CALIB_TIMES.get(time)
-    if not day or known is None or known == day:
+    archive_day = calib_archives.CALIB_TIMES.get(time)
+    if not day or archive_day is None or archive_day == day:
         return ()
-    which = f"KITTI's calibration of {known} (calib_time: {time})"
+    which = f"KITTI's calibration of {archive_day} (calib_time: {time})"
     return (f'{cam_to_cam.path}: {which}, the drive is of {day}',)
 
 

@@ -118,17 +118,17 @@ def order_packets(stamps_ns: Int64Array, text_of: Callable[[int], str | None]) -
 
 def _find_repeats(late: Sequence[int], text_of: Callable[[int], str | None]) -> list[int]:
     """Return the positions, of those given, of packets that one of the last second equals."""
-    near = {at for each in late for at in range(max(0, each - _REPEATED_WITHIN), each + 1)}
-    suspects, found = {*late}, []
+    near = {at for index in late for at in range(max(0, index - _REPEATED_WITHIN), index + 1)}
+    suspects, repeats = {*late}, []
     last: dict[str, int] = {}
     for at in sorted(near):
         text = text_of(at)
         if text is None:
             continue
         if at in suspects and text in last and at - last[text] <= _REPEATED_WITHIN:
-            found.append(at)
+            repeats.append(at)
         last[text] = at
-    return found
+    return repeats
 
 
 def fit_line(stamps_ns: Int64Array) -> PacketLine:
@@ -212,8 +212,8 @@ class _ExtractIndex(RecordingIndex):
         path = self.folder / names.TIMESTAMPS
         if not path.is_file():
             raise UsageError(f'{path}: no such file, so no stamps of packets; {_EXPECTED}')
-        found = parse_timestamps(STORE.read_text(path), path)
-        self._add_stamped(Stream.OXTS_EXTRACT, listing, found, path)
+        stamps = parse_timestamps(STORE.read_text(path), path)
+        self._add_stamped(Stream.OXTS_EXTRACT, listing, stamps, path)
         if Stream.OXTS_EXTRACT not in self.streams:
             raise UsageError(f'{self.folder}: has no packet with a stamp; {_EXPECTED}')
 
@@ -292,14 +292,14 @@ def _check_drive(recording: KittiRecording, drive: Path) -> None:
     if not drive.is_dir():
         what = 'is not a folder' if drive.exists() else 'no such folder'
         raise UsageError(f'{drive}: {what}; {_EXPECTED}')
-    known = names.RAW_DRIVE.fullmatch(recording.name)
-    given = names.RAW_DRIVE.fullmatch(drive.resolve().name)
-    expected = known and recording.name.removesuffix(known[2]) + 'extract'
-    if given is not None and given[2] != 'extract':
+    recording_name = names.RAW_DRIVE.fullmatch(recording.name)
+    drive_name = names.RAW_DRIVE.fullmatch(drive.resolve().name)
+    expected = recording_name and recording.name.removesuffix(recording_name[2]) + 'extract'
+    if drive_name is not None and drive_name[2] != 'extract':
         raise UsageError(f'{drive}: is the synchronised drive, with 10 Hz packets; {_EXPECTED}')
-    if known is not None and given is not None and given[0] != expected:
+    if recording_name is not None and drive_name is not None and drive_name[0] != expected:
         raise UsageError(f'{drive}: is not the drive of {recording.name}; expected {expected}')
-    if given is None and expected and (drive / expected).is_dir():
+    if drive_name is None and expected and (drive / expected).is_dir():
         raise UsageError(f'{drive}: contains drives; did you mean {drive / expected}?')
 
 
@@ -310,8 +310,8 @@ def _clip(recording: KittiRecording, extract: _ExtractIndex) -> StreamIndex:
         UsageError: There are none.
     """
     index = extract.streams[Stream.OXTS_EXTRACT]
-    own = {each: at for each, at in recording.streams.items() if each not in UNNUMBERED}
-    every = {each: np.ones(len(at), np.bool_) for each, at in own.items()}
+    own = {stream: at for stream, at in recording.streams.items() if stream not in UNNUMBERED}
+    every = {stream: np.ones(len(at), np.bool_) for stream, at in own.items()}
     span = time_span(own, recording.turns, every)
     within = around(index.stamps_ns, span) if span else np.zeros(len(index), np.bool_)
     if span is None or not within.any():
@@ -327,12 +327,12 @@ def _clip(recording: KittiRecording, extract: _ExtractIndex) -> StreamIndex:
 def _losses(extract: _ExtractIndex, numbers: Int64Array, order: PacketOrder) -> list[Loss]:
     """Return the losses of packets among those of a time, which have these numbers."""
     span = numbers_around(extract.streams[Stream.OXTS_EXTRACT].numbers, numbers)
-    found = [part for loss in extract.losses if (part := loss.within(*span))]
+    losses = [part for loss in extract.losses if (part := loss.within(*span))]
     if order.clashes:
         lost = tuple(numbers[list(order.clashes)].tolist())
         reason = f'{extract.folder}: packets {{}} have the stamp of another one, but other values'
-        found.append(Loss(Stream.OXTS_EXTRACT.value, len(lost), reason, lost))
-    return found
+        losses.append(Loss(Stream.OXTS_EXTRACT.value, len(lost), reason, lost))
+    return losses
 
 
 def _order_notes(extract: _ExtractIndex, order: PacketOrder) -> list[str]:

@@ -88,8 +88,8 @@ def _splits(path: Path) -> list[Path]:
     return [path / name for name in names.SPLITS if (path / name).is_dir()]
 
 
-def _subfolders(path: Path, wanted: Callable[[Path], bool]) -> list[Path]:
-    return [path / name for name in STORE.names(path) if wanted(path / name)]
+def _subfolders(path: Path, is_wanted: Callable[[Path], bool]) -> list[Path]:
+    return [path / name for name in STORE.names(path) if is_wanted(path / name)]
 
 
 def _is_drive(path: Path) -> bool:
@@ -163,9 +163,9 @@ def _is_sequence(path: Path) -> bool:
 
 def _tracking_sequences(split: Path) -> list[str]:
     """List the sequences of a split: four-digit folders of data, four-digit text files."""
-    found: set[str] = set()
+    sequences: set[str] = set()
     for folder in (names.SCANS, *names.TRACKING_IMAGES):
-        found |= {
+        sequences |= {
             name
             for name in STORE.names(split / folder)
             if _is_sequence_name(name) and (split / folder / name).is_dir()
@@ -173,12 +173,12 @@ def _tracking_sequences(split: Path) -> list[str]:
     # Calibrations of frames may have four digits, too.
     texts = () if _is_object_split(split) else (names.CALIB,)
     for folder in (*texts, names.OXTS, names.TRACKING_LABELS):
-        found |= {
+        sequences |= {
             name.removesuffix(names.TXT)
             for name in STORE.names(split / folder)
             if name.endswith(names.TXT) and _is_sequence_name(name.removesuffix(names.TXT))
         }
-    return sorted(found)
+    return sorted(sequences)
 
 
 def _is_sequence_name(name: str) -> bool:
@@ -245,7 +245,7 @@ def tree_of(recording: KittiRecording) -> RecordingTree:
 @tree_of.register
 def _(recording: RawRecording) -> RecordingTree:
     drive, root = recording.drive, recording.root
-    dates = [each for each in (drive.name[:10], root.name) if names.RAW_DATE.fullmatch(each)]
+    dates = [date for date in (drive.name[:10], root.name) if names.RAW_DATE.fullmatch(date)]
     place = PurePosixPath(*dates[:1])
     calibration = calibration_beside(drive)
     scan_root = drive / names.RAW_SCANS

@@ -208,8 +208,8 @@ class RecordingPoses(RecordingIndex):
 
     def trails(self, number: int) -> dict[int, Float64Array]:
         """Return the path of each of a frame's tracks up to it; see model.recording."""
-        known = Stream.LABELS in self.streams and Stream.POSE in self.streams
-        return self._trails.up_to(number) if known else {}
+        has_tracks = Stream.LABELS in self.streams and Stream.POSE in self.streams
+        return self._trails.up_to(number) if has_tracks else {}
 
     @cached_property
     def _trails(self) -> Trails:
@@ -579,9 +579,9 @@ def image_size(
     if seen_by is not None and seen_by.size is not None:
         return seen_by.size
     index = recording.streams.get(stream)
-    for each in () if index is None else index.numbers.tolist():
+    for image_number in () if index is None else index.numbers.tolist():
         try:
-            return _read_size(recording.path(stream, each), otherwise)
+            return _read_size(recording.path(stream, image_number), otherwise)
         except MissingDataError:
             continue
     raise MissingDataError(

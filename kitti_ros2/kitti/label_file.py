@@ -130,8 +130,8 @@ def frame_labels(
         if isinstance(box, BadFileError):
             missing[str(row)] = str(box)
         elif is_absurd(box):
-            found = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
-            error = BadFileError(path, found, 'positive sizes', line=row + 1)
+            problem = 'a box of height, width, length ' + ' '.join(f'{v:g}' for v in box.size_hwl)
+            error = BadFileError(path, problem, 'positive sizes', line=row + 1)
             missing[str(row)] = f'{error}; it gets no marker and no 3D detection'
         boxes.append(None if isinstance(box, BadFileError) else box)
     return FrameLabels(boxes=boxes, source=source, missing=missing)
@@ -267,8 +267,8 @@ class TrackFile:
             if whole.isdecimal() and len(whole) <= names.FRAME_DIGITS:
                 self.rows.setdefault(int(whole), []).append(row)
             elif word:
-                found, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
-                self.errors.append(BadFileError(path, found, expected, line=row + 1))
+                problem, expected = f'{word!r} is no frame number', 'frame, track id, class, ...'
+                self.errors.append(BadFileError(path, problem, expected, line=row + 1))
                 check_count(self.errors, path, expected)
         framed = ((row + 1, self._lines[row]) for rows in self.rows.values() for row in rows)
         check_columns(framed, TRACK_COLUMNS, path, EXPECTED_TRACKS)
@@ -281,9 +281,9 @@ class TrackFile:
 
     def boxes(self, number: int) -> tuple[list[Box], list[BadFileError]]:
         """Return the boxes of a frame, and an error for each invalid line."""
-        found = self._rows(number).values()
-        boxes = [each for each in found if not isinstance(each, BadFileError)]
-        return boxes, [each for each in found if isinstance(each, BadFileError)]
+        parsed = self._rows(number).values()
+        boxes = [row for row in parsed if not isinstance(row, BadFileError)]
+        return boxes, [row for row in parsed if isinstance(row, BadFileError)]
 
     def labels(self, number: int, name: str) -> FrameLabels:
         """Return the labels of a frame, none if it has no line.
@@ -420,7 +420,7 @@ def find_frame_files(path: Path, digits: int = FRAME_DIGITS) -> Path | None:
         path: A folder.
         digits: Of the names; SEQUENCE_DIGITS for a tracker's files.
     """
-    return next((each for each in (path, path / _DATA) if _named_by(each, digits)), None)
+    return next((folder for folder in (path, path / _DATA) if _named_by(folder, digits)), None)
 
 
 def _named_by(folder: Path, digits: int) -> bool:
@@ -459,15 +459,15 @@ def _folder_of(path: Path, frames: FileNames | None) -> Path:
         UsageError: There are none.
     """
     if frames is not None and frames.stems:
-        found = next((each for each in (path, path / _DATA) if _is_of(each, frames)), None)
-        if found is None:
-            wanted = f'expected a file like {frames.stem(0)}{TXT} for each frame'
-            raise UsageError(f'{path}: holds {some_of(STORE.names(path)) or "nothing"}; {wanted}')
-        return found
-    found = find_frame_files(path)
-    if found is None:
+        folder = next((base for base in (path, path / _DATA) if _is_of(base, frames)), None)
+        if folder is None:
+            expected = f'expected a file like {frames.stem(0)}{TXT} for each frame'
+            raise UsageError(f'{path}: holds {some_of(STORE.names(path)) or "nothing"}; {expected}')
+        return folder
+    folder = find_frame_files(path)
+    if folder is None:
         raise UsageError(f'{path}: {_describe_folder(path)}')
-    return found
+    return folder
 
 
 def _is_of(folder: Path, frames: FileNames) -> bool:
@@ -480,9 +480,9 @@ def _describe_folder(path: Path) -> str:
     if not entries:
         return f'the folder is empty; expected a file like {_NAMED} for each frame'
     below = [path / name for name in entries[:_MOST_FOLDERS] if name not in _OF_DATA_SETS]
-    found = [each for folder in below if (each := find_frame_files(folder)) is not None]
-    if found:
-        return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, found)])}?'
+    folders = [base for folder in below if (base := find_frame_files(folder)) is not None]
+    if folders:
+        return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, folders)])}?'
     if not _OF_DATA_SETS.union(SPLITS).isdisjoint(entries):
         return f'is a folder of a KITTI data set; expected result files like {_NAMED}'
     tracks = STORE.list_numbered(path, (TXT,), SEQUENCE_DIGITS)
@@ -596,11 +596,11 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
     try:
         return _TrackParser(path).parse(data)
     except ExpatError as error:
-        found = f'no whole XML ({error})'
-        raise BadFileError(path, found, _EXPECTED, line=error.lineno) from None
+        problem = f'no whole XML ({error})'
+        raise BadFileError(path, problem, _EXPECTED, line=error.lineno) from None
     except (LookupError, ValueError) as error:
-        found = f'XML in an encoding that is not known ({error})'
-        raise BadFileError(path, found, _EXPECTED) from None
+        problem = f'XML in an encoding that is not known ({error})'
+        raise BadFileError(path, problem, _EXPECTED) from None
 
 
 class _TrackParser:
@@ -699,14 +699,14 @@ class _TrackParser:
     def _refuse_entity(self, name: str, *_: object) -> None:
         self._refuse(f'XML with entities ({shown(name)})', _EXPECTED)
 
-    def _refuse(self, found: str, expected: str) -> NoReturn:
+    def _refuse(self, problem: str, expected: str) -> NoReturn:
         place = ''
         if self._open[1:3] == _TRACK_ITEM:
             place = f'item {len(self._tracklets)}: '
         if self._open[1:5] == _POSE_ITEM:
             place = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
         line = self._expat.CurrentLineNumber
-        raise BadFileError(self._path, place + found, expected, line=line)
+        raise BadFileError(self._path, place + problem, expected, line=line)
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:

@@ -169,8 +169,8 @@ SIX_DIGITS = FileNames(FRAME_DIGITS)
 
 def describe_names(names: FileNames) -> dict[str, object]:
     """Describe the names in a folder; the stems of frames are those of the recording."""
-    found: dict[str, object] = {'digits': names.digits, 'suffix': names.suffix}
-    return {**found, 'others': [*names.others.items()]} if names.others else found
+    description: dict[str, object] = {'digits': names.digits, 'suffix': names.suffix}
+    return {**description, 'others': [*names.others.items()]} if names.others else description
 
 
 def parse_names(values: Mapping[str, Any], stems: Sequence[str]) -> FileNames:
@@ -182,20 +182,20 @@ def parse_names(values: Mapping[str, Any], stems: Sequence[str]) -> FileNames:
     """
     digits, suffix = int(values['digits']), str(values['suffix'])
     others = {int(number): str(name) for number, name in values.get('others', ())}
-    known = (*IMAGE_SUFFIXES, BIN, TXT)
-    if not 0 < digits <= MOST_DIGITS or suffix.lower() not in known:
+    suffixes = (*IMAGE_SUFFIXES, BIN, TXT)
+    if not 0 < digits <= MOST_DIGITS or suffix.lower() not in suffixes:
         raise ValueError(f'files of {digits} digits and suffix {suffix!r}')
-    if any(split_name(name)[1].lower() not in known for name in others.values()):
+    if any(split_name(name)[1].lower() not in suffixes for name in others.values()):
         raise ValueError('files of another suffix')
     for name in (*stems, *others.values()):
         if not name or '/' in name or '\0' in name or name.startswith('.'):
             raise ValueError(f'a file named {name[:_MOST_SHOWN]!r}')
-    found = FileNames(digits, suffix, stems, others)
+    names = FileNames(digits, suffix, stems, others)
     if len({*others.values()}) < len(others) or len({*stems}) < len(stems):
         raise ValueError('two files of one name')
-    if any(found.number(split_name(name)[0]) != number for number, name in others.items()):
+    if any(names.number(split_name(name)[0]) != number for number, name in others.items()):
         raise ValueError('files named by other numbers')
-    return found
+    return names
 
 
 class NumberedNames(NamedTuple):
@@ -254,7 +254,7 @@ def _find_unusual(
     The archives of object and tracking both unpack to training/calib: texts of four digits beside
     those of frames are of sequences.
     """
-    found: dict[int, list[tuple[int, bool, str]]] = {}
+    files: dict[int, list[tuple[int, bool, str]]] = {}
     strays = []
     for name in entries:
         stem, suffix = split_name(name)
@@ -262,11 +262,11 @@ def _find_unusual(
         if number is not None and not (beside_sequences and len(stem) == SEQUENCE_DIGITS):
             place = suffixes.index(suffix.lower())
             is_other = name != f'{frames.stem(number)}{suffixes[place]}'
-            found.setdefault(number, []).append((place, is_other, name))
+            files.setdefault(number, []).append((place, is_other, name))
         elif not name.startswith('.'):
             strays.append(name)
-    numbers = sorted(found)
-    several = {number: [name for *_, name in sorted(found[number])] for number in numbers}
+    numbers = sorted(files)
+    several = {number: [name for *_, name in sorted(files[number])] for number in numbers}
     chosen = {number: names[0] for number, names in several.items()}
     return NumberedNames(
         numbers,
@@ -279,7 +279,7 @@ def _find_unusual(
 def _pattern(chosen: Mapping[int, str], suffix: str, frames: FileNames) -> FileNames:
     """Return how files are named: by the digits and the suffix of most, with the others apart."""
     parts = {number: split_name(name) for number, name in chosen.items()}
-    suffix = _most([each for _, each in parts.values()]) or suffix
+    suffix = _most([ending for _, ending in parts.values()]) or suffix
     digits = frames.digits
     if parts and not frames.stems:
         lengths = [len(stem) for stem, _ in parts.values()]
@@ -310,15 +310,15 @@ def find_frames(folders: Iterable[tuple[Sequence[str], tuple[str, ...]]], digits
         folders: The names in each folder, and the suffixes of its files.
         digits: Those of KITTI's names.
     """
-    found: set[str] = set()
+    frame_stems: set[str] = set()
     for entries, suffixes in folders:
         for name in entries:
             stem, suffix = split_name(name)
             if suffix.lower() in suffixes and not name.startswith('.'):
                 if number_of(stem) is not None:
                     return FileNames(digits)
-                found.add(stem)
-    return FileNames(digits, stems=tuple(sorted(found, key=_order_of(found))))
+                frame_stems.add(stem)
+    return FileNames(digits, stems=tuple(sorted(frame_stems, key=_order_of(frame_stems))))
 
 
 def _order_of(stems: Iterable[str]) -> Callable[[str], tuple[list[int], str]]:
@@ -390,7 +390,7 @@ class ImageSet:
 
 
 def parse_image_set(
-    text: str, path: Path | str, *, frames: bool, known: FileNames = SIX_DIGITS
+    text: str, path: Path | str, *, frames: bool, file_names: FileNames = SIX_DIGITS
 ) -> ImageSet:
     """Parse a list.
 
@@ -398,7 +398,7 @@ def parse_image_set(
         text: Its content.
         path: For the reasons.
         frames: Whether names are those of frames, as in object sets.
-        known: How the frames are named.
+        file_names: How the frames are named.
     """
     entries: dict[str, int] = {}
     invalid: list[str] = []
@@ -410,39 +410,39 @@ def parse_image_set(
         repaired['end in CRLF'] = [text[: text.index('\r')].count('\n') + 1]
     for place, line in enumerate(text.rstrip().splitlines(), 1):
         word = line.strip()
-        name = _frame_name(word, known) if frames else word
+        name = _frame_name(word, file_names) if frames else word
         if not word:
             repaired.setdefault('are blank', []).append(place)
         elif name is None or len(word.split()) > 1:
-            expected = _expected(known) if frames else 'one name'
+            expected = _expected(file_names) if frames else 'one name'
             invalid.append(f'{path}:{place}: {word!r}; expected {expected}')
         elif name in entries:
             repaired.setdefault('repeat another', []).append(place)
         else:
             if name != word:
-                repaired.setdefault(_unlike(known), []).append(place)
+                repaired.setdefault(_unlike(file_names), []).append(place)
             entries[name] = place
     return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
 
 
-def _frame_name(word: str, known: FileNames) -> str | None:
+def _frame_name(word: str, file_names: FileNames) -> str | None:
     """Return the name of a frame as its files have it; None if the word is none."""
-    number = known.number(word)
-    return None if number is None else known.stem(number)
+    number = file_names.number(word)
+    return None if number is None else file_names.stem(number)
 
 
-def _expected(known: FileNames) -> str:
-    if known.stems:
-        return f'the name of a frame, such as {known.stem(0)}'
-    return f'a frame number of {_digits(known)} digits'
+def _expected(file_names: FileNames) -> str:
+    if file_names.stems:
+        return f'the name of a frame, such as {file_names.stem(0)}'
+    return f'a frame number of {_digits(file_names)} digits'
 
 
-def _unlike(known: FileNames) -> str:
-    return f'have not {_digits(known)} digits'
+def _unlike(file_names: FileNames) -> str:
+    return f'have not {_digits(file_names)} digits'
 
 
-def _digits(known: FileNames) -> str:
-    return 'six' if known.digits == FRAME_DIGITS else str(known.digits)
+def _digits(file_names: FileNames) -> str:
+    return 'six' if file_names.digits == FRAME_DIGITS else str(file_names.digits)
 
 
 def _remarks(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:

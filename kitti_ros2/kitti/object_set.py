@@ -80,23 +80,23 @@ class ObjectMapping:
         return f'{self.folder / RAND}: {len(self.frames)} numbers, so no drive'
 
 
-def find_mapping(root: Path, given: Path | None = None) -> ObjectMapping:
+def find_mapping(root: Path, devkit: Path | None = None) -> ObjectMapping:
     """Read the mapping in a given folder, or else in, beside or above an object set.
 
     Args:
         root: The folder of training and testing, absolute.
-        given: A folder of the devkit, or of the mapping itself.
+        devkit: A folder of the devkit, or of the mapping itself.
 
     Raises:
         UsageError: There is none.
         BadFileError: It is invalid.
         OSError: It cannot be read.
     """
-    places = (root, root.parent) if given is None else (given,)
+    places = (root, root.parent) if devkit is None else (devkit,)
     for folder in (place / below for place in places for below in _BELOW):
         if (folder / MAPPING).is_file() and (folder / RAND).is_file():
             return read_mapping(folder)
-    where = f'in or beside {root}' if given is None else f'in {given}'
+    where = f'in or beside {root}' if devkit is None else f'in {devkit}'
     raise UsageError(
         f'no {MAPPING} and {RAND} {where}; they are in devkit_object.zip of KITTI:'
         f' give their folder with --mapping'
@@ -121,20 +121,20 @@ def parse_mapping(text: str, path: Path) -> list[DriveFrame]:
     Raises:
         BadFileError: A line is invalid or repeated, or there is none.
     """
-    found: dict[DriveFrame, int] = {}
+    line_numbers: dict[DriveFrame, int] = {}
     for place, line in enumerate(text.rstrip().splitlines(), 1):
         match = _LINE.fullmatch(line.strip())
         if match is None:
             expected = 'date, drive and number such as 2011_09_26 2011_09_26_drive_0005_sync 12'
             raise BadFileError(path, f'{line.strip()!r}', expected, line=place)
         frame = DriveFrame(match[2], int(match[3]))
-        if frame in found:
-            what = f'{frame.drive} {frame.number} is in line {found[frame]} as well'
+        if frame in line_numbers:
+            what = f'{frame.drive} {frame.number} is in line {line_numbers[frame]} as well'
             raise BadFileError(path, what, 'each frame once', line=place)
-        found[frame] = place
-    if not found:
+        line_numbers[frame] = place
+    if not line_numbers:
         raise BadFileError(path, 'no line', 'one line for each object training frame')
-    return [*found]
+    return [*line_numbers]
 
 
 def parse_rand(text: str, path: Path, lines: int) -> list[int]:
@@ -164,20 +164,20 @@ def parse_rand(text: str, path: Path, lines: int) -> list[int]:
     return [*order]
 
 
-def find_raw_root(root: Path, given: Path | None = None) -> Path:
+def find_raw_root(root: Path, raw: Path | None = None) -> Path:
     """Return the folder of the raw drives: a given one, or else beside an object set.
 
     Args:
         root: The folder of training and testing, absolute.
-        given: A folder of dates, or of the drives themselves.
+        raw: A folder of dates, or of the drives themselves.
 
     Raises:
         UsageError: There is none.
     """
-    if given is not None:
-        if not given.is_dir():
-            raise UsageError(f'{given}: no such folder; --raw takes the folder of the raw drives')
-        return given
+    if raw is not None:
+        if not raw.is_dir():
+            raise UsageError(f'{raw}: no such folder; --raw takes the folder of the raw drives')
+        return raw
     for place in (root / 'raw', root.parent / 'raw', root.parent / 'raw_data', root.parent):
         if any(names.RAW_DATE.fullmatch(name) for name in STORE.names(place)):
             return place
@@ -298,7 +298,7 @@ class DriveStamps:
         self._raw = raw
         every = {number: mapping.get(number) for number in numbers}
         self._frames = {number: frame for number, frame in every.items() if frame is not None}
-        self._beyond = (mapping.beyond, [number for number, each in every.items() if each is None])
+        self._beyond = (mapping.beyond, [n for n, frame in every.items() if frame is None])
         self._folders = {drive: self._folder(drive) for drive in self._drives}
         self._reasons: dict[str, dict[str, list[int]]] = {}
 
@@ -330,13 +330,13 @@ class DriveStamps:
         if column not in _FILES:
             return {f'{stream.value}: no camera of the raw drives': [*numbers]}
         of_column = self._reasons[column]
-        wanted = frozenset(numbers)
-        found = {reason: sorted(wanted.intersection(of)) for reason, of in of_column.items()}
-        return {reason: frames for reason, frames in found.items() if frames}
+        asked = frozenset(numbers)
+        by_reason = {reason: sorted(asked.intersection(of)) for reason, of in of_column.items()}
+        return {reason: frames for reason, frames in by_reason.items() if frames}
 
     def _column(self, name: str) -> dict[int, int]:
         """Read one column; the reasons of missing stamps are kept."""
-        found: dict[int, int] = {}
+        stamps: dict[int, int] = {}
         beyond, numbers = self._beyond
         reasons = {beyond: [*numbers]} if numbers else {}
         files: dict[str, tuple[Lines[int] | None, str]] = {}
@@ -351,14 +351,14 @@ class DriveStamps:
             values = [] if lines is None else lines.values
             stamp = values[frame.number] if frame.number < len(values) else None
             if stamp is not None:
-                found[number] = stamp
+                stamps[number] = stamp
                 continue
             if lines is not None:
                 error = lines.errors.get(frame.number)
                 reason = reason if error is None else str(error)
             reasons.setdefault(reason, []).append(number)
         self._reasons[name] = reasons
-        return found
+        return stamps
 
 
 def _stamps(path: Path) -> tuple[Lines[int] | None, str]:
@@ -437,9 +437,9 @@ def parse_journal(text: str, path: Path | str) -> AppendJournal:
     try:
         return _parse_values(json.loads(text))
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        found = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
+        problem = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
         remedy = 'move it away, and look for files of incomplete frames'
-        raise BadFileError(path, found, 'the journal of an append', remedy=remedy) from None
+        raise BadFileError(path, problem, 'the journal of an append', remedy=remedy) from None
 
 
 def _parse_values(values: Any) -> AppendJournal:  # noqa: ANN401 - of JSON

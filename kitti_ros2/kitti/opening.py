@@ -163,14 +163,14 @@ def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
         AmbiguousLayoutError: The folder fits several layouts and the options contain none.
         UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
     """
-    found = data_sets_at(path, options)
-    if not found and options.layout is None:
-        found, complete = data_sets_below(path) if path.is_dir() else ([], True)
+    data_sets = data_sets_at(path, options)
+    if not data_sets and options.layout is None:
+        data_sets, complete = data_sets_below(path) if path.is_dir() else ([], True)
         if not complete:
             raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
-    if not found:
+    if not data_sets:
         raise _explain(path) if options.layout is None else not_of_layout(path, options.layout)
-    return found
+    return data_sets
 
 
 @listings_kept()
@@ -185,7 +185,7 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     refuse_incomplete(path)
     fits = _find_all(path)
     if options.layout is not None:
-        fits = {layout: found for layout, found in fits.items() if layout is options.layout}
+        fits = {options.layout: fits[options.layout]} if options.layout in fits else {}
     if not fits:
         return []
     layout, candidates = _only(path, fits)
@@ -216,8 +216,8 @@ def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Cand
 def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiError:
     """Return the error for a recording without any stream."""
     reasons = [loss.text() for loss in recording.losses]
-    found = '; '.join([f'no data file of {recording.name} can be used', *reasons[:1]])
-    return NotKittiError(path, found, [layout.value])
+    problem = '; '.join([f'no data file of {recording.name} can be used', *reasons[:1]])
+    return NotKittiError(path, problem, [layout.value])
 
 
 @listings_kept()
@@ -226,8 +226,8 @@ def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
     folder = absolute(path)
     if not folder.is_dir():
         return {}
-    found = {layout: files.find(folder) for layout, files in LAYOUTS.items()}
-    return {layout: candidates for layout, candidates in found.items() if candidates}
+    by_layout = {layout: files.find(folder) for layout, files in LAYOUTS.items()}
+    return {layout: candidates for layout, candidates in by_layout.items() if candidates}
 
 
 def _explain(path: Path) -> NotKittiError:
@@ -254,41 +254,41 @@ def choose_recording(
         AmbiguousSequenceError: There are several, and no name is given.
         UsageError: None has the name, or several have.
     """
-    known = [candidate.name for candidate in candidates]
+    all_names = [candidate.name for candidate in candidates]
     if asked is not None:
         matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]
         if len(matching) > 1:
             several = some_of([candidate.name for candidate in matching])
             raise UsageError(f'{path}: sequence {asked!r} may be {several}; give the whole name')
         if not matching:
-            hint = did_you_mean(asked, known) or f'; it holds {some_of(known, 12)}'
+            hint = did_you_mean(asked, all_names) or f'; it holds {some_of(all_names, 12)}'
             raise UsageError(f'{path}: no sequence {asked!r}{hint}')
         return matching[0]
     if len(candidates) > 1 and not layout.traits.frame_set:
-        raise AmbiguousSequenceError(path, layout.traits.noun, known).with_remedies(
-            Remedy(path, path, ('--sequence', known[0])), _all_of(path, candidates)
+        raise AmbiguousSequenceError(path, layout.traits.noun, all_names).with_remedies(
+            Remedy(path, path, ('--sequence', all_names[0])), _all_of(path, candidates)
         )
     return candidates[0]
 
 
 def _all_of(path: Path, candidates: list[Candidate]) -> Remedy:
     """Return the loop over all recordings: over their own folders, or else over their names."""
-    folders = [each.folder for each in candidates if each.folder is not None]
+    folders = [recording.folder for recording in candidates if recording.folder is not None]
     if not folders:
-        each = ' '.join(_braces([candidate.name for candidate in candidates]))
-        return Remedy(path, path, each=each, by_name=True)
+        loop_words = ' '.join(_braces([candidate.name for candidate in candidates]))
+        return Remedy(path, path, each=loop_words, by_name=True)
     common = common_folder([folder.parent for folder in folders])
     levels = max(len(folder.parts) for folder in folders) - len(common.parts)
     shown = common if is_remote(common) else path / os.path.relpath(common, absolute(path))
     return Remedy(path, path, each=f'{shlex.quote(str(shown))}/{"*/" * levels}')
 
 
-def _braces(known: list[str]) -> list[str]:
+def _braces(recording_names: list[str]) -> list[str]:
     """Abbreviate numbers in a row for a shell, such as {0000..0020}."""
-    if not all(name.isdecimal() for name in known):
-        return known
-    width = len(known[0])
-    runs = runs_of(sorted(map(int, known)))
+    if not all(name.isdecimal() for name in recording_names):
+        return recording_names
+    width = len(recording_names[0])
+    runs = runs_of(sorted(map(int, recording_names)))
     return [
         f'{{{first:0{width}d}..{last:0{width}d}}}' if first != last else f'{first:0{width}d}'
         for first, last in runs
@@ -336,12 +336,12 @@ def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
     """
 
     def refusal(path: Path) -> str | None:
-        found = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
-        if not found or not _is_plain(path):
+        count = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
+        if not count or not _is_plain(path):
             return 'it is no KITTI data set, so --overwrite does not touch it; choose another name'
-        if found > recordings:
+        if count > recordings:
             return (
-                f'it holds {format_count(found, "recording")}, and --overwrite would remove all of'
+                f'it holds {format_count(count, "recording")}, and --overwrite would remove all of'
                 f' them; choose another name'
             )
         return None
@@ -361,10 +361,10 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
     def refusal(path: Path) -> str | None:
         if not path.is_dir() or not _is_plain(path):
             return keep(path)
-        found = {entry.name for entry in path.iterdir()} - {names.IMAGE_SETS}
-        if not found or not found <= set(folders):
+        entries = {entry.name for entry in path.iterdir()} - {names.IMAGE_SETS}
+        if not entries or not entries <= set(folders):
             return keep(path)
-        return next(filter(None, (keep(path / name) for name in sorted(found))), None)
+        return next(filter(None, (keep(path / name) for name in sorted(entries))), None)
 
     return refusal
 
@@ -432,9 +432,9 @@ def explain(path: Path) -> NotKittiError:
     if not path.is_dir():
         return _explain_archive(path) or _explain_around(path) or _not_kitti(path, 'is a file')
     entries = _entries(path)
-    found, complete = data_sets_below(path)
-    if found:
-        return _explain_below(path, found, complete=complete)
+    data_sets, complete = data_sets_below(path)
+    if data_sets:
+        return _explain_below(path, data_sets, complete=complete)
     return (
         _explain_around(path)
         or _explain_archives(path, entries)
@@ -461,9 +461,9 @@ def _absent(path: Path) -> NotKittiError:
     while not folder.exists() and folder.name:
         rest.insert(0, folder.name)
         folder = folder.parent
-    wanted, below = rest[0], rest[1:]
-    close = [folder / name for name in close_names(wanted, _entries(folder))]
-    meant = [each.joinpath(*below) for each in close if each.joinpath(*below).exists()]
+    missing_name, below = rest[0], rest[1:]
+    close = [folder / name for name in close_names(missing_name, _entries(folder))]
+    meant = [sibling.joinpath(*below) for sibling in close if sibling.joinpath(*below).exists()]
     advice = 'give a KITTI folder or a bag'
     error = MissingSourceError(
         path,
@@ -471,11 +471,11 @@ def _absent(path: Path) -> NotKittiError:
         [],
         f'did you mean {" or ".join(map(str, meant))}?' if meant else advice,
     )
-    return error.with_remedies(*(Remedy(path, each) for each in meant[:1]))
+    return error.with_remedies(*(Remedy(path, sibling) for sibling in meant[:1]))
 
 
-def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
-    return NotKittiError(path, found, [layout.value for layout in Layout], advice)
+def _not_kitti(path: Path, problem: str, advice: str = '') -> NotKittiError:
+    return NotKittiError(path, problem, [layout.value for layout in Layout], advice)
 
 
 # The data set around a path.
@@ -483,14 +483,14 @@ def _not_kitti(path: Path, found: str, advice: str = '') -> NotKittiError:
 
 def _explain_around(path: Path) -> NotKittiError | None:
     place = absolute(path)
-    found = _around(place)
-    if found is None:
+    data_set = _around(place)
+    if data_set is None:
         return None
-    folder = found.folder if path.is_absolute() else Path(os.path.relpath(found.folder))
-    below = place.relative_to(found.folder)
+    folder = data_set.folder if path.is_absolute() else Path(os.path.relpath(data_set.folder))
+    below = place.relative_to(data_set.folder)
     stems = {Path(part).stem for part in below.parts}
-    chosen = [recording.name for recording in found.recordings if recording.name in stems]
-    options = ('--sequence', chosen[0]) if chosen and len(found.recordings) > 1 else ()
+    chosen = [recording.name for recording in data_set.recordings if recording.name in stems]
+    options = ('--sequence', chosen[0]) if chosen and len(data_set.recordings) > 1 else ()
     is_file = not path.is_dir()
     frame = int(path.stem) if is_file and _is_frame(path.stem) else None
     part = 'a file of' if is_file else 'a folder of'
@@ -498,7 +498,7 @@ def _explain_around(path: Path) -> NotKittiError | None:
     sequence = f' (sequence {chosen[0]})' if options else ''
     error = _not_kitti(
         path,
-        f'is {part} a KITTI {found.layout.value} data set',
+        f'is {part} a KITTI {data_set.layout.value} data set',
         f'give {folder}{sequence}',
     )
     return error.with_remedies(Remedy(path, folder, options, frame))
@@ -509,9 +509,9 @@ def _around(path: Path) -> DataSet | None:
     for folder in path.parents[:_MOST_LEVELS]:
         part = path.relative_to(folder).parts[0]
         if is_inside(part):
-            found = data_set_in(folder)
-            if found is not None:
-                return found
+            data_set = data_set_in(folder)
+            if data_set is not None:
+                return data_set
     return None
 
 
@@ -531,16 +531,16 @@ def _is_frame(stem: str) -> bool:
 # The data sets below a folder.
 
 
-def _explain_below(path: Path, found: list[DataSet], *, complete: bool) -> NotKittiError:
-    count = f'{"" if complete else "at least "}{format_count(len(found), "data set")}'
-    shown = some_of([str(each) for each in found])
+def _explain_below(path: Path, data_sets: list[DataSet], *, complete: bool) -> NotKittiError:
+    count = f'{"" if complete else "at least "}{format_count(len(data_sets), "data set")}'
+    shown = some_of([str(data_set) for data_set in data_sets])
     error = _not_kitti(path, f'holds {count}, {shown}', 'give one of these folders')
-    return error.with_remedies(Remedy(path, found[0].folder))
+    return error.with_remedies(Remedy(path, data_sets[0].folder))
 
 
 def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
     """Return the data sets below a folder, and whether all of it was searched."""
-    found: list[DataSet] = []
+    data_sets: list[DataSet] = []
     seen: set[str] = set()
     queue = deque([(path, 0)])
     while queue and len(seen) < _MOST_FOLDERS:
@@ -551,10 +551,10 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
         seen.add(place)
         data_set = data_set_in(folder) if level else None
         if data_set is not None:
-            found.append(data_set)
+            data_sets.append(data_set)
         elif level < _MOST_LEVELS:
             queue.extend((subfolder, level + 1) for subfolder in _subfolders(folder))
-    return found, not queue
+    return data_sets, not queue
 
 
 def data_set_in(folder: Path) -> DataSet | None:
@@ -586,15 +586,15 @@ def _explain_files(path: Path, entries: list[str]) -> NotKittiError | None:
     if by_suffix[names.TXT] and find_frame_files(path) is not None:
         what = 'holds label or result files'
         return NotKittiError(path, what, [], 'eval detection GROUND_TRUTH RESULTS scores them')
-    count = sum(by_suffix[each] for each in names.IMAGE_SUFFIXES)
+    count = sum(by_suffix[suffix] for suffix in names.IMAGE_SUFFIXES)
     kinds = (('scan', by_suffix[names.BIN], names.SCANS), ('image', count, names.OBJECT_IMAGES[2]))
-    for noun, found, folder in kinds:
-        if found:
+    for noun, number, folder in kinds:
+        if number:
             advice = (
                 f'move them to a folder {folder} in a folder of their own, and give that with'
                 f' --layout object, or odometry if they follow each other'
             )
-            return NotKittiError(path, f'holds {format_count(found, noun)}', [], advice)
+            return NotKittiError(path, f'holds {format_count(number, noun)}', [], advice)
     return _explain_formats(path)
 
 
@@ -603,9 +603,9 @@ def _explain_formats(path: Path) -> NotKittiError | None:
     inside = {names.SCANS: names.BIN} | dict.fromkeys(names.OBJECT_IMAGES, names.PNG)
     for folder in (path, *(path / split for split in names.SPLITS)):
         for name, suffix in inside.items():
-            found = [entry for entry in _entries(folder / name) if not entry.startswith('.')]
-            if found:
-                other = f'{folder / name} holds {some_of(found)}'
+            files = [entry for entry in _entries(folder / name) if not entry.startswith('.')]
+            if files:
+                other = f'{folder / name} holds {some_of(files)}'
                 return NotKittiError(path, other, [], f'expected files like 000000{suffix} there')
     return None
 
@@ -635,18 +635,18 @@ def _explain_archives(path: Path, entries: list[str]) -> NotKittiError | None:
         return None
     error = _not_kitti(
         path,
-        f'holds {format_count(len(packed), "archive")}, {some_of([each.name for each in packed])}',
+        f'holds {format_count(len(packed), "archive")}, {some_of([file.name for file in packed])}',
         'extract them' if len(packed) > 1 else 'extract it',
     )
     if is_remote(path):
         return error
-    opened = [(each, Archive.open(each)) for each in packed[:_MOST_ARCHIVES]]
-    usable = [(each, archive) for each, archive in opened if archive and archive.folder]
+    opened = [(file, Archive.open(file)) for file in packed[:_MOST_ARCHIVES]]
+    usable = [(file, archive) for file, archive in opened if archive and archive.folder]
     folders = {archive.folder for _, archive in usable if archive.folder}
     if not folders:
         return error
     folder = folders.pop() if len(folders) == 1 else path
-    command = extract_command([each for each, _ in usable], path)
+    command = extract_command([file for file, _ in usable], path)
     return error.with_remedies(Remedy(path, folder, before=command))
 
 
@@ -663,7 +663,7 @@ def _entries(folder: Path) -> list[str]:
 def _subfolders(folder: Path) -> list[Path]:
     if is_remote(folder):
         inside = (folder / name for name in _entries(folder) if not name.startswith('.'))
-        return [each for each in inside if each.is_dir()]
+        return [subfolder for subfolder in inside if subfolder.is_dir()]
     return sorted(folder / entry.name for entry in _scan(folder) if _is_folder(entry))
 
 

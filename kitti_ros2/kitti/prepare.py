@@ -187,12 +187,12 @@ def _motion_between(
     Raises:
         MissingDataError: There are none near.
     """
-    found = _poses_near(recording, span, _REACH_TURNS * length_ns)
-    stamps_ns = [*found]
+    poses_near = _poses_near(recording, span, _REACH_TURNS * length_ns)
+    stamps_ns = [*poses_near]
     velo_t_imu = recording.calibration(number).velo_T_imu
     covered = _covers(np.array(stamps_ns, dtype=np.int64), span, _REACH_TURNS * length_ns)
-    measured = _twists(list(found.values()), velo_t_imu.matrix()) if covered else None
-    if not covered or (measured is None and len(found) < _FEWEST_POSES):
+    measured = _twists(list(poses_near.values()), velo_t_imu.matrix()) if covered else None
+    if not covered or (measured is None and len(poses_near) < _FEWEST_POSES):
         raise MissingDataError(
             f'{recording.name}: no readable oxts packets or poses near the turn of scan {number},'
             f' which compensation of motion needs'
@@ -201,7 +201,7 @@ def _motion_between(
         motion = ScannerMotion.from_twists(stamps_ns, measured)
     else:
         imu_t_velo = velo_t_imu.inverse()
-        poses = [pose.world_T_imu @ imu_t_velo for pose in found.values()]
+        poses = [pose.world_T_imu @ imu_t_velo for pose in poses_near.values()]
         motion = ScannerMotion.from_poses(stamps_ns, poses)
     speed, rate = motion.fastest()
     if speed > _FASTEST_M_S or rate > _FASTEST_RAD_S:
@@ -304,9 +304,9 @@ def pair_numbers(
     for number, stamp_ns in right_ns.items():
         place = bisect_left(lefts, (stamp_ns, 0))
         for left_stamp_ns, left in lefts[max(place - 1, 0) : place + 1]:
-            found = abs(left_stamp_ns - stamp_ns), number
-            if found[0] <= _FARTHEST_NS:
-                nearest[left] = min(nearest.get(left, found), found)
+            candidate = abs(left_stamp_ns - stamp_ns), number
+            if candidate[0] <= _FARTHEST_NS:
+                nearest[left] = min(nearest.get(left, candidate), candidate)
     # A right image between two left ones is the nearest of both: it belongs to the nearer.
     best: dict[int, tuple[int, int]] = {}
     for left, (apart_ns, number) in nearest.items():
@@ -361,7 +361,7 @@ def _first(index: StreamIndex) -> int:
 
 # Predictions of a detector or tracker as a stream of a recording.
 
-_STREAMS = (Stream.LABELS, *(each for each in FRAME_STREAMS if each is not Stream.LABELS))
+_STREAMS = (Stream.LABELS, *(stream for stream in FRAME_STREAMS if stream is not Stream.LABELS))
 
 
 def add_predictions(recording: KittiRecording, path: Path | None) -> None:
@@ -382,21 +382,21 @@ def add_predictions(recording: KittiRecording, path: Path | None) -> None:
         return
     results = ResultFiles(path, frames=recording.frames)
     stamps = _frame_stamps(recording)
-    own, known = {*results.numbers}, sorted(stamps)
-    if not own & {*known}:
-        frames = describe_frames(known) if known else 'none'
+    own, frame_numbers = {*results.numbers}, sorted(stamps)
+    if not own & {*frame_numbers}:
+        frames = describe_frames(frame_numbers) if frame_numbers else 'none'
         of_results = describe_frames(results.numbers) if own else 'none'
         raise UsageError(
             f'{results.root}: contains results of {of_results}; {recording.name} has {frames}'
         )
-    absent = results.absent(known)
+    absent = results.absent(frame_numbers)
     lost = {*absent.numbers} if absent is not None else set()
-    numbers = np.array([number for number in known if number not in lost], np.int64)
+    numbers = np.array([number for number in frame_numbers if number not in lost], np.int64)
     stamps_ns = np.array([stamps[number] for number in numbers.tolist()], np.int64)
     recording.results = results
     recording.streams[Stream.PREDICTIONS] = StreamIndex(numbers, stamps_ns)
     recording.losses += [*results.losses, *([] if absent is None else [absent])]
-    others = sorted(own - {*known})
+    others = sorted(own - {*frame_numbers})
     if others:
         reason = f'{results.root}: results of frames {{}}, which {recording.name} does not have'
         recording.losses.append(Loss(Stream.PREDICTIONS.value, len(others), reason, tuple(others)))
@@ -404,11 +404,11 @@ def add_predictions(recording: KittiRecording, path: Path | None) -> None:
 
 def _frame_stamps(recording: KittiRecording) -> dict[int, int]:
     """Return the stamp of each frame; a raw extract counts its frames by the scans."""
-    present = [recording.streams[each] for each in _STREAMS if each in recording.streams]
-    found: dict[int, int] = {}
+    present = [recording.streams[stream] for stream in _STREAMS if stream in recording.streams]
+    stamps: dict[int, int] = {}
     for index in reversed(present if recording.common_numbers else present[:1]):
-        found |= zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True)
-    return found
+        stamps |= zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True)
+    return stamps
 
 
 # The frames that a selection takes: by their numbers, seconds from the first, or stamps.

@@ -148,8 +148,8 @@ class RawRecording(KittiRecording):
         # A folder that is not of the drive's day may have drives of others.
         dated = day in {self.root.name, ''}
         folders = (self.root, self.drive) if dated else (self.drive, self.root)
-        known = (each for each in folders if any((each / n).is_file() for n in names.RAW_CALIB))
-        folder = next(known, folders[0])
+        calibrated = (at for at in folders if any((at / n).is_file() for n in names.RAW_CALIB))
+        folder = next(calibrated, folders[0])
         texts, missing = {}, {}
         for name in names.RAW_CALIB:
             try:
@@ -162,12 +162,12 @@ class RawRecording(KittiRecording):
                 missing[name] = describe_error(error)
                 self._lose_late(Stream.CALIBRATION, missing[name])
         source = describe_source(self.layout, folder, self.name)
-        found = parse_raw_calibration(
+        parsed = parse_raw_calibration(
             texts, folder, rectified=self.rectified, source=source, day=day
         )
         place = folder.relative_to(self.root)
-        files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in found.files)
-        return replace(found, files=files, missing={**found.missing, **missing})
+        files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in parsed.files)
+        return replace(parsed, files=files, missing={**parsed.missing, **missing})
 
     def text_paths(self) -> list[Path]:
         """List the time stamps and data format of every stream, and the tracklets."""
@@ -274,8 +274,8 @@ class ObjectRecording(KittiRecording):
         for stream, (folder, suffixes) in folders.items():
             listing = self._without_unfinished(stream, self._list(folder, suffixes))
             self._add_nominal(stream, listing.numbers, listing)
-            known = stream.camera in (None, *self.layout.traits.cameras)
-            if known and not len(listing.numbers) and not listing.strays:
+            expected = stream.camera in (None, *self.layout.traits.cameras)
+            if expected and not len(listing.numbers) and not listing.strays:
                 self.notes.append(f'{folder}: absent or empty, {stream.value} is left out')
         if labels == names.WAYMO_LABELS:
             self.notes.append(
@@ -310,20 +310,20 @@ class ObjectRecording(KittiRecording):
         times = drives.read([*self.streams])
         for stream, index in [*self.streams.items()]:
             stamps = times.stamps(stream)
-            known = [n for n in index.numbers.tolist() if n in stamps]
-            absent = sorted(set(index.numbers.tolist()).difference(known))
+            stamped = [n for n in index.numbers.tolist() if n in stamps]
+            absent = sorted(set(index.numbers.tolist()).difference(stamped))
             for reason, frames in drives.reasons_of(stream, absent).items():
                 escaped = reason.replace('{', '(').replace('}', ')')
                 self._lose(stream, frames, f'{escaped}; no true stamp for frames {{}}')
-            stamps_ns = np.array([stamps[n] for n in known], dtype=np.int64)
-            self.streams[stream] = StreamIndex(np.array(known, dtype=np.int64), stamps_ns)
+            stamps_ns = np.array([stamps[n] for n in stamped], dtype=np.int64)
+            self.streams[stream] = StreamIndex(np.array(stamped, dtype=np.int64), stamps_ns)
         self.streams = {stream: index for stream, index in self.streams.items() if len(index)}
         if not self.streams and self.losses:
             reason = self.losses[-1].message.partition(';')[0]
             raise UsageError(f'{self.split}: no frame has a true stamp: {reason}; see --raw')
         self.clock = Clock.UTC
-        left = {n for index in self.streams.values() for n in index.numbers.tolist()}
-        self.origins = {n: origin for n, origin in times.origins.items() if n in left}
+        remaining = {n for index in self.streams.values() for n in index.numbers.tolist()}
+        self.origins = {n: origin for n, origin in times.origins.items() if n in remaining}
         return times
 
     def _find_journal(self) -> AppendJournal | None:
@@ -355,12 +355,12 @@ class ObjectRecording(KittiRecording):
 
     def describe(self) -> Description:
         """Describe the set; lists of frames are as before an incomplete append."""
-        found = super().describe()
+        description = super().describe()
         if self._times is not None:
-            values = {**found.values, REAL_TIME: describe_times(self._times)}
-            found = replace(found, values=values)
+            values = {**description.values, REAL_TIME: describe_times(self._times)}
+            description = replace(description, values=values)
         if self._journal is None:
-            return found
+            return description
         before = self.root / append_journal.FOLDER / append_journal.BEFORE
         earlier = [
             TextFile(path, STORE.read_text(before / path))
@@ -368,8 +368,8 @@ class ObjectRecording(KittiRecording):
             if (before / path).is_file()  # else it has been restored already
         ]
         replaced = {file.name for file in earlier} | set(map(str, self._journal.files))
-        files = [file for file in found.files if file.name not in replaced]
-        return replace(found, files=sorted([*files, *earlier], key=lambda file: file.name))
+        files = [file for file in description.files if file.name not in replaced]
+        return replace(description, files=sorted([*files, *earlier], key=lambda file: file.name))
 
     def calibration(self, number: int) -> Calibration:
         """Return the calibration of a frame."""
@@ -549,8 +549,8 @@ class TrackingRecording(KittiRecording):
         for stream, (folder, suffixes) in folders.items():
             listing = self._list(folder, suffixes)
             self._add_nominal(stream, listing.numbers, listing)
-            known = stream.camera in (None, *self.layout.traits.cameras)
-            if known and not len(listing.numbers) and not listing.strays:
+            expected = stream.camera in (None, *self.layout.traits.cameras)
+            if expected and not len(listing.numbers) and not listing.strays:
                 self.notes.append(f'{folder}: absent or empty, {stream.value} is left out')
         self._require_common_names()
         packets = np.arange(len(self._oxts_lines), dtype=np.int64)

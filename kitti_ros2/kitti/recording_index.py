@@ -60,9 +60,9 @@ def find_turns(
     """
     turns = {}
     for number, forward in forward_ns.items():
-        known = turn_length(starts_ns.get(number), ends_ns.get(number))
-        length = period_ns if known is None else known
-        turns[number] = Turn(forward - length // 2, length, nominal=known is None)
+        measured_ns = turn_length(starts_ns.get(number), ends_ns.get(number))
+        length = period_ns if measured_ns is None else measured_ns
+        turns[number] = Turn(forward - length // 2, length, nominal=measured_ns is None)
     return turns
 
 
@@ -177,9 +177,9 @@ class RecordingIndex:
             self.notes.append(text)
         if listing.doubles:
             names = some_of([name for several in listing.doubles.values() for name in several])
-            kept = listing.path(min(listing.doubles)).name
-            told = f'{listing.folder}: {names} left out; {kept} is'.replace('{', '(')
-            reason = f'{told.replace("}", ")")} another file of the same frame: {{}}'
+            read_name = listing.path(min(listing.doubles)).name
+            reason_start = f'{listing.folder}: {names} left out; {read_name} is'.replace('{', '(')
+            reason = f'{reason_start.replace("}", ")")} another file of the same frame: {{}}'
             self._lose(stream, [*listing.doubles], reason)
 
     def _require_common_names(self) -> None:
@@ -188,13 +188,13 @@ class RecordingIndex:
         Raises:
             BadFileError: Two folders have no name in common.
         """
-        listed = [each for each in self._listings.values() if len(each.numbers)]
+        listed = [files for files in self._listings.values() if len(files.numbers)]
         for listing in listed if self.frames.stems else ():
-            others = [each for each in listed if each is not listing]
+            others = [files for files in listed if files is not listing]
             if others and not any(np.isin(listing.numbers, o.numbers).any() for o in others):
-                own, other = (each.path(int(each.numbers[0])) for each in (listing, others[0]))
-                found = f'{own.name} and others have no file of the same name in {other.parent}'
-                raise BadFileError(listing.folder, found, 'one name, or number, for a frame')
+                own, other = (files.path(int(files.numbers[0])) for files in (listing, others[0]))
+                problem = f'{own.name} and others have no file of the same name in {other.parent}'
+                raise BadFileError(listing.folder, problem, 'one name, or number, for a frame')
 
     def _add_stamped(
         self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
@@ -270,8 +270,8 @@ class RecordingIndex:
     def leave_out(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
         """Remove frames of a stream and report them; {} in the reason stands for their numbers."""
         index = self.streams[stream]
-        kept = ~np.isin(index.numbers, numbers)
-        self.streams[stream] = StreamIndex(index.numbers[kept], index.stamps_ns[kept])
+        mask = ~np.isin(index.numbers, numbers)
+        self.streams[stream] = StreamIndex(index.numbers[mask], index.stamps_ns[mask])
         self._lose(stream, numbers, reason)
 
     def _lose(self, stream: Stream, numbers: Sequence[int], reason: str) -> None:
@@ -291,11 +291,11 @@ class RecordingIndex:
     def _find_gaps(self, streams: Iterable[Stream]) -> None:
         """Report the frames that one of these streams has and another has not."""
         present = [stream for stream in streams if stream in self.streams]
-        known: set[int] = set()
+        numbers: set[int] = set()
         for stream in present:
-            known.update(self.streams[stream].numbers.tolist())
+            numbers.update(self.streams[stream].numbers.tolist())
         for stream in present:
-            absent = sorted(known.difference(self.streams[stream].numbers.tolist()))
+            absent = sorted(numbers.difference(self.streams[stream].numbers.tolist()))
             folder = self.path(stream, 0).parent
             self._lose(
                 stream,

@@ -97,12 +97,12 @@ class Mismatch(NamedTuple):
     """What scans are instead.
 
     Attributes:
-        found: A sentence without its subject.
+        problem: A sentence without its subject.
         remedy: What to do.
         point_bytes: Bytes of a point, 0 if points are not bare; None if it is not known.
     """
 
-    found: str
+    problem: str
     remedy: str
     point_bytes: int | None = None
 
@@ -112,24 +112,24 @@ class ScanLook(NamedTuple):
 
     Attributes:
         path: One of them.
-        found: What they are, if not KITTI's.
+        mismatch: Columns or format, if not KITTI's.
         unit: Whether reflectances are 0 to 1, so that a scan of other columns stands out.
     """
 
     path: Path | None = None
-    found: Mismatch | None = None
+    mismatch: Mismatch | None = None
     unit: bool = False
 
     @property
     def error(self) -> BadFileError | None:
         """The error if they are not KITTI's."""
-        return mismatch_error(self.path, self.found) if self.path and self.found else None
+        return mismatch_error(self.path, self.mismatch) if self.path and self.mismatch else None
 
     def doubt(self, columns: ScanColumns) -> str | None:
         """Return the note that the given columns are not theirs; None if they may be."""
-        if self.found is None or self.found.point_bytes in {None, columns.point_bytes}:
+        if self.mismatch is None or self.mismatch.point_bytes in {None, columns.point_bytes}:
             return None
-        return f'{self.path}: {self.found.found}, not those of --columns; check what is read'
+        return f'{self.path}: {self.mismatch.problem}, not those of --columns; check what is read'
 
     def check(self, path: Path, data: npt.NDArray[np.uint8]) -> None:
         """Check that a scan is not of other columns than the others.
@@ -139,9 +139,9 @@ class ScanLook(NamedTuple):
         """
         whole = len(data) % KITTI_COLUMNS.point_bytes == 0
         if self.unit and whole and not _is_unit(data[:_FEW_BYTES].view('<f4')[3::4]):
-            found = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
-            if found is not None and found.point_bytes is not None:
-                raise odd_scan_error(path, found)
+            mismatch = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
+            if mismatch is not None and mismatch.point_bytes is not None:
+                raise odd_scan_error(path, mismatch)
 
 
 def look_at_scans(recording: RecordingIndex, *, labelled: bool) -> ScanLook:
@@ -157,13 +157,13 @@ def look_at_scans(recording: RecordingIndex, *, labelled: bool) -> ScanLook:
     paths = [path for path in paths if path.suffix.lower() != names.TXT]
     first, used = _first_heads(paths)
     points = _label_count(used[0]) if used and labelled else None
-    found = find_mismatch(first, points)
-    if found is None:
+    mismatch = find_mismatch(first, points)
+    if mismatch is None:
         return ScanLook(unit=_has_unit(first))
     others, _ = _first_heads(paths[len(paths) // 2 :][:1]) if len(paths) > len(used) else ([], [])
     if others and find_mismatch(others) is None:
         return ScanLook(unit=_has_unit(others))
-    return ScanLook(used[0], found)
+    return ScanLook(used[0], mismatch)
 
 
 def _has_unit(heads: Sequence[tuple[bytes, int]]) -> bool:
@@ -174,14 +174,14 @@ def _is_unit(reflectance: Values) -> bool:
     return bool(((reflectance >= 0) & (reflectance <= 1)).all())
 
 
-def mismatch_error(path: Path | str, found: Mismatch) -> BadFileError:
+def mismatch_error(path: Path | str, mismatch: Mismatch) -> BadFileError:
     """Return the error of a scan."""
-    return BadFileError(path, found.found, _EXPECTED, remedy=found.remedy)
+    return BadFileError(path, mismatch.problem, _EXPECTED, remedy=mismatch.remedy)
 
 
-def odd_scan_error(path: Path | str, found: Mismatch) -> BadFileError:
+def odd_scan_error(path: Path | str, mismatch: Mismatch) -> BadFileError:
     """Return the error of a scan among KITTI's."""
-    return BadFileError(path, found.found, _EXPECTED, remedy='move it to a set of its own')
+    return BadFileError(path, mismatch.problem, _EXPECTED, remedy='move it to a set of its own')
 
 
 def _first_heads(paths: Sequence[Path]) -> tuple[list[tuple[bytes, int]], list[Path]]:
@@ -289,15 +289,15 @@ def _floats(heads: Sequence[bytes], sizes: Sequence[int]) -> Mismatch | None:
     fourth = np.concatenate([row[:, 3] for row in _rows(values, _COLUMNS)])
     wrong = _is_nonsense(fourth)
     if wrong.mean() > _MOST_OF_A_COLUMN:
-        found = f'the fourth value of most points is no reflectance, such as {fourth[wrong][0]:g}'
-        return Mismatch(found, "leave it out: --columns 'x y z -'; a name in place of - keeps it")
+        problem = f'the fourth value of most points is no reflectance, such as {fourth[wrong][0]:g}'
+        return Mismatch(problem, "leave it out: --columns 'x y z -'; a name in place of - keeps it")
     return None
 
 
 def _of_columns(columns: int, kind: str) -> Mismatch:
     suffix, width = (':f8', 8) if kind == 'float64' else ('', 4)
-    known = KITTI_COLUMNS.names[:columns]
-    text = ' '.join(f'{name}{suffix}' for name in (*known, *['-'] * (columns - len(known))))
+    xyzi = KITTI_COLUMNS.names[:columns]
+    text = ' '.join(f'{name}{suffix}' for name in (*xyzi, *['-'] * (columns - len(xyzi))))
     keeps = '; a name in place of - keeps a column' if columns > _COLUMNS else ''
     return Mismatch(
         f'size and values are those of {columns} {kind} a point',
@@ -439,9 +439,9 @@ def parse_scan(data: bytes | npt.NDArray[np.uint8], path: Path | str) -> Float32
     if not len(data):
         raise BadFileError(path, 'the file is empty', 'a scan of 16 bytes a point')
     if len(data) % POINT_BYTES:
-        found = find_mismatch([(bytes(data[:HEAD_BYTES]), len(data))])
-        if found is not None:
-            raise odd_scan_error(path, found)
+        mismatch = find_mismatch([(bytes(data[:HEAD_BYTES]), len(data))])
+        if mismatch is not None:
+            raise odd_scan_error(path, mismatch)
         raise BadFileError(
             path,
             f'{len(data)} bytes, cut inside a point',

@@ -57,12 +57,12 @@ def kept(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]
 
     @wraps(names)
     def listed(store: S, folder: Path) -> list[str]:
-        known = _KEPT.get()
-        if known is None:
+        listings = _KEPT.get()
+        if listings is None:
             return names(store, folder)
-        if folder not in known:
-            known[folder] = names(store, folder)
-        return known[folder].copy()
+        if folder not in listings:
+            listings[folder] = names(store, folder)
+        return listings[folder].copy()
 
     return listed
 
@@ -120,8 +120,8 @@ def _opened(path: Path) -> Iterator[tuple[int, int]]:
 
 def _check_size(path: Path, size: int) -> None:
     if size > MOST_BYTES:
-        found, most = map(format_bytes, (size, MOST_BYTES))
-        raise BadFileError(path, f'{found}, which is not read', f'a file of at most {most}')
+        size_text, most = map(format_bytes, (size, MOST_BYTES))
+        raise BadFileError(path, f'{size_text}, which is not read', f'a file of at most {most}')
 
 
 def _pread(file: int, length: int, position: int) -> bytes:
@@ -189,9 +189,9 @@ class FileStore:
         frames: FileNames | None = None,
     ) -> Listing:
         """List the files of frames in a folder; see names.find_numbered."""
-        found = find_numbered(self.names(folder), suffixes, digits, frames)
-        numbers = np.array(found.numbers, dtype=np.int64)
-        return Listing(folder, numbers, found.names, found.strays, found.doubles)
+        numbered = find_numbered(self.names(folder), suffixes, digits, frames)
+        numbers = np.array(numbered.numbers, dtype=np.int64)
+        return Listing(folder, numbers, numbered.names, numbered.strays, numbered.doubles)
 
     def find_frames(self, folders: Mapping[Path, tuple[str, ...]], digits: int) -> FileNames:
         """Return how the frames in folders are named; see names.find_frames."""

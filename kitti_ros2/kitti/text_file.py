@@ -54,8 +54,8 @@ class Lines(Generic[T]):
 
     def rows(self) -> dict[int, T | BadFileError]:
         """Return what each line is, by line."""
-        found: dict[int, T | BadFileError] = {**self.sound(), **self.errors}
-        return dict(sorted(found.items()))
+        rows: dict[int, T | BadFileError] = {**self.sound(), **self.errors}
+        return dict(sorted(rows.items()))
 
     def sound(self) -> dict[int, T]:
         """Return the values of the valid lines, by line."""
@@ -102,9 +102,9 @@ def check_columns(
     """
     errors: list[BadFileError] = []
     for number, line in lines:
-        found = len(line.split())
-        if found not in counts:
-            errors.append(BadFileError(path, f'{found} columns', expected, line=number))
+        count = len(line.split())
+        if count not in counts:
+            errors.append(BadFileError(path, f'{count} columns', expected, line=number))
             check_count(errors, path, expected)
 
 
@@ -116,8 +116,8 @@ def check_count(errors: Collection[BadFileError], path: Path | str, expected: st
     """
     if len(errors) > _MOST_INVALID:
         first = next(iter(errors)).line
-        found = f'this and {_MOST_INVALID} more lines, maybe all, are invalid; the file is not read'
-        raise BadFileError(path, found, expected, line=first)
+        fault = f'this and {_MOST_INVALID} more lines, maybe all, are invalid; the file is not read'
+        raise BadFileError(path, fault, expected, line=first)
 
 
 def parse_numbers(words: list[str], count: int) -> list[float]:
@@ -150,9 +150,9 @@ _AS_IN_KITTI = re.compile(r'((19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{9}\n)+', r
 
 def parse_timestamps(text: str, path: Path | str) -> Lines[int]:
     """Parse a timestamps.txt: nanoseconds by line."""
-    found = _parse_regular(text)  # ten times as fast as line by line, in every drive of KITTI
-    if found is not None:
-        return Lines(found, {})
+    stamps = _parse_regular(text)  # ten times as fast as line by line, in every drive of KITTI
+    if stamps is not None:
+        return Lines(stamps, {})
     return parse_lines(text, path, 'YYYY-MM-DD HH:MM:SS.nnnnnnnnn', parse_stamp)
 
 

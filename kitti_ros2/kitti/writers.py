@@ -158,7 +158,7 @@ class LayoutWriter:
     def _no_place(self, stream: Stream) -> UsageError:
         return UsageError(
             f'the {self.layout.value} layout has no place for {stream.value};'
-            f' it holds {", ".join(sorted(kept.value for kept in self.accepts))}'
+            f' it holds {", ".join(sorted(accepted.value for accepted in self.accepts))}'
         )
 
 
@@ -340,18 +340,18 @@ class RawWriter(LayoutWriter):
 
     def notes(self) -> list[str]:
         """Return remarks on tracklets, each of which has one class and size."""
-        found = []
+        notes = []
         if self._cut:
-            found.append(
+            notes.append(
                 f'tracklets have one class and size: {format_count(self._cut, "track")} became'
                 f' several, each from where the class changes, or the size by more than 10 %'
             )
         if self._size_off_m > _REPORTED_OFF_M:
-            found.append(
+            notes.append(
                 f'tracklets have one size, the median of their boxes, which differ from it by up to'
                 f' {self._size_off_m:.2f} m'
             )
-        return found
+        return notes
 
     def _write_data(self, folder: Path, number: int, suffix: str, data: bytes) -> None:
         name = names.file_name(number, names.RAW_DIGITS, suffix)

@@ -191,8 +191,8 @@ class CameraModel:
             pixels = (points @ self.r.T) @ self.p[:, :3].T + self.p[:, 3]
             u, v = pixels[:, 0] / pixels[:, 2], pixels[:, 1] / pixels[:, 2]
             ahead = pixels[:, 2] > 0
-            found = ahead & (u >= 0) & (v >= 0) & (u < self.size[0]) & (v < self.size[1])
-        return np.asarray(found)
+            inside = ahead & (u >= 0) & (v >= 0) & (u < self.size[0]) & (v < self.size[1])
+        return np.asarray(inside)
 
 
 def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's types
@@ -244,8 +244,8 @@ def lens_model(name: str, d: Float64Array) -> str:
         d: (n,) its numbers; all 0 is no distortion, but in a fisheye model.
     """
     lower = name.lower()
-    found = lower if lower in LENS_MODELS else _LENSES.get(lower, name)
-    return found if found in LENS_MODELS or d.any() else PLUMB_BOB
+    model = lower if lower in LENS_MODELS else _LENSES.get(lower, name)
+    return model if model in LENS_MODELS or d.any() else PLUMB_BOB
 
 
 def _is_projection(matrix: Float64Array) -> bool:

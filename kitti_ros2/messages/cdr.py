@@ -162,9 +162,9 @@ def _restamp_within(message: Any, stamp_ns: int) -> None:  # noqa: ANN401 - any 
         value = getattr(message, name)
         if name == _TIMESTAMP:
             value.sec, value.nanosec = divmod(stamp_ns, 1_000_000_000)
-        for each in value if isinstance(value, list) else [value]:
-            if hasattr(each, '__dataclass_fields__'):
-                _restamp_within(each, stamp_ns)
+        for nested in value if isinstance(value, list) else [value]:
+            if hasattr(nested, '__dataclass_fields__'):
+                _restamp_within(nested, stamp_ns)
 
 
 # Serialisation of CDR field by field, for large and frequent messages.
@@ -470,7 +470,7 @@ def _is_alike(field: FieldDesc, expected: FieldDesc) -> bool:
     if kind != expected[0]:
         return False
     if kind == Nodetype.BASE:
-        names = [cast('tuple[Basename, int]', each[1])[0] for each in (field, expected)]
+        names = [cast('tuple[Basename, int]', desc[1])[0] for desc in (field, expected)]
         return (names[0] == 'string') == (names[1] == 'string')
     if kind == Nodetype.NAME:
         return detail == expected[1]

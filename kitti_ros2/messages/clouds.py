@@ -177,10 +177,10 @@ def decode_returns(message: PointCloud2, intensity_scale: float = 1.0) -> ScanPo
     ):
         dropped[reason] = int(np.count_nonzero(wrong & ~missing))
         missing |= wrong
-    kept, _ = _kept(points, ~missing)
+    returns, _ = _kept(points, ~missing)
     if labels is not None and dropped.total():
         labels = labels[~missing]
-    return ScanPoints(kept, +dropped, lost, labels)
+    return ScanPoints(returns, +dropped, lost, labels)
 
 
 def _not_finite(points: Float32Array) -> npt.NDArray[np.bool_]:
@@ -216,10 +216,10 @@ def _one_place(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArr
         return np.zeros(len(points), dtype=np.bool_)
     places = points[which, :3]
     same = (places == np.sort(places, axis=0)[len(places) // 2]).all(axis=1)
-    found = np.zeros(len(points), dtype=np.bool_)
+    mask = np.zeros(len(points), dtype=np.bool_)
     if np.count_nonzero(same) * 2 > len(which):
-        found[which[same]] = True
-    return found
+        mask[which[same]] = True
+    return mask
 
 
 def _kept(points: Float32Array, is_return: npt.NDArray[np.bool_]) -> tuple[Float32Array, int]:
@@ -227,11 +227,11 @@ def _kept(points: Float32Array, is_return: npt.NDArray[np.bool_]) -> tuple[Float
     reflectance = points[:, 3]
     if is_return.all() and ((reflectance >= 0) & (reflectance <= 1)).all():
         return points, 0
-    kept = points[is_return]
-    reflectance = kept[:, 3]
+    returns = points[is_return]
+    reflectance = returns[:, 3]
     np.clip(reflectance, 0, 1, out=reflectance)
     reflectance[np.isnan(reflectance)] = 0
-    return kept, len(points) - len(kept)
+    return returns, len(points) - len(returns)
 
 
 def guess_intensity_scale(clouds: Iterable[PointCloud2]) -> float:
@@ -328,11 +328,11 @@ def label_fields(message: PointCloud2) -> tuple[str, ...]:
     and instance_id, class_id and object_id, CARLA's ObjTag and ObjIdx.
     """
     names = {field.name.lower().replace('_', ''): field.name for field in reversed(message.fields)}
-    found = [
-        next((names[name] for name in known if name in names), '')
-        for known in (_CLASSES, _INSTANCES)
+    field_names = [
+        next((names[name] for name in spellings if name in names), '')
+        for spellings in (_CLASSES, _INSTANCES)
     ]
-    return tuple(filter(None, found)) if found[0] else ()
+    return tuple(filter(None, field_names)) if field_names[0] else ()
 
 
 def read_labels(
@@ -512,9 +512,9 @@ class TurnTimes:
             'time_increment': ray_span_ns,
             'fields': self._points_ns,
         }
-        found = next((span_ns for name, span_ns in own.items() if hasattr(message, name)), None)
+        read_span = next((span_ns for name, span_ns in own.items() if hasattr(message, name)), None)
         try:
-            return None if found is None else found(message)
+            return None if read_span is None else read_span(message)
         except (AttributeError, TypeError, ValueError):  # forks define fields without, or otherwise
             return None
 
@@ -652,5 +652,5 @@ def _is_return(cloud: PointCloud2) -> npt.NDArray[np.bool_]:
         ValueError: A coordinate cannot be read.
     """
     places = np.stack([read_field(cloud, name) for name in 'xyz'])
-    found: npt.NDArray[np.bool_] = np.isfinite(places).all(axis=0) & places.any(axis=0)
-    return found
+    mask: npt.NDArray[np.bool_] = np.isfinite(places).all(axis=0) & places.any(axis=0)
+    return mask

@@ -107,7 +107,7 @@ def _add_result(
 
 def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
     """Whether boxes are predictions: those with scores that are all 0 or 1 are ground truth."""
-    scores = [each.existence_probability for each in getattr(message, 'objects', ())]
+    scores = [obj.existence_probability for obj in getattr(message, 'objects', ())]
     for detection in getattr(message, 'detections', ()):
         scores += map(_score, detection.results)
     return any(score not in _TRUTH_SCORES for score in scores)
@@ -207,12 +207,12 @@ def place_in_velo(
     p, q = pose.position, pose.orientation
     place, xyzw = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
     if not np.isfinite([*place, *xyzw]).all():
-        found = Transform(np.full((3, 3), np.nan), np.full(3, np.nan))
+        frame_T_box = Transform(np.full((3, 3), np.nan), np.full(3, np.nan))
     elif xyzw.any():
-        found = Transform.from_quaternion(xyzw, place)
+        frame_T_box = Transform.from_quaternion(xyzw, place)
     else:
-        found = Transform.from_translation(place)
-    return to_velo[name] @ found
+        frame_T_box = Transform.from_translation(place)
+    return to_velo[name] @ frame_T_box
 
 
 def placed(
@@ -228,28 +228,28 @@ def placed(
     Raises:
         ValueError: They all are.
     """
-    made, faults = [], []
+    cuboids, faults = [], []
     for box in boxes:
         try:
-            made.append(make(box))
+            cuboids.append(make(box))
         except ValueError as error:
             faults.append(error)
-    if faults and not made:
+    if faults and not cuboids:
         raise faults[0]
-    kept, left_out = possible(made)
-    return kept, left_out + [UNPLACED] * len(faults)
+    plausible, left_out = possible(cuboids)
+    return plausible, left_out + [UNPLACED] * len(faults)
 
 
 def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
     """Return the boxes with a possible size, place and score, and ABSURD for each of the others."""
-    kept = [
+    plausible = [
         cuboid
         for cuboid in cuboids
         if (np.abs([*cuboid.velo_T_box.matrix().ravel(), *cuboid.size_lwh]) < _FARTHEST_M).all()
         and min(cuboid.size_lwh) > 0
         and (cuboid.score is None or np.isfinite(cuboid.score))
     ]
-    return kept, [ABSURD] * (len(cuboids) - len(kept))
+    return plausible, [ABSURD] * (len(cuboids) - len(plausible))
 
 
 def _score(result: Any) -> float:  # noqa: ANN401 - of the bag's types
@@ -318,7 +318,7 @@ def encode_tracked_objects(cuboids: Sequence[Cuboid], stamp_ns: int, frame: Obje
     Raises:
         struct.error: A track id has more than 32 bits.
     """
-    tracked = [(each, each.track_id) for each in cuboids if _has_track(each)]
+    tracked = [(box, box.track_id) for box in cuboids if _has_track(box)]
     cdr = _begin(len(tracked), stamp_ns, frame)
     for cuboid, track_id in tracked:
         cdr.octets(_TRACK.pack(_TRACK_PREFIX, track_id))
@@ -376,17 +376,17 @@ def cuboids_of_objects(
         ValueError: The message is in a frame that is not joined.
     """
     cuboids = []
-    for each in message.objects:
-        pose = each.kinematics.pose_with_covariance.pose
-        offset, size = _bounds(each.shape)
-        best = max(each.classification, key=lambda one: one.probability, default=None)
+    for detection in message.objects:
+        pose = detection.kinematics.pose_with_covariance.pose
+        offset, size = _bounds(detection.shape)
+        best = max(detection.classification, key=lambda one: one.probability, default=None)
         cuboids.append(
             Cuboid(
                 '' if best is None else class_of(int(best.label)),
-                _identity(each),
+                _identity(detection),
                 place_in_velo(pose, message.header.frame_id, to_velo) @ offset,
                 size,
-                float(each.existence_probability) if scores else None,
+                float(detection.existence_probability) if scores else None,
             )
         )
     return possible(cuboids)
@@ -411,11 +411,11 @@ def _bounds(shape: Any) -> tuple[Transform, tuple[float, float, float]]:  # noqa
     return Transform.from_translation((middle_x, middle_y, 0.0)), (length, width, size.z)
 
 
-def _identity(each: Any) -> str:  # noqa: ANN401 - as above
+def _identity(detection: Any) -> str:  # noqa: ANN401 - as above
     """Return the track id of our own UUIDs, others as text; empty without one, or for zeros."""
-    if not hasattr(each, 'object_id'):
+    if not hasattr(detection, 'object_id'):
         return ''
-    data = bytes(each.object_id.uuid)
+    data = bytes(detection.object_id.uuid)
     prefix, track_id = _TRACK.unpack(data)
     if prefix == _TRACK_PREFIX:
         return str(track_id)
@@ -468,10 +468,10 @@ def cuboids_of_markers(
     """
     shown = _shown(message)
     captions = _Captions(shown)
-    cubes = [each for each in shown if each.type == _CUBE]
+    cubes = [marker for marker in shown if marker.type == _CUBE]
     framed = {cube.id for cube in cubes}
     lists = [
-        each for each in shown if each.type in {_LINE_LIST, _CUBE_LIST} and each.id not in framed
+        line for line in shown if line.type in {_LINE_LIST, _CUBE_LIST} and line.id not in framed
     ]
 
     def make(cube: Any) -> Cuboid:  # noqa: ANN401 - as above
@@ -489,7 +489,7 @@ def cuboids_of_markers(
 
 def frames_of_markers(message: Any) -> set[str]:  # noqa: ANN401 - of the bag's types
     """Return the frames of the cubes that cuboids_of_markers decodes, without leading slashes."""
-    return {each.header.frame_id.lstrip('/') for each in _shown(message) if each.type == _CUBE}
+    return {cube.header.frame_id.lstrip('/') for cube in _shown(message) if cube.type == _CUBE}
 
 
 def _shown(message: Any) -> list[Any]:  # noqa: ANN401 - of the bag's types
@@ -516,11 +516,11 @@ class _Captions:
     """
 
     def __init__(self, shown: list[Any]) -> None:
-        self._cubes = Counter(each.id for each in shown if each.type == _CUBE)
+        self._cubes = Counter(marker.id for marker in shown if marker.type == _CUBE)
         self._texts: dict[int, list[tuple[str, int, str]]] = {}
-        for place, each in enumerate(shown):
-            if each.type == _TEXT:
-                self._texts.setdefault(each.id, []).append((each.ns, place, each.text))
+        for place, marker in enumerate(shown):
+            if marker.type == _TEXT:
+                self._texts.setdefault(marker.id, []).append((marker.ns, place, marker.text))
         for texts in self._texts.values():
             texts.sort()
 
@@ -542,7 +542,7 @@ class _Captions:
     ) -> list[tuple[str, int, str]]:
         """Return those whose namespace begins so; sorted by it, they follow each other."""
         following = islice(texts, bisect_left(texts, (namespace,)), None)
-        return list(takewhile(lambda each: each[0].startswith(namespace), following))
+        return list(takewhile(lambda caption: caption[0].startswith(namespace), following))
 
 
 def _class_of(cube: Any, captions: _Captions) -> str:  # noqa: ANN401 - of the bag's types
@@ -551,16 +551,16 @@ def _class_of(cube: Any, captions: _Captions) -> str:  # noqa: ANN401 - of the b
     It is in a caption, or it is the cube's namespace.
     """
     candidates = [*captions.of(cube), cube.ns.rpartition('/')[2]]
-    return next((found for text in candidates if (found := _class_in(text))), '')
+    return next((class_name for text in candidates if (class_name := _class_in(text))), '')
 
 
 def _score_of(cube: Any, captions: _Captions) -> float | None:  # noqa: ANN401 - of the bag's types
     """Return the last fraction or percentage in the captions of a cube, None without one."""
-    found = [match for text in captions.of(cube) for match in _SCORE.finditer(text)]
-    if not found:
+    matches = [match for text in captions.of(cube) for match in _SCORE.finditer(text)]
+    if not matches:
         return None
-    number = float(found[-1][1])
-    return number / 100 if found[-1][2] else number
+    number = float(matches[-1][1])
+    return number / 100 if matches[-1][2] else number
 
 
 def _class_in(text: str) -> str:

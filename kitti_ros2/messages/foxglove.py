@@ -159,12 +159,12 @@ class Fields:
 
     def value(self, name: str) -> Any:  # noqa: ANN401 - of any type
         """Return the value of a field, None if it is missing."""
-        found = getattr(self._message, name, None)
-        if found is None:
+        field = getattr(self._message, name, None)
+        if field is None:
             return getattr(self._message, name.lower(), None)
-        if hasattr(found, 'DESCRIPTOR') and not self._message.HasField(name):
+        if hasattr(field, 'DESCRIPTOR') and not self._message.HasField(name):
             return None
-        return found
+        return field
 
     def text(self, name: str) -> str:
         """Return a string.
@@ -172,54 +172,54 @@ class Fields:
         Raises:
             ValueError: The value is of another type; so do all others.
         """
-        found = self.value(name)
-        if found is None:
+        text = self.value(name)
+        if text is None:
             return ''
-        if not isinstance(found, str):
-            raise _wrong(name, 'a string', found)
-        return found
+        if not isinstance(text, str):
+            raise _wrong(name, 'a string', text)
+        return text
 
     def number(self, name: str, default: float = 0.0) -> float:
         """Return a number."""
-        found = self.value(name)
-        if found is None:
+        number = self.value(name)
+        if number is None:
             return default
-        if isinstance(found, bool) or not isinstance(found, (int, float, np.number)):
-            raise _wrong(name, 'a number', found)
+        if isinstance(number, bool) or not isinstance(number, (int, float, np.number)):
+            raise _wrong(name, 'a number', number)
         try:
-            return float(found)
+            return float(number)
         except OverflowError as error:
-            raise _wrong(name, 'a number', found) from error
+            raise _wrong(name, 'a number', number) from error
 
     def integer(self, name: str, largest: int = _LARGEST) -> int:
         """Return an integer of 0 or more."""
-        found = self.number(name)
-        if not 0 <= found <= largest or found != int(found):
-            raise _wrong(name, f'an integer from 0 to {largest}', found)
-        return int(found)
+        number = self.number(name)
+        if not 0 <= number <= largest or number != int(number):
+            raise _wrong(name, f'an integer from 0 to {largest}', number)
+        return int(number)
 
     def numbers(self, name: str, *counts: int) -> Float64Array:
         """Return (N,) numbers; if counts are given, N is one of them."""
-        found = self.value(name)
+        sequence = self.value(name)
         try:
-            numbers = np.array([] if found is None else found, np.float64)
+            numbers = np.array([] if sequence is None else sequence, np.float64)
         except (TypeError, ValueError, OverflowError) as error:
-            raise _wrong(name, 'a list of numbers', found) from error
+            raise _wrong(name, 'a list of numbers', sequence) from error
         if numbers.ndim != 1 or (counts and len(numbers) not in counts):
             expected = ' or '.join(map(str, counts)) or 'a list of'
-            raise _wrong(name, f'{expected} numbers', found)
+            raise _wrong(name, f'{expected} numbers', sequence)
         return numbers
 
     def data(self, name: str) -> bytes | memoryview:
         """Return bytes."""
-        found = self.value(name)
-        if isinstance(found, np.ndarray) and found.dtype == np.uint8:
-            return memoryview(found.tobytes())
-        if found is None:
+        data = self.value(name)
+        if isinstance(data, np.ndarray) and data.dtype == np.uint8:
+            return memoryview(data.tobytes())
+        if data is None:
             return b''
-        if not isinstance(found, bytes):
-            raise _wrong(name, 'bytes', found)
-        return found
+        if not isinstance(data, bytes):
+            raise _wrong(name, 'bytes', data)
+        return data
 
     def child(self, name: str) -> Fields:
         """Return the fields of a nested message; of a missing one all are missing."""
@@ -227,11 +227,11 @@ class Fields:
 
     def children(self, name: str) -> list[Fields]:
         """Return the fields of each message of a list."""
-        found = self.value(name)
+        messages = self.value(name)
         try:
-            return [type(self)(each) for each in found or ()]
+            return [type(self)(message) for message in messages or ()]
         except TypeError as error:
-            raise _wrong(name, 'a list', found) from error
+            raise _wrong(name, 'a list', messages) from error
 
     def stamp_ns(self, name: str, default_ns: int) -> int:
         """Return a time, nanoseconds, or the default if the field is missing."""
@@ -247,13 +247,13 @@ class Fields:
 
     def xyz(self, name: str) -> tuple[float, float, float]:
         """Return a Vector3 or Point3."""
-        found = self.child(name)
-        return found.number('x'), found.number('y'), found.number('z')
+        point = self.child(name)
+        return point.number('x'), point.number('y'), point.number('z')
 
     def xyzw(self, name: str) -> tuple[float, float, float, float]:
         """Return a Quaternion; a missing one, or one of zeros, is the identity."""
-        found = self.child(name)
-        quaternion = (*self.xyz(name), found.number('w'))
+        fields = self.child(name)
+        quaternion = (*self.xyz(name), fields.number('w'))
         return quaternion if any(quaternion) else (0.0, 0.0, 0.0, 1.0)
 
     def pose(self, name: str) -> Transform:
@@ -262,9 +262,9 @@ class Fields:
         Raises:
             ValueError: Its numbers are no pose.
         """
-        found = self.child(name)
-        xyzw = np.array(found.xyzw('orientation'))
-        position = np.array(found.xyz('position'))
+        fields = self.child(name)
+        xyzw = np.array(fields.xyzw('orientation'))
+        position = np.array(fields.xyz('position'))
         length = np.linalg.norm(xyzw)
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0):
             raise ValueError(f'{name} is no pose: {position.tolist()}, {xyzw.tolist()}')
@@ -299,14 +299,14 @@ class JsonFields(Fields):
 
     def children(self, name: str) -> list[Fields]:
         """Return the fields of each object of a list."""
-        found = self.value(name)
-        if found is not None and not isinstance(found, list):
-            raise _wrong(name, 'a list', found)
-        return [JsonFields(each) for each in found or ()]
+        messages = self.value(name)
+        if messages is not None and not isinstance(messages, list):
+            raise _wrong(name, 'a list', messages)
+        return [JsonFields(message) for message in messages or ()]
 
 
-def _wrong(name: str, expected: str, found: object) -> ValueError:
-    return ValueError(f'{name} is {_shown(found)}; expected {expected}')
+def _wrong(name: str, expected: str, actual: object) -> ValueError:
+    return ValueError(f'{name} is {_shown(actual)}; expected {expected}')
 
 
 def _shown(value: object) -> str:
@@ -378,7 +378,7 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
         if not cubes:
             lines = entity.children('lines')
             pairs = [line for line in lines if line.integer('type') == _LINE_LIST]
-            markers += [_lines(place, number, each) for number, each in enumerate(pairs)]
+            markers += [_lines(place, number, pair) for number, pair in enumerate(pairs)]
     return TYPESTORE.types[MARKERS](markers)
 
 
@@ -486,8 +486,8 @@ def translate(translation: Translation, fields: Fields, log_ns: int) -> bytes:
         ValueError: A value is of a wrong type or invalid.
     """
     try:
-        made = translation.encode(fields, log_ns)
-        return made if isinstance(made, bytes) else join(serialize(made))
+        encoded = translation.encode(fields, log_ns)
+        return encoded if isinstance(encoded, bytes) else join(serialize(encoded))
     except (OverflowError, struct.error) as error:
         raise ValueError(f'a number is beyond its type in ROS ({error})') from error
 
@@ -564,7 +564,7 @@ def _poses(fields: Fields, log_ns: int) -> bytes:
 
 def _odometry(fields: Fields, log_ns: int) -> Odometry:
     pose_covariance, velocity_covariance = (
-        np.resize(found, 36) if len(found := fields.numbers(name, 0, 36)) else np.zeros(36)
+        np.resize(values, 36) if len(values := fields.numbers(name, 0, 36)) else np.zeros(36)
         for name in ('pose_covariance', 'velocity_covariance')
     )
     twist = Twist(Vector3(*fields.xyz('linear_velocity')), Vector3(*fields.xyz('angular_velocity')))
@@ -616,7 +616,7 @@ def _laser_scan(fields: Fields, log_ns: int) -> bytes:
 TRANSLATIONS = {
     'CameraCalibration': Translation(CAMERA_INFO, _camera_info),
     'CompressedImage': Translation(COMPRESSED, _compressed),
-    'FrameTransform': Translation(TF, lambda each, ns: TFMessage([_transform(each, ns)])),
+    'FrameTransform': Translation(TF, lambda tf, ns: TFMessage([_transform(tf, ns)])),
     'FrameTransforms': Translation(TF, _transforms),
     'LaserScan': Translation(LASER_SCAN, _laser_scan),
     'LocationFix': Translation(FIX, _fix),

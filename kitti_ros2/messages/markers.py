@@ -285,27 +285,27 @@ def encode_prediction_markers(
         options: Sizes of markers.
     """
     missed = [label for label in labels if is_missed(label)]
-    shown = [each for each in (*predictions, *missed) if each.cuboid is not None]
+    shown = [labelled for labelled in (*predictions, *missed) if labelled.cuboid is not None]
     drawing = MarkerDrawing(1 + len(OBJECT_PARTS) * len(shown), options, stamp_ns)
     drawing.clear(frame_id)
-    for place, each in enumerate(shown):
-        namespace, rgb = _look(each)
+    for place, labelled in enumerate(shown):
+        namespace, rgb = _look(labelled)
         first = len(OBJECT_PARTS) * place
         names = [(namespace, first + part) for part in range(len(OBJECT_PARTS))]
         red, green, blue = (value / 255 for value in rgb)
-        text = f'{name_of(each)}\n{distance_of(each):.1f} m'
-        if each.cuboid is not None:
-            drawing.object(each.cuboid, frame_id, names, (red, green, blue), text)
+        text = f'{name_of(labelled)}\n{distance_of(labelled):.1f} m'
+        if labelled.cuboid is not None:
+            drawing.object(labelled.cuboid, frame_id, names, (red, green, blue), text)
     return drawing.parts()
 
 
-def _look(each: LabelledObject) -> tuple[str, tuple[int, int, int]]:
+def _look(labelled: LabelledObject) -> tuple[str, tuple[int, int, int]]:
     """Return namespace and colour (red, green, blue, 0..255) of an object."""
-    if each.match is None:
+    if labelled.match is None:
         return 'prediction', PREDICTION_COLOR
-    if each.match.verdict is None:
+    if labelled.match.verdict is None:
         return 'uncounted', NEUTRAL_COLOR
-    return _NAMESPACES[each.match.verdict], VERDICT_COLORS[each.match.verdict]
+    return _NAMESPACES[labelled.match.verdict], VERDICT_COLORS[labelled.match.verdict]
 
 
 # 2D boxes -> foxglove_msgs/ImageAnnotations, for the Image panel of Foxglove.

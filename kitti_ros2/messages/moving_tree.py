@@ -111,12 +111,12 @@ class PoseTrack:
         """Return the pose at each of (M,) stamps; None before, after, and in too large a gap."""
         if not len(self):
             return [None] * len(stamps_ns)
-        wanted = np.asarray(stamps_ns, dtype=np.int64)
-        after, exact, between = self._places_of(wanted)
+        at_ns = np.asarray(stamps_ns, dtype=np.int64)
+        after, exact, between = self._places_of(at_ns)
         before = np.maximum(after - 1, 0)
         gaps = self.stamps_ns[after] - self.stamps_ns[before]
-        share = (wanted - self.stamps_ns[before]) / np.maximum(gaps, 1)
-        poses: list[Transform | None] = [None] * len(wanted)
+        share = (at_ns - self.stamps_ns[before]) / np.maximum(gaps, 1)
+        poses: list[Transform | None] = [None] * len(at_ns)
         for index in np.flatnonzero(exact).tolist():
             poses[index] = self._pose(after[index])
         for index in np.flatnonzero(between).tolist():
@@ -132,16 +132,16 @@ class PoseTrack:
         return exact | between
 
     def _places_of(
-        self, wanted: Int64Array
+        self, at_ns: Int64Array
     ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Return the first pose not before each stamp, and whether it is at it, or beyond it.
 
         The last is false where the pose before is further away than MAX_GAP_NS.
         """
-        after = np.searchsorted(self.stamps_ns, wanted)
+        after = np.searchsorted(self.stamps_ns, at_ns)
         within = after < len(self)
         after[~within] = 0
-        exact = within & (self.stamps_ns[after] == wanted)
+        exact = within & (self.stamps_ns[after] == at_ns)
         gaps = self.stamps_ns[after] - self.stamps_ns[np.maximum(after - 1, 0)]
         between = within & (after > 0) & (gaps <= MAX_GAP_NS) & ~exact
         return after, exact, between
@@ -222,8 +222,8 @@ class MovingTree:
             MissingDataError: Nothing joins the two frames, whatever the stamp.
         """
         up, down = self.links.steps(target, source)
-        wanted = np.asarray(stamps_ns, dtype=np.int64)
-        pairs = zip(self._down(up, wanted), self._down(down, wanted), strict=True)
+        at_ns = np.asarray(stamps_ns, dtype=np.int64)
+        pairs = zip(self._down(up, at_ns), self._down(down, at_ns), strict=True)
         return [
             None if to_target is None or to_source is None else to_target.inverse() @ to_source
             for to_target, to_source in pairs
@@ -235,25 +235,25 @@ class MovingTree:
         Raises:
             MissingDataError: As transforms.
         """
-        found = np.ones(len(stamps_ns), dtype=np.bool_)
+        mask = np.ones(len(stamps_ns), dtype=np.bool_)
         for link in self.moving_between(target, source):
-            found &= self._tracks[link].known(stamps_ns)
-        return found
+            mask &= self._tracks[link].known(stamps_ns)
+        return mask
 
     def _down(self, line: list[Step], stamps_ns: Int64Array) -> list[Transform | None]:
         """Return top_T_bottom of a line of links at each stamp."""
-        made: list[Transform | None] = [Transform.identity()] * len(stamps_ns)
+        top_T_bottom: list[Transform | None] = [Transform.identity()] * len(stamps_ns)
         for parent, child, fixed in line:
             links = (
-                [fixed] * len(made)
+                [fixed] * len(top_T_bottom)
                 if fixed is not None
                 else self._tracks[parent, child].at(stamps_ns)
             )
-            made = [
+            top_T_bottom = [
                 None if above is None or below is None else above @ below
-                for above, below in zip(made, links, strict=True)
+                for above, below in zip(top_T_bottom, links, strict=True)
             ]
-        return made
+        return top_T_bottom
 
     def reason(self, target: str, source: str, stamp_ns: int) -> str:
         """Describe the moving links between two frames that are not known at a stamp."""
@@ -339,8 +339,8 @@ class ProductTrack:
 
     def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether the product at each of (M,) stamps is known."""
-        found = np.ones(len(stamps_ns), dtype=np.bool_)
+        mask = np.ones(len(stamps_ns), dtype=np.bool_)
         for part in self._parts:
             if not isinstance(part, Transform):
-                found &= part.known(stamps_ns)
-        return found
+                mask &= part.known(stamps_ns)
+        return mask

@@ -205,16 +205,16 @@ def encode_imu(
     ax ay az are taken, never the levelled columns. Without covariances these are unknown (zeros).
     """
     sigmas = (ORIENTATION_SIGMA, ANGULAR_VELOCITY_SIGMA, ACCELERATION_SIGMA)
-    known = [diagonal(sigma) if covariances else _UNKNOWN for sigma in sigmas]
+    covariance = [diagonal(sigma) if covariances else _UNKNOWN for sigma in sigmas]
     rotation = rotation_from_rpy(packet.roll, packet.pitch, packet.yaw)
     return Imu(
         header=make_header(stamp_ns, frame_id),
         orientation=make_quaternion(rotation_to_quaternion(rotation)),
-        orientation_covariance=known[0],
+        orientation_covariance=covariance[0],
         angular_velocity=make_vector3((packet.wx, packet.wy, packet.wz)),
-        angular_velocity_covariance=known[1],
+        angular_velocity_covariance=covariance[1],
         linear_acceleration=make_vector3((packet.ax, packet.ay, packet.az)),
-        linear_acceleration_covariance=known[2],
+        linear_acceleration_covariance=covariance[2],
     )
 
 
@@ -227,7 +227,7 @@ def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
     unknown. A packet without a fix keeps its position, which the unit carries on from its inertial
     sensors.
     """
-    known = packet.pos_accuracy > 0
+    valid = packet.pos_accuracy > 0
     return NavSatFix(
         header=make_header(stamp_ns, frame_id),
         status=_status(packet),
@@ -236,7 +236,7 @@ def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
         altitude=packet.alt,
         position_covariance=np.diag([packet.pos_accuracy**2] * 3).ravel(),
         position_covariance_type=(
-            NavSatFix.COVARIANCE_TYPE_APPROXIMATED if known else NavSatFix.COVARIANCE_TYPE_UNKNOWN
+            NavSatFix.COVARIANCE_TYPE_APPROXIMATED if valid else NavSatFix.COVARIANCE_TYPE_UNKNOWN
         ),
     )
 
@@ -389,9 +389,9 @@ def _velocity_columns(east_north_up: Float64Array, yaw: float) -> dict[str, floa
 
 
 def _fix_columns(fix: NavSatFix) -> dict[str, float]:
-    known = fix.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    has_covariance = fix.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN
     with np.errstate(invalid='ignore'):
-        accuracy = float(np.sqrt(fix.position_covariance[0])) if known else 0.0
+        accuracy = float(np.sqrt(fix.position_covariance[0])) if has_covariance else 0.0
     columns = {
         'lat': fix.latitude,
         'lon': fix.longitude,
@@ -498,8 +498,8 @@ def poses_of(message: Odometry | PoseStamped | Path) -> list[tuple[int, Transfor
         ValueError: One of them is invalid: NaN, or an orientation of all zeros.
     """
     return [
-        (stamp_ns_of(each.header), _checked(transform_of(getattr(each.pose, 'pose', each.pose))))
-        for each in getattr(message, 'poses', [message])
+        (stamp_ns_of(pose.header), _checked(transform_of(getattr(pose.pose, 'pose', pose.pose))))
+        for pose in getattr(message, 'poses', [message])
     ]
 
 
@@ -510,15 +510,15 @@ def poses_of_link(message: TFMessage, link: tuple[str, str]) -> list[tuple[int, 
         ValueError: One of them is invalid.
     """
     # ROS 1 begins names with a slash, which tf2 does not allow.
-    wanted = [
-        each
-        for each in message.transforms
-        if (each.header.frame_id.lstrip('/'), each.child_frame_id.lstrip('/')) == link
+    transforms = [
+        stamped
+        for stamped in message.transforms
+        if (stamped.header.frame_id.lstrip('/'), stamped.child_frame_id.lstrip('/')) == link
     ]
-    decoded = decode_static(TFMessage(wanted))
+    decoded = decode_static(TFMessage(transforms))
     return [
-        (stamp_ns_of(each.header), _checked(transform))
-        for each, (*_, transform) in zip(wanted, decoded, strict=True)
+        (stamp_ns_of(stamped.header), _checked(transform))
+        for stamped, (*_, transform) in zip(transforms, decoded, strict=True)
     ]
 
 
@@ -565,8 +565,8 @@ def read_transforms(data: bytes | memoryview) -> list[StampedNumbers]:
         ValueError: The message is truncated.
     """
     order = '<' if data[1:2] == b'\1' else '>'
-    head, length, body = (struct.Struct(order + each) for each in ('iII', 'I', '7d'))
-    found = []
+    head, length, body = (struct.Struct(order + layout) for layout in ('iII', 'I', '7d'))
+    links = []
     try:
         (count,) = length.unpack_from(data, _BASE)
         place = _BASE + length.size
@@ -580,10 +580,10 @@ def read_transforms(data: bytes | memoryview) -> list[StampedNumbers]:
             child, place = _text(data, place, size), _aligned(place + size, 8)
             numbers = body.unpack_from(data, place)
             place += body.size
-            found.append(StampedNumbers(from_sec_nanosec(sec, nanosec), parent, child, numbers))
+            links.append(StampedNumbers(from_sec_nanosec(sec, nanosec), parent, child, numbers))
     except (struct.error, UnicodeDecodeError) as error:
         raise ValueError(f'a TFMessage of {len(data)} bytes is truncated') from error
-    return found
+    return links
 
 
 def _aligned(place: int, size: int) -> int:

@@ -91,7 +91,7 @@ def has_lens_of_larger_image(camera: CameraModel) -> bool:
         return False
     places = np.stack(maps, axis=-1)
     filled, filled_by_larger = (
-        float(((places >= 0) & (places <= each - 1)).all(axis=-1).mean()) for each in (size, larger)
+        float(((places >= 0) & (places <= edge - 1)).all(axis=-1).mean()) for edge in (size, larger)
     )
     return filled_by_larger >= max(_FILLED, filled + _MORE_FILLED)
 
@@ -263,7 +263,7 @@ def viewpoints(
     unturned = {
         index: replace(model, r=np.eye(3)) if why[index] else model for index, model in rig.items()
     }
-    found, notes = {}, []
+    views, notes = {}, []
     for reason in (_NO_LENS, _PARALLEL, _SAME_BASELINE):
         frames = dict.fromkeys(cameras[camera].frame for camera in cameras if why[camera] == reason)
         if frames:
@@ -275,9 +275,9 @@ def viewpoints(
         if why[index]:
             back = Transform(model.r.T.copy(), np.zeros(3))
             view = replace(view, cam_T_frame=back @ view.cam_T_frame)
-        found[index] = view
+        views[index] = view
         notes += [note] if note else []
-    return found, notes
+    return views, notes
 
 
 def angle_of(rotation: Float64Array) -> float:
@@ -301,8 +301,8 @@ def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) 
         if angle_of(model.r @ other.r.T) > _PARALLEL_RAD:
             return _PARALLEL
         baseline = model.offset - other.offset
-        turned = float(np.linalg.norm(model.r @ place.translation - baseline))
-        if turned > _INEXACT_M and np.linalg.norm(place.translation - baseline) < _EXACT_M:
+        difference_m = float(np.linalg.norm(model.r @ place.translation - baseline))
+        if difference_m > _INEXACT_M and np.linalg.norm(place.translation - baseline) < _EXACT_M:
             reason = _SAME_BASELINE
     return reason
 
@@ -330,7 +330,7 @@ def _viewpoint(
         for place in [tree.find(model.frame, rig[other].frame)]
         if other != index and (place is not None or other in chosen)
     ]
-    lefts = [each for each in around if np.linalg.norm(each[0].offset) < _NO_BASELINE_M]
+    lefts = [pair for pair in around if np.linalg.norm(pair[0].offset) < _NO_BASELINE_M]
     for left, place in lefts:
         if place is not None and _is_same(place):
             return _beside(model, left), ''
@@ -361,10 +361,10 @@ def _has_both(model: CameraModel, around: Iterable[tuple[CameraModel, Transform 
 
 def _places(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
     """Return the positions of frames with the same view direction, in the rectified camera, m."""
-    found = (tree.find(model.frame, frame) for frame in tree.frames)
+    transforms = (tree.find(model.frame, frame) for frame in tree.frames)
     return [
         model.r @ place.translation
-        for place in found
+        for place in transforms
         if place is not None and angle_of(place.rotation) < _ALIKE_RAD
     ]
 

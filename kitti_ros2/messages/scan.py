@@ -62,10 +62,10 @@ def place(
     counts = np.bincount(row, minlength=row_count)
     columns = max(COLUMNS, int(counts.max(initial=0)))
     place_in_row = np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
-    wanted = np.minimum((parts[order] * columns).astype(np.intp), columns - 1)
+    nominal_column = np.minimum((parts[order] * columns).astype(np.intp), columns - 1)
     # Columns minus places must not fall within a row; rows are kept apart by an offset.
     apart = row * (2 * columns)
-    free = np.maximum.accumulate(wanted - place_in_row + apart) - apart + place_in_row
+    free = np.maximum.accumulate(nominal_column - place_in_row + apart) - apart + place_in_row
     cells = np.empty(len(row), dtype=np.intp)
     cells[order] = row * columns + np.minimum(free, columns - counts[row] + place_in_row)
     return cells, columns
@@ -241,8 +241,8 @@ def _count_lasers(azimuth: Float32Array) -> npt.NDArray[np.int64]:
     wraps = (azimuth[:-1] < 0) & (azimuth[1:] >= 0) & (azimuth[:-1] - azimuth[1:] > -np.pi)
     row = np.concatenate([[0], np.cumsum(wraps)]) if len(azimuth) else np.empty(0, np.int64)
     lowest = row[-1] if len(row) else 0
-    found: npt.NDArray[np.int64] = lowest - row
-    return found
+    laser: npt.NDArray[np.int64] = lowest - row
+    return laser
 
 
 def _nominal_lasers(elevation: Float32Array) -> npt.NDArray[np.uint16]:
@@ -383,14 +383,14 @@ def decode_scan(message: PointCloud2) -> Scan:
         ValueError: The cloud has other fields or data of another length, or file_index does not
             contain each index once.
     """
-    found = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
     for points, cloud_format in FORMATS.items():
-        if cloud_format.loss and not message.is_bigendian and found == _described(cloud_format):
+        if cloud_format.loss and not message.is_bigendian and fields == _described(cloud_format):
             return _decode_nearest(message, points)
     names = tuple(field.name for field in message.fields)
     kinds = _kinds_of(message.fields)
-    made = _message_fields(np.dtype([*kinds.items()])) if names[:4] == _XYZI else []
-    if message.is_bigendian or found != _tuples(made):
+    expected_fields = _message_fields(np.dtype([*kinds.items()])) if names[:4] == _XYZI else []
+    if message.is_bigendian or fields != _tuples(expected_fields):
         raise ValueError(f'a cloud of fields {names}, or with other types or offsets')
     count = message.width * message.height
     if len(message.data) != count * message.point_step:
@@ -431,13 +431,13 @@ def _extra_of(kinds: Mapping[str, str]) -> list[str]:
 
 def _decode_nearest(message: PointCloud2, points: Points) -> Scan:
     """Decode a cloud of a format with a loss: finite points of a grid, else all points."""
-    found: Float32Array = np.array(read_points(message, None))
+    points_xyzi: Float32Array = np.array(read_points(message, None))
     if any(field.value == 'brightness' for field in FORMATS[points].fields[:4]):
         hundredths = np.rint(read_field(message, 'intensity') * (100 / 255))
-        found[:, 3] = (hundredths / 100).astype(np.float32)
+        points_xyzi[:, 3] = (hundredths / 100).astype(np.float32)
     if FORMATS[points].order is Order.GRID:
-        found = found[~np.isnan(found[:, :3]).any(axis=1)]
-    return Scan(found, difference=f'in clouds of {points.value}, {FORMATS[points].loss}')
+        points_xyzi = points_xyzi[~np.isnan(points_xyzi[:, :3]).any(axis=1)]
+    return Scan(points_xyzi, difference=f'in clouds of {points.value}, {FORMATS[points].loss}')
 
 
 def _described(cloud_format: CloudFormat) -> list[tuple[str, int, int, int]]:

@@ -56,10 +56,10 @@ def decode_laser_scan(
         raise ValueError(f'a LaserScan of {count} ranges; expected at most {_MOST_RAYS}')
     ranges = np.asarray(message.ranges, dtype=np.float64)
     start, step = float(message.angle_min), float(message.angle_increment)
-    turned = abs(step) * max(len(ranges) - 1, 0)
+    swept_rad = abs(step) * max(len(ranges) - 1, 0)
     if not (np.isfinite(start) and np.isfinite(step)):
         raise ValueError(f'a LaserScan with angle_min {start}, angle_increment {step}')
-    if len(ranges) > 1 and not 0 < turned < _MOST_TURNS * 2 * np.pi:
+    if len(ranges) > 1 and not 0 < swept_rad < _MOST_TURNS * 2 * np.pi:
         raise ValueError(
             f'a LaserScan of {len(ranges)} ranges with angle_increment {step}; expected less than'
             f' {_MOST_TURNS} turns, and not 0'
@@ -69,11 +69,11 @@ def decode_laser_scan(
         is_return = np.isfinite(ranges) & (ranges > 0) & (ranges >= nearest)
         is_return &= ranges <= farthest
     angles = (start + step * np.arange(len(ranges)))[is_return]
-    kept = ranges[is_return]
-    xyz = np.column_stack([kept * np.cos(angles), kept * np.sin(angles), np.zeros(len(kept))])
+    hits = ranges[is_return]
+    xyz = np.column_stack([hits * np.cos(angles), hits * np.sin(angles), np.zeros(len(hits))])
     shine = np.asarray(message.intensities, dtype=np.float64)
-    shine = shine[is_return] / intensity_scale if len(shine) == len(ranges) else np.zeros(len(kept))
-    return ScanPoints(make_points(xyz, shine), {OUT_OF_RANGE: len(ranges) - len(kept)})
+    shine = shine[is_return] / intensity_scale if len(shine) == len(ranges) else np.zeros(len(hits))
+    return ScanPoints(make_points(xyz, shine), {OUT_OF_RANGE: len(ranges) - len(hits)})
 
 
 def peak_of_scans(messages: Iterable[Any]) -> float:
@@ -106,11 +106,11 @@ def decode_livox(
     ).reshape(-1, 4)
     xyz = values[:, :3]
     is_return = np.isfinite(xyz).all(axis=1) & xyz.any(axis=1)
-    kept = values[is_return]
-    points = make_points(kept[:, :3], kept[:, 3] / intensity_scale)
+    hits = values[is_return]
+    points = make_points(hits[:, :3], hits[:, 3] / intensity_scale)
     missing = int(message.point_num) - len(values)
     lost = {MISSING: missing} if missing > 0 else {}
-    return ScanPoints(points, {NO_RETURN: len(values) - len(kept)}, lost)
+    return ScanPoints(points, {NO_RETURN: len(values) - len(hits)}, lost)
 
 
 # Depth images and their CameraInfo -> points in the optical frame.
@@ -145,8 +145,8 @@ def decode_depth(message: Any) -> Float64Array:  # noqa: ANN401 - of the bag's t
     if hasattr(message, 'format'):
         return _decode_compressed(message)
     if message.encoding not in DEPTH_ENCODINGS:
-        known = ', '.join(sorted(DEPTH_ENCODINGS))
-        raise ValueError(f'a depth image of encoding {message.encoding!r}; expected {known}')
+        encodings = ', '.join(sorted(DEPTH_ENCODINGS))
+        raise ValueError(f'a depth image of encoding {message.encoding!r}; expected {encodings}')
     values = stored_values(message)
     metres = values.astype(np.float64)
     if values.dtype.kind == 'u':
@@ -481,11 +481,11 @@ def find_model(message: Any) -> VelodyneModel:  # noqa: ANN401 - of the bag's ty
     if (packets['blocks']['flag'] == _LOWER).any():
         return MODELS[HDL_64E]
     products = set(packets['id'].tolist())
-    found = [each for each in MODELS.values() if each.product in products]
-    if len(found) != 1 or len(products) != 1:
+    models = [model for model in MODELS.values() if model.product in products]
+    if len(models) != 1 or len(products) != 1:
         named = ', '.join(f'0x{product:02X}' for product in sorted(products))
         raise ValueError(f'packets of product {named}, which names no supported model')
-    return found[0]
+    return models[0]
 
 
 def decode_packets(
@@ -563,11 +563,11 @@ def _azimuths(
     gaps = np.empty_like(starts)
     for is_dual, step in ((False, 1), (True, 2)):
         rows = starts[dual == is_dual]
-        turned = np.empty_like(rows)
-        turned[:, :-step] = (rows[:, step:] - rows[:, :-step]) % _TURN
+        steps = np.empty_like(rows)
+        steps[:, :-step] = (rows[:, step:] - rows[:, :-step]) % _TURN
         # The sensor turns evenly: the last block takes the gap of the one before.
-        turned[:, -step:] = turned[:, -2 * step : -step]
-        gaps[dual == is_dual] = turned
+        steps[:, -step:] = steps[:, -2 * step : -step]
+        gaps[dual == is_dual] = steps
     usual = (gaps > 0) & (gaps <= _LARGEST_GAP)
     gaps[~usual] = np.median(gaps[usual]) if usual.any() else 0.0
     share = model.firing_times() / model.block_us

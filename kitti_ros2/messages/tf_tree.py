@@ -73,11 +73,11 @@ class FrameTree:
         self._lost = f'; {lost}' if lost else ''
         for parent, child, transform in static:
             above = self._parents[plain(child)]
-            known = above.setdefault(plain(parent), transform)
+            earlier = above.setdefault(plain(parent), transform)
             if (
-                known is not None
-                and known is not transform
-                and differ(known, transform, _SAME_LINK)
+                earlier is not None
+                and earlier is not transform
+                and differ(earlier, transform, _SAME_LINK)
             ):
                 self._differing.add(plain(child))
         for parent, child in dynamic:
@@ -90,19 +90,19 @@ class FrameTree:
         """Add a moving link."""
         self._parents[plain(child)][plain(parent)] = None
         self.frames |= {plain(parent), plain(child)}
-        for found in (self._faults, self._below, self._lines_up, self._anchors):
-            found.clear()
+        for cache in (self._faults, self._below, self._lines_up, self._anchors):
+            cache.clear()
         for name in ('_children', '_description'):
             vars(self).pop(name, None)
 
     @cached_property
     def _children(self) -> dict[str, list[str]]:
-        found: dict[str, list[str]] = defaultdict(list)
+        children: dict[str, list[str]] = defaultdict(list)
         for child, above in sorted(self._parents.items()):
             for parent, link in above.items():
                 if link is not None:
-                    found[parent].append(child)
-        return found
+                    children[parent].append(child)
+        return children
 
     def transform(self, target: str, source: str) -> Transform:
         """Return target_T_source through static links; the identity for twice the same name.
@@ -112,11 +112,11 @@ class FrameTree:
                 them moves, a frame between them has two parents or two places, there is a cycle, or
                 a rotation is invalid. The message shows the tree.
         """
-        found = self._join(plain(target), plain(source))
-        if isinstance(found, Transform):
-            return found
+        joined = self._join(plain(target), plain(source))
+        if isinstance(joined, Transform):
+            return joined
         raise MissingDataError(
-            f'no static transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
+            f'no static transform from {_shown(source)} to {_shown(target)}: {joined}; the bag has'
             f' {self} (add the link to the bag, name other frames in the plan, or give --calib)'
             f'{self._lost}'
         )
@@ -125,8 +125,8 @@ class FrameTree:
         """Return target_T_source as transform does, None instead of an error."""
         if not self.joins(target, source):
             return None
-        found = self._join(plain(target), plain(source))
-        return found if isinstance(found, Transform) else None
+        joined = self._join(plain(target), plain(source))
+        return joined if isinstance(joined, Transform) else None
 
     def joins(self, target: str, source: str) -> bool:
         """Whether transform has no error for two frames."""
@@ -138,10 +138,10 @@ class FrameTree:
         Two frames have the same anchor if and only if static links join them.
         """
         name = plain(frame)
-        known = self._anchors.get(name)
-        if known is None:
-            known = self._anchors[name] = self._find_anchor(name)
-        return known
+        anchor = self._anchors.get(name)
+        if anchor is None:
+            anchor = self._anchors[name] = self._find_anchor(name)
+        return anchor
 
     def _find_anchor(self, frame: str) -> str:
         line = self._ancestors(frame)
@@ -171,7 +171,7 @@ class FrameTree:
 
     def faults(self) -> list[str]:
         """Describe the frames with several parents, and the circles."""
-        found = [
+        descriptions = [
             f'{child} has several parents, {" and ".join(sorted(above))}'
             for child, above in sorted(self._parents.items())
             if len(above) > 1
@@ -182,8 +182,8 @@ class FrameTree:
             circle = line[line.index(line[-1]) :] if _is_circle(line) else []
             if circle and frozenset(circle) not in circles:
                 circles.add(frozenset(circle))
-                found.append(f'{" <- ".join(circle)} is a circle')
-        return found
+                descriptions.append(f'{" <- ".join(circle)} is a circle')
+        return descriptions
 
     def steps(self, target: str, source: str) -> tuple[list[Step], list[Step]]:
         """Return the links from the common ancestor down to target, and down to source.
@@ -191,20 +191,20 @@ class FrameTree:
         Raises:
             MissingDataError: As transform, except that links may move.
         """
-        found = self._lines(plain(target), plain(source))
+        lines = self._lines(plain(target), plain(source))
         steps: list[list[Step]] = []
-        for line in found if not isinstance(found, str) else ():
+        for line in lines if not isinstance(lines, str) else ():
             links = [
                 (parent, child, self._parents[child][parent]) for child, parent in pairwise(line)
             ]
             fault = next(filter(None, (self._fault(*link) for link in links)), '')
             if fault:
-                found = fault
+                lines = fault
                 break
             steps.append(links[::-1])
-        if isinstance(found, str):
+        if isinstance(lines, str):
             raise MissingDataError(
-                f'no transform from {_shown(source)} to {_shown(target)}: {found}; the bag has'
+                f'no transform from {_shown(source)} to {_shown(target)}: {lines}; the bag has'
                 f' {self}{self._lost}'
             )
         return steps[0], steps[1]
@@ -247,10 +247,10 @@ class FrameTree:
 
         A longer line than any robot has is cut off.
         """
-        known = self._lines_up.get(frame)
-        if known is None:
-            known = self._lines_up[frame] = self._walk_up(frame)
-        return known
+        ancestors = self._lines_up.get(frame)
+        if ancestors is None:
+            ancestors = self._lines_up[frame] = self._walk_up(frame)
+        return ancestors
 
     def _walk_up(self, frame: str) -> list[str]:
         line, passed = [frame], {frame}
@@ -267,12 +267,12 @@ class FrameTree:
 
     def _down(self, line: list[str]) -> Transform | str:
         """Return top_T_bottom of a line of frames from bottom to top, or why there is none."""
-        known = self._below[line[-1]]
-        known.setdefault(line[-1], Transform.identity())
-        first = next(at for at, frame in enumerate(line) if frame in known)
+        transforms = self._below[line[-1]]
+        transforms.setdefault(line[-1], Transform.identity())
+        first = next(at for at, frame in enumerate(line) if frame in transforms)
         for child, parent in reversed(list(pairwise(line[: first + 1]))):
-            known[child] = self._one_below(known[parent], parent, child)
-        return known[line[0]]
+            transforms[child] = self._one_below(transforms[parent], parent, child)
+        return transforms[line[0]]
 
     def _one_below(self, top_t_parent: Transform | str, parent: str, child: str) -> Transform | str:
         """Return top_T_child, or why there is none: what is next to the child counts first."""
@@ -284,10 +284,10 @@ class FrameTree:
 
     def _fault(self, parent: str, child: str, link: Transform | None) -> str:
         """Return why a static link cannot be used, empty if it can."""
-        known = self._faults.get((parent, child))
-        if known is None:
-            known = self._faults[parent, child] = self._find_fault(parent, child, link)
-        return known
+        fault = self._faults.get((parent, child))
+        if fault is None:
+            fault = self._faults[parent, child] = self._find_fault(parent, child, link)
+        return fault
 
     def _find_fault(self, parent: str, child: str, link: Transform | None) -> str:
         if link is not None and child in self._differing:
@@ -447,13 +447,13 @@ def is_optical(frame: str) -> bool:
 
 def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     """Return the heading of the robot's body, if static transforms join a sensor to it."""
-    wanted = [frame for frame in sensors if frame]
-    frames = sorted({*tree.frames, *wanted})
+    sensor_frames = [frame for frame in sensors if frame]
+    frames = sorted({*tree.frames, *sensor_frames})
     named = [
         frame for name in _BODIES for frame in frames if frame.rpartition('/')[2].lower() == name
     ]
     named += [frame for frame in frames if _ROBOT_BASE.search(frame) and not _SENSOR.search(frame)]
-    anchors = {tree.anchor(frame) for frame in wanted}
+    anchors = {tree.anchor(frame) for frame in sensor_frames}
     for frame in named:
         if tree.anchor(frame) in anchors:
             return Heading(frame, AXES['x'], f'x of {frame}', body=True)
@@ -462,11 +462,11 @@ def find_body(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
 
 def root_heading(tree: FrameTree, sensors: Iterable[str]) -> Heading | None:
     """Return the heading of a root above several sensors, which is no sensor: it is the robot's."""
-    wanted = {frame for frame in sensors if frame in tree.frames}
-    joined = Counter(tree.anchor(frame) for frame in wanted)
+    present = {frame for frame in sensors if frame in tree.frames}
+    joined = Counter(tree.anchor(frame) for frame in present)
     for root in tree.roots:
-        known = root in wanted or _SENSOR.search(root) or is_optical(root) or root in FIXED_FRAMES
-        if not known and joined[root] > 1:
+        other = root in present or _SENSOR.search(root) or is_optical(root) or root in FIXED_FRAMES
+        if not other and joined[root] > 1:
             return Heading(root, AXES['x'], f'x of {root}', body=True)
     return None
 
@@ -562,9 +562,9 @@ class LinkTally:
                 self._check_robot(key, topic)
 
     def _check_robot(self, key: tuple[str, str], topic: str) -> None:
-        known = self._topics[key]
-        if known != topic and known.rpartition('/')[0] != topic.rpartition('/')[0]:
-            self.clashes.setdefault(key, (known, topic))
+        earlier = self._topics[key]
+        if earlier != topic and earlier.rpartition('/')[0] != topic.rpartition('/')[0]:
+            self.clashes.setdefault(key, (earlier, topic))
 
     def invalid(self) -> dict[tuple[str, str], int]:
         """Return the links on /tf without a valid transform, each with the number of the others."""
@@ -582,13 +582,13 @@ class LinkTally:
 
         Log times count where the stamps do not ascend.
         """
-        found = {}
+        changes = {}
         for key, values in sorted(self._values.items()):
             if len(values) > 1:
                 headers = [header_ns for header_ns, _, _ in values]
                 ascend = headers[0] > 0 and all(a < b for a, b in pairwise(headers))
-                found[key] = [(own if ascend else log, pose) for own, log, pose in values]
-        return found
+                changes[key] = [(own if ascend else log, pose) for own, log, pose in values]
+        return changes
 
 
 def _still(parent: str) -> float:

@@ -152,10 +152,10 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
         hints = [_close_topics(pattern, names) for pattern in patterns]
         hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
         raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
-    kept = [name for name in selected if not _matches(name, excluded)]
-    if selected and not kept:
+    matching = [name for name in selected if not _matches(name, excluded)]
+    if selected and not matching:
         raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
-    return kept
+    return matching
 
 
 def _matches(name: str, patterns: tuple[str, ...]) -> bool:
@@ -165,20 +165,20 @@ def _matches(name: str, patterns: tuple[str, ...]) -> bool:
 def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
     """Return a note on each pattern of topics and exclude_topics that matches no topic."""
     return [
-        f'no topic is called {each}{_close_topics(each, sorted(names))}'
-        for each in (*selection.topics, *selection.exclude_topics)
-        if not any(fnmatchcase(name, each) for name in names)
+        f'no topic is called {pattern}{_close_topics(pattern, sorted(names))}'
+        for pattern in (*selection.topics, *selection.exclude_topics)
+        if not any(fnmatchcase(name, pattern) for name in names)
     ]
 
 
 def _close_topics(pattern: str, names: Sequence[str]) -> str:
     """Return the question for a misspelt topic, or for a misspelt pattern of several."""
-    known = list(names)
+    choices = list(names)
     if '*' in pattern:
         words = [name.split('/') for name in names]
-        known = [f'{"/".join(word[:at])}/*' for word in words for at in range(1, len(word))]
-        known += [f'*/{"/".join(word[at:])}' for word in words for at in range(1, len(word))]
-    return did_you_mean(pattern, known)
+        choices = [f'{"/".join(word[:at])}/*' for word in words for at in range(1, len(word))]
+        choices += [f'*/{"/".join(word[at:])}' for word in words for at in range(1, len(word))]
+    return did_you_mean(pattern, choices)
 
 
 # The encoders of the table's rows: a sample and its moment to messages.
@@ -370,8 +370,8 @@ def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:
 def make_markers(labels: FrameLabels, moment: Moment) -> object:
     """Make the MarkerArray of a frame's labels."""
     options = moment.rig.options.markers
-    found = moment.trails() if options.trails else {}
-    trails = {track: moment.rig.map_T_world.apply(places) for track, places in found.items()}
+    positions = moment.trails() if options.trails else {}
+    trails = {track: moment.rig.map_T_world.apply(places) for track, places in positions.items()}
     cuboids = _cuboids(labels, moment)
     return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
 
@@ -379,9 +379,9 @@ def make_markers(labels: FrameLabels, moment: Moment) -> object:
 def make_prediction_markers(predictions: FrameLabels, moment: Moment) -> object:
     """Make the MarkerArray of a frame's predictions, compared with its labels if it has any."""
     _cuboids(predictions, moment)  # raises for a calibration without the scanner
-    missed, found = _compared_with_labels(predictions, moment)
+    missed, compared_predictions = _compared_with_labels(predictions, moment)
     frame, options = moment.rig.frames.velo, moment.rig.options.markers
-    return encode_prediction_markers(missed, found, moment.stamp_ns, frame, options)
+    return encode_prediction_markers(missed, compared_predictions, moment.stamp_ns, frame, options)
 
 
 def _compared_with_labels(
@@ -389,11 +389,11 @@ def _compared_with_labels(
 ) -> tuple[list[LabelledObject], list[LabelledObject]]:
     """Return the labels that no prediction finds, and the predictions, both with their matches."""
     calibration, labels = moment.calibration(), moment.labels()
-    found = objects_of(predictions, calibration)
+    boxes = objects_of(predictions, calibration)
     if labels is None:
-        return [], found
-    truth, found = compared(objects_of(labels, calibration), found, moment.rig.options.overlaps)
-    return [each for each in truth if is_missed(each)], found
+        return [], boxes
+    truth, boxes = compared(objects_of(labels, calibration), boxes, moment.rig.options.overlaps)
+    return [label for label in truth if is_missed(label)], boxes
 
 
 def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
@@ -450,9 +450,9 @@ class Topic(Channel):
             MissingDataError: A required part of the calibration is missing.
         """
         try:
-            made = self.encode(sample, moment)
-            found = made if isinstance(made, list) else [] if made is None else [made]
-            messages = [item if isinstance(item, tuple) else serialize(item) for item in found]
+            message = self.encode(sample, moment)
+            encoded = message if isinstance(message, list) else [] if message is None else [message]
+            messages = [item if isinstance(item, tuple) else serialize(item) for item in encoded]
         except ValueError as error:
             raise BadFileError(moment.path, str(error), f'data for {self.topic}') from None
         except (struct.error, OverflowError) as error:
@@ -606,18 +606,18 @@ def _camera_rows(
 def own_topics() -> Mapping[str, Topic]:
     """Return all rows that to-bag may write, for all names and rigs, by topic name."""
     numbered = {index: str(index) for index in range(CAMERA_COUNT)}
-    found: dict[str, Topic] = {}
+    topics: dict[str, Topic] = {}
     for cameras in (CAMERA_NAMES, numbered):
         for image_topic in IMAGE_TOPICS:
             for row in make_table(cameras, image_topic, EVERY_MESSAGE):
-                found[row.topic] = row
-    rows = list(found.values())
+                topics[row.topic] = row
+    rows = list(topics.values())
     for names in every_naming():
         for row in rows:
             renamed = names.topic(row.topic)
             if renamed != row.topic:
-                found[renamed] = replace(row, topic=renamed)
-    return found
+                topics[renamed] = replace(row, topic=renamed)
+    return topics
 
 
 @lru_cache(maxsize=1)

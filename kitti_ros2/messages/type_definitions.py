@@ -83,10 +83,10 @@ def parse_plain(msgtype: str, text: str) -> Typesdict | None:
 
 def _enter(line: str, package: str, constants: Constdefs, fields: Fielddefs) -> bool:
     """Enter what a line defines; return whether it is plain."""
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         return False
-    kind, brackets, bound, length, name, value = found.groups()
+    kind, brackets, bound, length, name, value = match.groups()
     if value is not None:
         if kind not in _INTEGERS or brackets or not _CONSTANT.fullmatch(name):
             return False
@@ -154,10 +154,10 @@ def read_definitions(files: str = '*.txt') -> Typesdict:
     for path in sorted(_FOLDER.glob(files)):
         for block in path.read_text('utf-8').split(_TYPE)[1:]:
             msgtype, _, lines = block.strip().partition('\n')
-            found = parse_plain(msgtype, lines)
-            if found is None:
+            parsed = parse_plain(msgtype, lines)
+            if parsed is None:
                 raise ValueError(f'{msgtype} has a line that is not plain')
-            types.update(found)
+            types.update(parsed)
     return types
 
 
@@ -172,12 +172,12 @@ class LazyClasses(dict[str, Any]):
     """The Python classes of types.
 
     Args:
-        made: Classes that are there already.
+        registered: Classes that exist already.
         definitions: Of all types.
     """
 
-    def __init__(self, made: Mapping[str, Any], definitions: Typesdict) -> None:
-        super().__init__(made)
+    def __init__(self, registered: Mapping[str, Any], definitions: Typesdict) -> None:
+        super().__init__(registered)
         self._definitions = definitions
         self._lock = Lock()  # a type has one class, whichever threads ask for it
 
@@ -212,8 +212,8 @@ class LazyFunctions:
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - functions, sizes and a class
         if name not in _MADE:
             raise AttributeError(name)
-        made = self.__dict__[name] = _MADE[name](self)
-        return made
+        attribute = self.__dict__[name] = _MADE[name](self)
+        return attribute
 
 
 def _converter(generate: Callable[..., object], of: LazyFunctions, *, copy: bool) -> object:
@@ -291,10 +291,10 @@ def check_extent(msgtype: str, fielddefs: Mapping[str, Any]) -> None:
 
 
 def _fields_of(
-    msgtype: str, fielddefs: Mapping[str, Any], known: dict[str, int], above: tuple[str, ...]
+    msgtype: str, fielddefs: Mapping[str, Any], counts: dict[str, int], above: tuple[str, ...]
 ) -> int:
-    if msgtype in known:
-        return known[msgtype]
+    if msgtype in counts:
+        return counts[msgtype]
     if msgtype in above or len(above) > _MOST_LEVELS:
         raise ValueError(f'{(*above, msgtype)[0]} holds types that hold themselves, or too deeply')
     count = 0
@@ -305,9 +305,9 @@ def _fields_of(
             length = size if kind is Nodetype.ARRAY else 1
         fields = 1
         if element is Nodetype.NAME:
-            fields += length * _fields_of(inner, fielddefs, known, (*above, msgtype))
+            fields += length * _fields_of(inner, fielddefs, counts, (*above, msgtype))
         count += fields
         if count > _MOST_FIELDS:
             raise ValueError(f'{msgtype} holds more than {_MOST_FIELDS} fields')
-    known[msgtype] = count
+    counts[msgtype] = count
     return count

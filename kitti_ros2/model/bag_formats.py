@@ -84,7 +84,7 @@ CONTAINERS = {
 
 # As messages and help texts list them.
 ANY_BAG = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag'
-FILE_NAMES = ', '.join(f'NAME{each.suffix}' for each in CONTAINERS.values() if each.in_file)
+FILE_NAMES = ', '.join(f'NAME{kind.suffix}' for kind in CONTAINERS.values() if kind.in_file)
 
 
 def container_of(suffix: str) -> str | None:

@@ -348,9 +348,9 @@ class BoxTable:
 
     def __init__(self, objects: Sequence[Boxed]) -> None:
         nothing = (np.nan,) * 4
-        self.flat = np.array([each.box_2d or nothing for each in objects], float).reshape(-1, 4)
-        self._is_solid = np.array([each.cuboid is not None for each in objects], bool)
-        cuboids = [each.cuboid or _NO_CUBOID for each in objects]
+        self.flat = np.array([box.box_2d or nothing for box in objects], float).reshape(-1, 4)
+        self._is_solid = np.array([box.cuboid is not None for box in objects], bool)
+        cuboids = [box.cuboid or _NO_CUBOID for box in objects]
         self._bottoms = cuboid_corners(cuboids)[:, :4]
         self._sizes = np.array([cuboid.size_lwh for cuboid in cuboids], float).reshape(-1, 3)
         poses = [cuboid.velo_T_box for cuboid in cuboids]
@@ -381,11 +381,11 @@ class BoxTable:
         if rest.any():
             rest &= shared_areas_2d(self.flat[rows, None], others.flat) > 0
         first, second = np.nonzero(near | rest)
-        found = ious_2d(self.flat[rows[first]], others.flat[second])
+        ious = ious_2d(self.flat[rows[first]], others.flat[second])
         solid = near[first, second]
-        found[solid] = self._ious_3d(others, rows[first[solid]], second[solid])
-        kept = found > _ROUNDING
-        return OverlappingPairs(first[kept], second[kept], found[kept])
+        ious[solid] = self._ious_3d(others, rows[first[solid]], second[solid])
+        overlapping = ious > _ROUNDING
+        return OverlappingPairs(first[overlapping], second[overlapping], ious[overlapping])
 
     def _ious_3d(self, others: BoxTable, first: Places, second: Places) -> Float64Array:
         """Return (P,) IoU of pairs of 3D boxes."""
@@ -411,7 +411,7 @@ def parts_within(boxes: Float64Array, regions: Float64Array) -> Float64Array:
 def ious_2d(first: Float64Array, second: Float64Array) -> Float64Array:
     """Return (...) intersections over union of (..., 4) rectangles left, top, right, bottom."""
     shared = shared_areas_2d(first, second)
-    areas = (shared_areas_2d(each, each) for each in (first, second))
+    areas = (shared_areas_2d(rectangles, rectangles) for rectangles in (first, second))
     return _ratios(shared, sum(areas) - shared)
 
 
@@ -558,10 +558,10 @@ def match(
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
     for place, overlapped in _overlapped(labels, predictions, overlaps):
-        found = _choose(overlapped, of_labels)
-        of_predictions[place] = found
-        if found.partner is not None:
-            of_labels[found.partner] = found._replace(partner=place)
+        chosen = _choose(overlapped, of_labels)
+        of_predictions[place] = chosen
+        if chosen.partner is not None:
+            of_labels[chosen.partner] = chosen._replace(partner=place)
     return Matches(of_labels, of_predictions)
 
 
@@ -581,13 +581,13 @@ class _OverlappedLabels(NamedTuple):
     is_ignored: bool
 
 
-def _choose(overlapped: _OverlappedLabels, taken: Sequence[Match]) -> Match:
+def _choose(overlapped: _OverlappedLabels, label_matches: Sequence[Match]) -> Match:
     """Return the match of a prediction with the labels that are not taken yet."""
     for verdict, pairs in ((Verdict.TRUE_POSITIVE, overlapped.own), (None, overlapped.near)):
         free = [
             (overlap, place)
             for overlap, place in pairs
-            if overlap > overlapped.least and taken[-place].partner is None
+            if overlap > overlapped.least and label_matches[-place].partner is None
         ]
         if free:
             overlap, place = max(free)
@@ -600,7 +600,7 @@ def _overlapped(
     labels: Sequence[Matchable], predictions: Sequence[Matchable], overlaps: LeastOverlaps
 ) -> Iterator[tuple[int, _OverlappedLabels]]:
     """Yield the index of each prediction and the labels it overlaps, by descending score."""
-    names = [each.class_name.lower() for each in labels]
+    names = [matchable.class_name.lower() for matchable in labels]
     table, boxes = BoxTable(labels), BoxTable(predictions)
     regions = table.flat[[name == _DONT_CARE for name in names]]
     order = sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place]))
@@ -615,9 +615,9 @@ def _overlapped(
         ends = np.searchsorted(pairs.first, np.arange(len(rows) + 1))
         for index, place in enumerate(rows.tolist()):
             mine = slice(*ends[index : index + 2])
-            found = zip(pairs.overlaps[mine].tolist(), pairs.second[mine].tolist(), strict=True)
+            nearby = zip(pairs.overlaps[mine].tolist(), pairs.second[mine].tolist(), strict=True)
             both: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
-            for overlap, label in found:
+            for overlap, label in nearby:
                 both[names[label] != own[index]].append((overlap, -label))
             yield place, _OverlappedLabels(*both, least[index], ignored[index])
 
@@ -627,9 +627,7 @@ def _compared(own: Sequence[str], names: Sequence[str]) -> Mask:
     codes = {name: code for code, name in enumerate(dict.fromkeys(names))}
     of_labels = np.array([codes[name] for name in names], np.intp)
     rows = {
-        name: np.isin(
-            of_labels, [codes.get(each, -1) for each in (name, *NEIGHBOURS.get(name, ()))]
-        )
+        name: np.isin(of_labels, [codes.get(key, -1) for key in (name, *NEIGHBOURS.get(name, ()))])
         for name in set(own)
     }
     return np.array([rows[name] for name in own])

@@ -140,15 +140,15 @@ CLASS_OF_LABEL = {
 """Labels that are classes of KITTI; others keep their names: Bus, Trailer, Motorcycle."""
 
 
-def label_of(class_name: str, given: Mapping[str, str]) -> AutowareLabel:
+def label_of(class_name: str, label_names: Mapping[str, str]) -> AutowareLabel:
     """Return the label of a class; UNKNOWN unless KITTI or Autoware has a class of this name.
 
     Args:
         class_name: KITTI's or any other.
-        given: Names of labels by class, which take precedence.
+        label_names: Names of labels by class, which take precedence.
     """
-    if class_name in given:
-        return AutowareLabel[given[class_name]]
+    if class_name in label_names:
+        return AutowareLabel[label_names[class_name]]
     if class_name in LABEL_OF_CLASS:
         return LABEL_OF_CLASS[class_name]
     return AutowareLabel.__members__.get(class_name.upper(), AutowareLabel.UNKNOWN)
@@ -156,22 +156,22 @@ def label_of(class_name: str, given: Mapping[str, str]) -> AutowareLabel:
 
 def class_of(label: int) -> str:
     """Return the class of a label, that of UNKNOWN for a number without a name."""
-    if label not in {each.value for each in AutowareLabel}:
+    if label not in {member.value for member in AutowareLabel}:
         return CLASS_OF_LABEL[AutowareLabel.UNKNOWN]
-    found = AutowareLabel(label)
-    return CLASS_OF_LABEL.get(found, found.name.capitalize())
+    autoware_label = AutowareLabel(label)
+    return CLASS_OF_LABEL.get(autoware_label, autoware_label.name.capitalize())
 
 
-def check_labels(given: Mapping[str, str]) -> None:
+def check_labels(label_names: Mapping[str, str]) -> None:
     """Check names of labels.
 
     Raises:
         UsageError: There is no such label.
     """
-    known = list(AutowareLabel.__members__)
-    for class_name, name in given.items():
-        if name not in known:
-            raise not_one_of(f'autoware_labels: {class_name}', name, known)
+    labels = list(AutowareLabel.__members__)
+    for class_name, name in label_names.items():
+        if name not in labels:
+            raise not_one_of(f'autoware_labels: {class_name}', name, labels)
 
 
 # The overlap that a true positive needs, by class.

@@ -43,7 +43,7 @@ def one_line(text: str) -> str:
     """
     line = ' '.join(text.split())
     if not line.isprintable():
-        line = ''.join(each if each.isprintable() else _escaped(each) for each in line)
+        line = ''.join(char if char.isprintable() else _escaped(char) for char in line)
     line = _LONG_WORD.sub(r'\1...\2', line)
     return line if len(line) <= _LONGEST else f'{line[: _LONGEST - _END - 3]}...{line[-_END:]}'
 
@@ -189,11 +189,11 @@ class NotKittiError(UsageError):
         explained: Whether it is known what the path is instead.
     """
 
-    def __init__(self, path: Path, found: str, layouts: Iterable[str], advice: str = '') -> None:
+    def __init__(self, path: Path, problem: str, layouts: Iterable[str], advice: str = '') -> None:
         self.path = str(path)
         self.explained = bool(advice)
         super().__init__(
-            f'{path}: {found}; '
+            f'{path}: {problem}; '
             + (advice or f'expected a KITTI folder of layout {either(list(layouts))}')
         )
 
@@ -234,7 +234,7 @@ class BadFileError(KittiRos2Error):
     def __init__(
         self,
         path: Path | str,
-        found: str,
+        problem: str,
         expected: str,
         *,
         line: int | None = None,
@@ -245,7 +245,7 @@ class BadFileError(KittiRos2Error):
         self.remedy = remedy
         where = f'{path}:{line}' if line is not None else f'{path}'
         super().__init__(
-            f'{where}: {found}; expected {expected}' + (f' ({remedy})' if remedy else '')
+            f'{where}: {problem}; expected {expected}' + (f' ({remedy})' if remedy else '')
         )
 
 
@@ -276,11 +276,11 @@ class OutputError(KittiRos2Error):
         self._left = ''
         super().__init__(f'{path}: {reason}; nothing was left behind ({remedy})')
 
-    def leave(self, left: str) -> None:
+    def leave(self, remains: str) -> None:
         """Change the words about what was left behind."""
         path, reason, remedy = self._parts
-        self._left = left
-        self.args = (f'{path}: {reason}; {left} ({remedy})',)
+        self._left = remains
+        self.args = (f'{path}: {reason}; {remains} ({remedy})',)
 
     def tell_remains(self, remains: Path) -> None:
         """Correct the text: a path could not be removed."""
@@ -304,8 +304,8 @@ class NotDurableError(KittiRos2Error):
 class KeptInterruptError(KittiRos2Error):
     """Ctrl-C has ended the writing of an output, a part of which is kept."""
 
-    def __init__(self, kept: str) -> None:
-        super().__init__(f'interrupted; {kept}')
+    def __init__(self, partial_output: str) -> None:
+        super().__init__(f'interrupted; {partial_output}')
 
 
 class BadBagError(KittiRos2Error):
@@ -313,19 +313,19 @@ class BadBagError(KittiRos2Error):
 
     Args:
         path: What was read.
-        found: What is wrong with it.
-        expected: What is read instead; empty where what was found says that.
+        problem: Predicate about the path.
+        expected: Supported content; empty if the problem names it.
     """
 
     def __init__(
         self,
         path: Path,
-        found: str,
+        problem: str,
         expected: str = ANY_BAG,
     ) -> None:
         self.path = str(path)
-        wanted = f'; expected {expected}' if expected else ''
-        super().__init__(f'{path}: {found}{wanted}')
+        expectation = f'; expected {expected}' if expected else ''
+        super().__init__(f'{path}: {problem}{expectation}')
 
 
 class MissingDataError(KittiRos2Error):
@@ -391,7 +391,7 @@ _MARGIN = 0.03
 _MOST = 3
 
 
-def close_names(word: str, known: Iterable[str]) -> list[str]:
+def close_names(word: str, choices: Iterable[str]) -> list[str]:
     """Return the names that a word is likely to stand for, best first; three at most.
 
     Close is a name of other case, one that contains the word, and the most similar ones; none if
@@ -400,7 +400,7 @@ def close_names(word: str, known: Iterable[str]) -> list[str]:
     from difflib import SequenceMatcher  # noqa: PLC0415 - for errors only
 
     lower = word.lower()
-    names = list(dict.fromkeys(known))
+    names = list(dict.fromkeys(choices))
     same = [name for name in names if name.lower() == lower]
     if same or not lower:
         return same[:_MOST]
@@ -418,16 +418,16 @@ def close_names(word: str, known: Iterable[str]) -> list[str]:
     return sorted(close, key=lambda name: -ratios[name]) if len(close) <= _MOST else []
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, choices: Iterable[str]) -> str:
     """Return the question for the end of an error, such as ``; did you mean raw?``, or ''."""
-    close = close_names(word, known)
+    close = close_names(word, choices)
     return f'; did you mean {either(close)}?' if close else ''
 
 
-def not_one_of(name: str, value: object, known: Sequence[str]) -> UsageError:
+def not_one_of(name: str, value: object, choices: Sequence[str]) -> UsageError:
     """Return the error for a value of an option that is none of its choices."""
     return UsageError(
-        f'{name} takes {either(known)}, not {value!r}{did_you_mean(str(value), known)}'
+        f'{name} takes {either(choices)}, not {value!r}{did_you_mean(str(value), choices)}'
     )
 
 
@@ -456,10 +456,10 @@ class Loss:
 
     def among(self, numbers: Container[int]) -> Loss | None:
         """Return the part that concerns some file numbers; all if none are known."""
-        kept = tuple(number for number in self.numbers if number in numbers)
-        if kept == self.numbers:
+        inside = tuple(number for number in self.numbers if number in numbers)
+        if inside == self.numbers:
             return self
-        return Loss(self.stream, len(kept), self.message, kept) if kept else None
+        return Loss(self.stream, len(inside), self.message, inside) if inside else None
 
     def text(self) -> str:
         """Return the message with its numbers."""
@@ -491,13 +491,13 @@ def damage(losses: Mapping[str, int | None], name: str) -> tuple[Loss, ...]:
     return tuple(Loss(name, count or 1, text) for text, count in losses.items())
 
 
-def merged(*found: Mapping[str, int | None]) -> dict[str, int | None]:
-    """Add up the damage that passes over different topics of a bag found; None: unknown count."""
+def merged(*loss_counts: Mapping[str, int | None]) -> dict[str, int | None]:
+    """Add up the damage of passes over different topics of a bag; None: unknown count."""
     total: dict[str, int | None] = {}
-    for losses in found:
+    for losses in loss_counts:
         for text, count in losses.items():
-            known = total.get(text, 0)
-            total[text] = None if count is None or known is None else known + count
+            count_before = total.get(text, 0)
+            total[text] = None if count is None or count_before is None else count_before + count
     return total
 
 

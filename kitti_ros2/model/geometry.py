@@ -123,7 +123,7 @@ def quaternion_to_rotation(xyzw: Iterable[float]) -> Float64Array:
     NaN if that is impossible: for zeros, NaN, and numbers whose squares overflow float64.
     """
     # For four numbers NumPy takes five times as long.
-    x, y, z, w = (float(each) for each in xyzw)
+    x, y, z, w = (float(component) for component in xyzw)
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if not 0 < norm < math.inf:
         return np.full((3, 3), np.nan)
@@ -172,13 +172,13 @@ def cut_polygon_by(corners: Float64Array, inside: Float64Array) -> Float64Array:
         inside: (V,) values of a linear function at the corners; the part where it is >= 0 is kept.
     """
     # np.roll takes five times as long.
-    following, later = (np.concatenate([each[1:], each[:1]]) for each in (corners, inside))
+    following, later = (np.concatenate([column[1:], column[:1]]) for column in (corners, inside))
     crossing = (inside >= 0) != (later >= 0)
     share = inside / np.where(crossing, inside - later, 1.0)
     cut = corners + share[:, None] * (following - corners)
     both = np.stack([corners, cut], axis=1).reshape(-1, 2)
-    kept: Float64Array = both[np.stack([inside >= 0, crossing], axis=1).ravel()]
-    return kept
+    polygon: Float64Array = both[np.stack([inside >= 0, crossing], axis=1).ravel()]
+    return polygon
 
 
 def _any_numbers() -> np.errstate:

@@ -25,8 +25,8 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], obje
         if name not in modules:
             message = f'module {package!r} has no attribute {name!r}'
             raise AttributeError(message)
-        found = getattr(import_module(f'kitti_ros2.{modules[name]}'), name)
-        setattr(sys.modules[package], name, found)
-        return found
+        attribute = getattr(import_module(f'kitti_ros2.{modules[name]}'), name)
+        setattr(sys.modules[package], name, attribute)
+        return attribute
 
     return load

@@ -212,17 +212,17 @@ _HIGHEST = 10**10 - 1  # KITTI's names have ten digits
 def time_span(
     streams: Mapping[Stream, StreamIndex],
     turns: Mapping[int, Turn],
-    taken: Mapping[Stream, npt.NDArray[np.bool_]],
+    masks: Mapping[Stream, npt.NDArray[np.bool_]],
 ) -> tuple[int, int] | None:
     """Return the first and last moment of samples and of the turns of scans; None without any.
 
     Args:
         streams: The samples of a recording.
         turns: The turn of each scan, by file number.
-        taken: (N,) bool by stream: which samples count.
+        masks: (N,) bool by stream: which samples count.
     """
     moments: list[int] = []
-    for stream, mask in taken.items():
+    for stream, mask in masks.items():
         stamps_ns = streams[stream].stamps_ns[mask]
         if len(stamps_ns):
             moments += [int(stamps_ns.min()), int(stamps_ns.max())]
@@ -233,8 +233,8 @@ def time_span(
 
 def turn_ends(numbers: Iterable[int], turns: Mapping[int, Turn]) -> list[int]:
     """Return start and end of the turns of scans, of those that have one."""
-    known = [turns[number] for number in numbers if number in turns]
-    return [moment for turn in known for moment in (turn.start_ns, turn.end_ns)]
+    scan_turns = [turns[number] for number in numbers if number in turns]
+    return [moment for turn in scan_turns for moment in (turn.start_ns, turn.end_ns)]
 
 
 def around(stamps_ns: Int64Array, span: tuple[int, int]) -> npt.NDArray[np.bool_]:
@@ -245,16 +245,16 @@ def around(stamps_ns: Int64Array, span: tuple[int, int]) -> npt.NDArray[np.bool_
     return within
 
 
-def numbers_around(numbers: Int64Array, taken: Int64Array) -> tuple[int, int]:
+def numbers_around(numbers: Int64Array, selected: Int64Array) -> tuple[int, int]:
     """Return the lowest and highest file number that may be of the time of some samples.
 
-    Samples without a file or a stamp have no known time: those next to taken ones count.
+    Samples without a file or a stamp have no known time: those next to selected ones count.
 
     Args:
         numbers: (N,) of a stream.
-        taken: (M,) of its samples in that time, M > 0.
+        selected: (M,) of its samples in that time, M > 0.
     """
-    first, last = int(taken.min()), int(taken.max())
+    first, last = int(selected.min()), int(selected.max())
     before, after = numbers[numbers < first], numbers[numbers > last]
     lowest = int(before.max()) + 1 if len(before) else 0
     return lowest, int(after.min()) - 1 if len(after) else _HIGHEST
@@ -336,14 +336,14 @@ def undo_compensation(
     """
     terms = _terms(turn, motion, from_ns, back=True)
     parts = turned(points)
-    left = _settle(points, parts, turn, terms)
+    unsettled = _settle(points, parts, turn, terms)
     # A step across straight behind leads to the other end of the turn: these begin at either end.
     for end in (0.0, 1.0):
-        own = np.full(len(left), end)
-        still = _settle(points[left], own, turn, terms, end)
-        found = np.setdiff1d(np.arange(len(left)), still)
-        parts[left[found]] = own[found]
-        left = left[still]
+        own = np.full(len(unsettled), end)
+        still = _settle(points[unsettled], own, turn, terms, end)
+        settled = np.setdiff1d(np.arange(len(unsettled)), still)
+        parts[unsettled[settled]] = own[settled]
+        unsettled = unsettled[still]
     return _move(points, parts, turn, terms)
 
 
@@ -405,7 +405,7 @@ def _terms(
     turn: Turn, motion: ScannerMotion, moment_ns: int, *, back: bool = False
 ) -> list[_Terms]:
     """Return the displacements from the time of measurement to a moment, or back."""
-    found = []
+    terms = []
     for low, high, twist in motion.pieces(turn.start_ns, turn.end_ns):
         powers = [np.eye(4)]
         for order in range(1, _ORDER + 1):
@@ -419,8 +419,8 @@ def _terms(
             moved = [moment_t_middle @ power for power in powers]
         moved[0] = moved[0] - np.eye(4)
         factors = np.stack(moved, axis=1)[:3].tolist()
-        found.append(_Terms(low / turn.length_ns, high / turn.length_ns, factors))
-    return found
+        terms.append(_Terms(low / turn.length_ns, high / turn.length_ns, factors))
+    return terms
 
 
 def _move(
@@ -550,9 +550,9 @@ class ScannerMotion:
     def _pose(self, stamp_ns: int) -> Float64Array:
         """Return the pose in that of the first moment."""
         place = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
-        known = max(place - 1, 0)
-        seconds = (stamp_ns - int(self.stamps_ns[known])) / NS_PER_S
-        pose: Float64Array = self._known[known] @ exponential(self.twists[place] * seconds)
+        index = max(place - 1, 0)
+        seconds = (stamp_ns - int(self.stamps_ns[index])) / NS_PER_S
+        pose: Float64Array = self._known[index] @ exponential(self.twists[place] * seconds)
         return pose
 
     @cached_property
@@ -672,7 +672,7 @@ def route_of(
     if len(order) < 2:
         return None
     stamps, places = stamps[order], places[order]
-    turned = np.array([transforms[place].rotation for place in order])
+    rotations = np.array([transforms[place].rotation for place in order])
     offsets = np.diff(places, axis=0)
     steps = np.linalg.norm(offsets, axis=1)
     jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
@@ -681,9 +681,9 @@ def route_of(
     measured = not np.isnan(speeds).all()
     if not measured:
         speeds = _derived(stamps, np.where(jumps, np.nan, steps))
-    yaws = _continuous(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+    yaws = _continuous(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
     rates = [_known(pose.angular_velocity) for pose in chosen]
-    turn_rates = np.einsum('ij,ij->i', turned[:, 2], np.array(rates))  # z of world_R_imu @ rate
+    turn_rates = np.einsum('ij,ij->i', rotations[:, 2], np.array(rates))  # z of world_R_imu @ rate
     if np.isnan(turn_rates).all():
         turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))
     return Route(
@@ -714,6 +714,6 @@ def _derived(stamps_ns: Int64Array, steps: Float64Array) -> Float64Array:
 
 def _continuous(angles_rad: Float64Array) -> Float64Array:
     """Add whole turns so that neighbours differ by half a turn at most."""
-    known = np.isfinite(angles_rad)
-    angles_rad[known] = np.unwrap(angles_rad[known])
+    finite = np.isfinite(angles_rad)
+    angles_rad[finite] = np.unwrap(angles_rad[finite])
     return angles_rad

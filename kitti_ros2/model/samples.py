@@ -353,7 +353,7 @@ def has_complete_labels(layout: Layout, losses: Iterable[Loss]) -> bool:
         layout: Of the recording.
         losses: Of the recording; those of a bag may concern labels if they name no other stream.
     """
-    others = {each.value for each in Stream} - {Stream.LABELS.value}
+    others = {stream.value for stream in Stream} - {Stream.LABELS.value}
     return layout.traits.common_labels and all(loss.stream in others for loss in losses)
 
 
@@ -471,13 +471,13 @@ def _match(reference_ns: Int64Array, stamps_ns: Int64Array, tolerance_ns: int) -
     gaps = np.diff(stamps[order])
     is_frame = order < count
     possible = (is_frame[1:] != is_frame[:-1]) & (gaps <= tolerance_ns)
-    left = np.flatnonzero(possible)
-    left = left[_nearest_first(left, gaps[left])]
-    pairs = np.stack([order[left], order[left + 1]])
+    pair_starts = np.flatnonzero(possible)
+    pair_starts = pair_starts[_nearest_first(pair_starts, gaps[pair_starts])]
+    pairs = np.stack([order[pair_starts], order[pair_starts + 1]])
     frames, samples = pairs.min(axis=0), pairs.max(axis=0) - count
     indices = np.full(count, NONE, dtype=np.int64)
     indices[frames] = samples
-    errors = gaps[left]
+    errors = gaps[pair_starts]
     return StreamMatch(
         indices,
         dropped=len(stamps_ns) - len(samples),
@@ -512,8 +512,8 @@ def _nearest_first(places: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArra
     above_the_next = np.roll(adjoining & (change < 0), -1)
     free_before = _steps_up(above_the_last) % 2 == 0
     free_after = _steps_up(above_the_next[::-1])[::-1] % 2 == 0
-    made: npt.NDArray[np.bool_] = free_before & free_after
-    return made
+    mask: npt.NDArray[np.bool_] = free_before & free_after
+    return mask
 
 
 def _steps_up(above: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:

@@ -336,8 +336,8 @@ class ScanColumns:
             UsageError: A column is invalid or repeated, or x, y or z is missing.
         """
         words = text.replace(',', ' ').split()
-        found = [_COLUMN.fullmatch(word) for word in words]
-        wrong = [word for word, match in zip(words, found, strict=True) if match is None]
+        matches = [_COLUMN.fullmatch(word) for word in words]
+        wrong = [word for word, match in zip(words, matches, strict=True) if match is None]
         if wrong or len(words) > _MOST:
             reason = f'{wrong[0]!r} is no column' if wrong else f'{len(words)} columns'
             raise UsageError(
@@ -345,8 +345,8 @@ class ScanColumns:
                 f' x y z intensity ring, - for one to skip, and :f8 behind float64'
             )
         columns = cls(
-            tuple(match[1] for match in found if match),
-            tuple(match[2] or 'f4' for match in found if match),
+            tuple(match[1] for match in matches if match),
+            tuple(match[2] or 'f4' for match in matches if match),
         )
         columns._check(text)
         return columns

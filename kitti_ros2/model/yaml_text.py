@@ -98,10 +98,10 @@ class _Expansion:
     def _measure(self, node: yaml.Node) -> tuple[int, int]:
         """Return how many nodes there are, and how deep they are nested."""
         if node in self._sizes:
-            known = self._sizes[node]
-            if known is None:
+            measured = self._sizes[node]
+            if measured is None:
                 raise yaml.YAMLError('an alias refers to what it is in')
-            return known
+            return measured
         self._sizes[node] = None
         _check_keys(node)
         size, depth = 1, 0
@@ -149,15 +149,15 @@ class _Bounded:
         if node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
             raise _too_long(node)
         try:
-            found = super().construct_object(node, deep=deep)  # type: ignore[misc]
+            constructed = super().construct_object(node, deep=deep)  # type: ignore[misc]
         except OverflowError:
             raise _too_long(node) from None
         except (AttributeError, LookupError, TypeError):
             problem = f'a value that is no {node.tag.rpartition(":")[2]}'
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
-        if type(found) is int and found.bit_length() > _MOST_BITS:
+        if type(constructed) is int and constructed.bit_length() > _MOST_BITS:
             raise _too_long(node)
-        return found
+        return constructed
 
     def descend_resolver(self, *node: Any) -> None:  # noqa: ANN401 - as the base class has it
         self.depth += 1

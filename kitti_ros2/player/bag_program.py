@@ -127,11 +127,11 @@ class PlayedTopics:
 
     def made(self, channels: Sequence[Channel]) -> dict[str, list[int]]:
         """Map topics of the bag to the indices of the channels made from them."""
-        found: dict[str, list[int]] = {}
+        outlets: dict[str, list[int]] = {}
         for index, channel in enumerate(channels):
             if channel.topic in self.sources:
-                found.setdefault(self.sources[channel.topic], []).append(index)
-        return found
+                outlets.setdefault(self.sources[channel.topic], []).append(index)
+        return outlets
 
 
 def choose_topics(
@@ -139,7 +139,7 @@ def choose_topics(
     counts: Mapping[tuple[str, str], int],
     selection: SelectionOptions,
     reserved: Callable[[str, str], str],
-    made: ImageTopics,
+    image_topics: ImageTopics,
 ) -> PlayedTopics:
     """Choose the topics of a bag to play.
 
@@ -148,24 +148,24 @@ def choose_topics(
         counts: Message counts by topic and type.
         selection: Requested topics.
         reserved: Maps a topic and its type to the reason for skipping it, or to an empty string.
-        made: Image topics to be made.
+        image_topics: Image topics to be made.
 
     Raises:
         UsageError: The selection matches no topic, or only skipped ones.
     """
     reasons = {key: why for key in counts if (why := reserved(*key))}
-    names = {topic for topic, _ in counts} | {*made.sources}
-    wanted = match_names(sorted(names - made.hidden), selection)
+    names = {topic for topic, _ in counts} | {*image_topics.sources}
+    selected = match_names(sorted(names - image_topics.hidden), selection)
     left_out = tuple(
         f'{path}: {key[0]} is left out, {counts[key]} messages: {why}'
         for key, why in reasons.items()
-        if counts[key] and key[0] in wanted
+        if counts[key] and key[0] in selected
     )
-    played = tuple(name for name in wanted if name not in {topic for topic, _ in reasons})
+    played = tuple(name for name in selected if name not in {topic for topic, _ in reasons})
     if left_out and not played:
         raise UsageError(left_out[0])
     unknown = unmatched(names, selection)
-    return PlayedTopics(played, made.sources, (*left_out, *unknown, *made.notes))
+    return PlayedTopics(played, image_topics.sources, (*left_out, *unknown, *image_topics.notes))
 
 
 def define_images(typestore: Typestore) -> None:
@@ -213,9 +213,9 @@ class BagProgram:
         with opened(source) as bag:
             self._path = bag.path
             self.name = bag.path.name
-            counts = {key: sum(map(len, found)) for key, found in bag.index.stamps.items()}
-            made = ImageTopics() if images is None else images.topics(dict(counts.keys()))
-            played = choose_topics(bag.path, counts, selection, reserved, made)
+            counts = {key: sum(map(len, stamps_ns)) for key, stamps_ns in bag.index.stamps.items()}
+            image_topics = ImageTopics() if images is None else images.topics(dict(counts.keys()))
+            played = choose_topics(bag.path, counts, selection, reserved, image_topics)
             self._notes = played.notes
             stamps = bag.index.by_topic()
             self._open(bag, played, stamps, exact={*played.names} == {*selection.topics})
@@ -271,7 +271,7 @@ class BagProgram:
         else:
             own = self._numbered.frames_at(every, self._topics)
             self._refuse_frames(selection)
-        begin = min(int(found[0]) for found in stamps.values() if len(found))
+        begin = min(int(stamps_ns[0]) for stamps_ns in stamps.values() if len(stamps_ns))
         start, end = selection.start, selection.end
         first, last = (
             _bound_ns(bound, every, own, (begin, side)) for side, bound in enumerate((start, end))
@@ -319,19 +319,19 @@ class BagProgram:
         if outlet is not None:
             skipped = self.channels[outlet].on_demand and outlet not in wanted
             due.append(_unmade(outlet, message) if skipped else _due(outlet, message))
-        made = self._made.get(message.topic, ())
-        due += [_unmade(each, message) for each in made if each not in wanted]
-        images, losses = self._make(message, [each for each in made if each in wanted])
+        outlets = self._made.get(message.topic, ())
+        due += [_unmade(channel, message) for channel in outlets if channel not in wanted]
+        images, losses = self._make(message, [channel for channel in outlets if channel in wanted])
         return due + images, losses
 
-    def _make(self, message: BagMessage, made: list[int]) -> tuple[list[Message], list[Loss]]:
+    def _make(self, message: BagMessage, outlets: list[int]) -> tuple[list[Message], list[Loss]]:
         """Make the images of some outlets from a message."""
-        if self._images is None or not made:
+        if self._images is None or not outlets:
             return [], []
-        names = [self.channels[outlet].topic for outlet in made]
+        names = [self.channels[outlet].topic for outlet in outlets]
         images = self._images.make(message, names, self.typestore)
         due, losses = [], []
-        for outlet, name, image in zip(made, names, images, strict=True):
+        for outlet, name, image in zip(outlets, names, images, strict=True):
             if isinstance(image, bytes):
                 due.append(Message(outlet, message.stamp_ns, (image,)))
             else:
@@ -421,10 +421,10 @@ def _bound_ns(bound: Bound | None, every: Int64Array, own: Int64Array, end: tupl
         return begin + bound.offset_ns
     frame = bound.frame or 0
     if side:
-        taken = np.flatnonzero(own <= frame)
-        return int(every[taken[-1]]) if len(taken) else int(every[0]) - 1
-    taken = np.flatnonzero(own >= frame)
-    return int(every[taken[0]]) if len(taken) else int(every[-1]) + 1
+        indices = np.flatnonzero(own <= frame)
+        return int(every[indices[-1]]) if len(indices) else int(every[0]) - 1
+    indices = np.flatnonzero(own >= frame)
+    return int(every[indices[0]]) if len(indices) else int(every[-1]) + 1
 
 
 # Decoded and annotated sensor_msgs/Image topics, made from the images of a bag.
@@ -557,8 +557,8 @@ def open_program(
                     f'{path}: predictions are for KITTI folders, and this is a bag; to-bag takes'
                     f' them when it makes the bag'
                 )
-            made = any(msgtype == ANNOTATIONS for _, msgtype in bag.index.stamps)
-            if settings.messages.annotations and not made:
+            has_annotations = any(msgtype == ANNOTATIONS for _, msgtype in bag.index.stamps)
+            if settings.messages.annotations and not has_annotations:
                 raise UsageError(
                     f'{path}: annotations are made of KITTI folders, and this is a bag; to-bag'
                     f' --annotations makes a bag with them'

@@ -285,13 +285,13 @@ def fields_of(msgtype: str, typestore: Typestore) -> list[MessageField]:
 
 def references_of(msgtype: str, typestore: Typestore) -> list[str]:
     """Return all types that a message type refers to, directly or not, sorted by name."""
-    found: set[str] = set()
+    references: set[str] = set()
     waiting = [msgtype]
     while waiting:
         nested = {field.nested for field in fields_of(waiting.pop(), typestore) if field.nested}
-        waiting += nested - found
-        found |= nested
-    return sorted(found)
+        waiting += nested - references
+        references |= nested
+    return sorted(references)
 
 
 def check_size(msgtype: str, typestore: Typestore) -> None:
@@ -301,8 +301,8 @@ def check_size(msgtype: str, typestore: Typestore) -> None:
         MissingDataError: It contains itself, is nested too deeply, or too large; or a definition is
             missing.
     """
-    known: dict[str, _Footprint] = {}
-    _measure(msgtype, typestore, known, ())
+    footprints: dict[str, _Footprint] = {}
+    _measure(msgtype, typestore, footprints, ())
 
 
 class _Footprint(NamedTuple):
@@ -311,19 +311,19 @@ class _Footprint(NamedTuple):
 
 
 def _measure(
-    msgtype: str, typestore: Typestore, known: dict[str, _Footprint], above: tuple[str, ...]
+    msgtype: str, typestore: Typestore, footprints: dict[str, _Footprint], above: tuple[str, ...]
 ) -> _Footprint:
     if msgtype in above:
         raise MissingDataError(f'{msgtype}: the type contains itself')
     if len(above) > _MOST_LEVELS:
         raise MissingDataError(f'{above[0]}: its types are nested more than {_MOST_LEVELS} deep')
-    if msgtype in known:
-        return known[msgtype]
+    if msgtype in footprints:
+        return footprints[msgtype]
     fields, size_bytes = 0, 0
     for field in fields_of(msgtype, typestore):
         inner = _Footprint(1, 0 if field.ctype is None else ctypes.sizeof(field.ctype))
         if field.nested:
-            inner = _measure(field.nested, typestore, known, (*above, msgtype))
+            inner = _measure(field.nested, typestore, footprints, (*above, msgtype))
         fields += inner.fields
         size_bytes += inner.size_bytes * (field.length if field.shape == Shape.ARRAY else 1)
         if fields > _MOST_FIELDS or size_bytes > _MOST_BYTES:
@@ -331,8 +331,8 @@ def _measure(
                 f'{msgtype}: the type is too large, of more than {_MOST_FIELDS} fields or'
                 f' {_MOST_BYTES} bytes'
             )
-    known[msgtype] = _Footprint(fields, size_bytes)
-    return known[msgtype]
+    footprints[msgtype] = _Footprint(fields, size_bytes)
+    return footprints[msgtype]
 
 
 def defined_hash(msgtype: str, typestore: Typestore) -> str:
@@ -609,10 +609,10 @@ def runtime_type(msgtype: str, typestore: Typestore) -> RuntimeType:
     """Return the only object for a message type with this definition; made at the first call."""
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _TYPES:
-        made = RuntimeType(msgtype, typestore)
-        if _TYPES.setdefault(key, made) is made:
+        new_type = RuntimeType(msgtype, typestore)
+        if _TYPES.setdefault(key, new_type) is new_type:
             # Kept beyond the end of this module: the middleware outlives it.
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(made))
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(new_type))
     return _TYPES[key]
 
 
@@ -645,8 +645,8 @@ def message_class(msgtype: str, typestore: Typestore) -> type:
     check_size(msgtype, typestore)
     key = (msgtype, defined_hash(msgtype, typestore))
     if key not in _CLASSES:
-        made = _installed_class(*key) or _runtime_class(msgtype, typestore)
-        return _CLASSES.setdefault(key, made)
+        cls = _installed_class(*key) or _runtime_class(msgtype, typestore)
+        return _CLASSES.setdefault(key, cls)
     return _CLASSES[key]
 
 
@@ -667,8 +667,8 @@ def type_hash(cls: type) -> str:
             f' ({error}); install it again, or remove it from PYTHONPATH'
         ) from error
     support = MessageTypeSupport.from_address(address)
-    found = TypeHash.from_address(Getter(support.get_type_hash_func)(address))
-    return f'RIHS{found.version:02}_{bytes(found.value).hex()}'
+    rihs = TypeHash.from_address(Getter(support.get_type_hash_func)(address))
+    return f'RIHS{rihs.version:02}_{bytes(rihs.value).hex()}'
 
 
 def _installed_class(msgtype: str, expected: str) -> type | None:
@@ -689,9 +689,9 @@ def _installed_class(msgtype: str, expected: str) -> type | None:
             f' use Jazzy, or remove it from PYTHONPATH'
         )
     cls: type | None = getattr(module, name, None)
-    if cls is not None and (found := type_hash(cls)) != expected:
+    if cls is not None and (own_hash := type_hash(cls)) != expected:
         raise MissingDataError(
-            f'{msgtype}: the installed package {package} defines it differently ({found}) than'
+            f'{msgtype}: the installed package {package} defines it differently ({own_hash}) than'
             f' ROS 2 Jazzy ({expected}); install the package of Jazzy, or remove it from PYTHONPATH'
         )
     return cls

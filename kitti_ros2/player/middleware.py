@@ -44,7 +44,7 @@ def held_stderr() -> Iterator[Callable[[], list[str]]]:
     """Hold back what libraries write to stderr; write it at the end unless it was read."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
-        held = os.dup(2)
+        stderr_copy = os.dup(2)
         read = False
 
         def written() -> list[str]:
@@ -57,8 +57,8 @@ def held_stderr() -> Iterator[Callable[[], list[str]]]:
         try:
             yield written
         finally:
-            os.dup2(held, 2)
-            os.close(held)
+            os.dup2(stderr_copy, 2)
+            os.close(stderr_copy)
             if not read:
                 sys.stderr.writelines(f'{line}\n' for line in written())
 
@@ -145,9 +145,9 @@ def stays_on_this_machine(environment: Mapping[str, str]) -> bool:
     return local and not environment.get('ROS_STATIC_PEERS')
 
 
-def cyclone_settings(given: str) -> str:
+def cyclone_settings(user_settings: str) -> str:
     """Return CYCLONEDDS_URI with these settings first: in the list, later entries win."""
-    return f'{_CYCLONE_SETTINGS},{given}' if given else _CYCLONE_SETTINGS
+    return f'{_CYCLONE_SETTINGS},{user_settings}' if user_settings else _CYCLONE_SETTINGS
 
 
 # Creates a node; if the middleware fails, its own message becomes the error.
@@ -199,8 +199,8 @@ def _last_message(lines: Sequence[str]) -> str:
     for line in lines:
         plain = _FAST_END.sub('', _COLOUR.sub('', line))
         for beginning in (_CYCLONE_LINE, _FAST_LINE):
-            if found := beginning.match(plain):
-                reason = plain[found.end() :].strip()
+            if match := beginning.match(plain):
+                reason = plain[match.end() :].strip()
     return reason
 
 

@@ -240,9 +240,9 @@ class Executor(SingleThreadedExecutor):  # type: ignore[misc] # rclpy has no typ
     def wait_for_ready_callbacks(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 - of rclpy
         """Wait as rclpy does."""
         self._waiting = True
-        found = super().wait_for_ready_callbacks(*args, **options)
+        callbacks = super().wait_for_ready_callbacks(*args, **options)
         self._waiting = False
-        return found
+        return callbacks
 
     def run(self, stop: threading.Event, tell: Callable[[Exception], object]) -> None:
         """Run callbacks until stopped, or ROS shuts down.
@@ -308,7 +308,7 @@ def _parameter(declared: Option) -> Option:
 
 PARAMETERS = (*options_of(_Commands), *map(_parameter, PLAY))
 """All parameters; the defaults '' and [''] stand for "not given"."""
-COMMANDS = frozenset(each.name for each in options_of(_Commands))
+COMMANDS = frozenset(command.name for command in options_of(_Commands))
 
 
 def descriptor(parameter: Option) -> ParameterDescriptor:

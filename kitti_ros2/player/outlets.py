@@ -219,7 +219,7 @@ def load_overrides(path: Path) -> dict[str, QosOverride]:
         ) from None
     if not isinstance(content, dict):
         raise UsageError(f'{path}: no mapping of topics to their QoS')
-    return {str(topic): _override(path, str(topic), each) for topic, each in content.items()}
+    return {str(topic): _override(path, str(topic), qos) for topic, qos in content.items()}
 
 
 def _override(path: Path, topic: str, policies: object) -> QosOverride:
@@ -230,8 +230,8 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
     values = {}
     for name, value in policies.items():
         if name not in POLICIES:
-            known = ', '.join(POLICIES) + did_you_mean(str(name), POLICIES)
-            raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {known}')
+            policy_names = ', '.join(POLICIES) + did_you_mean(str(name), POLICIES)
+            raise UsageError(f'{path}: {topic}: unknown policy {name!r}; known are {policy_names}')
         try:
             values[name] = POLICIES[name](value)
         except ValueError as expected:
@@ -242,10 +242,10 @@ def _override(path: Path, topic: str, policies: object) -> QosOverride:
 
 
 def _choice(kind: type[Enum], *names: str) -> Callable[[object], Enum]:
-    known = {name: kind[name.upper()] for name in names}
+    choices = {name: kind[name.upper()] for name in names}
 
     def parse(value: object) -> Enum:
-        policy = known.get(str(value).lower())  # rosbag2 ignores case, too
+        policy = choices.get(str(value).lower())  # rosbag2 ignores case, too
         if policy is None:
             raise ValueError(f'one of {", ".join(names)}')
         return policy
@@ -351,8 +351,8 @@ class Outlets(Transport):
                 self.complaints[index] = f'{topic} cannot be published: {one_line(str(error))}'
         # Sending a small message takes less time than acquiring the interpreter's lock again.
         self._publish = {
-            index: byte_publisher(each) if self.channels[index].on_demand else each.publish
-            for index, each in self._publishers.items()
+            index: byte_publisher(pub) if self.channels[index].on_demand else pub.publish
+            for index, pub in self._publishers.items()
         }
         self._flow = FlowControl(self._publishers, node.get_logger())
 
@@ -368,10 +368,10 @@ class Outlets(Transport):
             matched = publisher.get_subscription_count()
             if matched:
                 subscriptions += matched
-                found = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
+                infos = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
                 nodes |= {
-                    (bytes(each.endpoint_gid[:12]), each.node_namespace, each.node_name)
-                    for each in found
+                    (bytes(info.endpoint_gid[:12]), info.node_namespace, info.node_name)
+                    for info in infos
                 }
         return Audience(len(nodes), subscriptions)
 

@@ -388,8 +388,8 @@ class Playback(PlaybackSchedule):
         """
         with self._condition:
             if number not in self._frame_numbers:
-                known = describe_frames(sorted(self._frame_numbers))
-                raise UsageError(f'there is no frame {number}; it has {known}')
+                frames = describe_frames(sorted(self._frame_numbers))
+                raise UsageError(f'there is no frame {number}; it has {frames}')
             position = self._frame_starts[self._frame_numbers.index(number)]
             self._move(position, self._stamps[position])
             self._wake()
@@ -660,7 +660,7 @@ class Answers:
             return self._frames[stamp_ns]
         place = bisect_left(self._stamps, stamp_ns)
         near = self._stamps[max(0, place - 1) : place + 1]
-        nearest = min(near, key=lambda each: abs(each - stamp_ns), default=None)
+        nearest = min(near, key=lambda near_ns: abs(near_ns - stamp_ns), default=None)
         if nearest is None or abs(nearest - stamp_ns) > _TOLERANCE_NS:
             return None
         return self._frames[nearest]

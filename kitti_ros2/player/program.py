@@ -170,9 +170,9 @@ class RecordingProgram:
             return self._kept[index]
         entry = self._entries[index]
         encoded, losses = self._encoder.encode(entry, wanted)
-        messages = [each._replace(parts=(each.data,)) for each in encoded]
+        messages = [message._replace(parts=(message.data,)) for message in encoded]
         # Small messages first: each waits for those before it.
-        messages.sort(key=lambda each: self._encoder.table[each.channel].on_demand)
+        messages.sort(key=lambda message: self._encoder.table[message.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
         return messages + [Message(index, entry.stamp_ns, ()) for index in unmade], losses
 

@@ -149,8 +149,8 @@ class LivePlayer(KittiPlayer):
 
     def types_of(self, topic: str) -> list[str]:
         """Return the types of a topic's publishers now, such as nav_msgs/msg/Odometry."""
-        found = self.get_publishers_info_by_topic(topic)
-        return sorted({each.topic_type for each in found})
+        publishers_info = self.get_publishers_info_by_topic(topic)
+        return sorted({info.topic_type for info in publishers_info})
 
     def others(self) -> list[str]:
         """Return the topics that other nodes publish now, without those that all nodes have."""
@@ -170,12 +170,12 @@ class LivePlayer(KittiPlayer):
         Raises:
             MissingDataError: The type is unknown, or its installed package is broken.
         """
-        offered = [each.qos_profile for each in self.get_publishers_info_by_topic(topic)]
+        offered = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
         profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
-        if any(each.reliability is ReliabilityPolicy.BEST_EFFORT for each in offered):
+        if any(qos.reliability is ReliabilityPolicy.BEST_EFFORT for qos in offered):
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         lasting = DurabilityPolicy.TRANSIENT_LOCAL
-        if offered and all(each.durability is lasting for each in offered):
+        if offered and all(qos.durability is lasting for qos in offered):
             profile.durability = lasting
         kind = message_class(msgtype, TYPESTORE)
         self._heard[topic] = self.create_subscription(kind, topic, receive, profile, raw=True)

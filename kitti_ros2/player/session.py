@@ -80,8 +80,8 @@ class Transport(ABC):
         self._looked_ns = time.monotonic_ns()
         self._wanted = frozenset(
             index
-            for index, each in enumerate(self.channels)
-            if each.on_demand and index not in self.complaints and self.has_subscriber(index)
+            for index, outlet in enumerate(self.channels)
+            if outlet.on_demand and index not in self.complaints and self.has_subscriber(index)
         )
         return self._wanted
 
@@ -274,7 +274,7 @@ class Session:
         self._last_keys = LastKeys()
         self._free_memory = FreeMemory()
         self._markers = [
-            index for index, each in enumerate(program.channels) if each.msgtype == MARKERS
+            index for index, outlet in enumerate(program.channels) if outlet.msgtype == MARKERS
         ]
         self._stale: set[int] = set()
         self._frame: int | None = None

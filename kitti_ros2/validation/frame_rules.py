@@ -509,7 +509,7 @@ def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
     low, high = (ends[3] for ends in scan.bounds)
     if low < 0 or 1 < high < _NOT_METRES:
         found = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
-        text = found.found if found else f'reflectances from {low:g} to {high:g}'
+        text = found.problem if found else f'reflectances from {low:g} to {high:g}'
         yield Breach(text, scan.path)
 
 

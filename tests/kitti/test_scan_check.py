@@ -101,7 +101,7 @@ def test_another_number_of_columns_is_detected(expected, make, count):
     for seed in range(TRIALS):
         found = look(make(np.random.default_rng(seed), count + seed))
         assert found is not None
-        assert f' {expected} a point' in found.found
+        assert f' {expected} a point' in found.problem
 
 
 def fields(points, rng):
@@ -190,7 +190,7 @@ def test_records_of_other_types_are_no_columns(fields):
     for name, values in zip('xyzi', street(rng, 4000, 255).T, strict=True):
         records[name] = values
     records['ring'] = rng.integers(0, 64, 4000)
-    assert 'cannot be float32' in look(records).found
+    assert 'cannot be float32' in look(records).problem
 
 
 def test_a_fourth_column_that_is_no_reflectance_is_named():
@@ -199,7 +199,7 @@ def test_a_fourth_column_that_is_no_reflectance_is_named():
     points = street(rng, 4000)
     for fourth in (rng.integers(0, 1 << 24, 4000).astype('<u4').view('<f4'), 1.6e9):
         points[:, 3] = fourth
-        assert 'fourth value of most points is no reflectance' in look(points).found
+        assert 'fourth value of most points is no reflectance' in look(points).problem
 
 
 def test_what_cannot_be_known_is_left_alone():
@@ -237,13 +237,13 @@ def saved():
 def test_other_formats_are_named(data, said):
     found = find_mismatch([(data[:HEAD_BYTES], len(data))])
     assert found is not None
-    assert re.search(said, found.found)
+    assert re.search(said, found.problem)
 
 
 def test_labels_tell_how_many_points_there_are():
     rng = np.random.default_rng(0)
     few = with_columns(street(rng, 16), *np.zeros((2, 16))).tobytes()
-    assert '6 float32' in find_mismatch([(few, len(few))], 16).found
+    assert '6 float32' in find_mismatch([(few, len(few))], 16).problem
     four = tj4d(rng, 300).astype('<f4').tobytes()
     assert find_mismatch([(four, len(four))], 600) is None
 
