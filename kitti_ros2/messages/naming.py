@@ -241,7 +241,7 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Moment:
+class EncodeContext:
     """The context of an encoder besides its sample.
 
     Attributes:
@@ -255,7 +255,7 @@ class Moment:
         pixels: Decodes an image.
         labels: Returns the labels of the sample's frame; None if it is not labelled.
         predictions: Returns the predictions of the sample's frame; None without any.
-        remark: Called with a remark on values of the messages that are estimated.
+        note: Called with a note on values of the messages that are estimated.
     """
 
     rig: Rig
@@ -267,7 +267,7 @@ class Moment:
     pixels: Callable[[Image], Pixels] = decode_image
     labels: Callable[[], FrameLabels | None] = lambda: None
     predictions: Callable[[], FrameLabels | None] = lambda: None
-    remark: Callable[[str], None] = lambda _: None
+    note: Callable[[str], None] = lambda _: None
 
     @property
     def at_imu(self) -> tuple[int, str]:
@@ -276,7 +276,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Origin:
+class BagContext:
     """The context of a decoder besides its message.
 
     Attributes:

@@ -289,7 +289,7 @@ def encode_scan(
     frame_id: str,
     points: Points = Points.XYZI,
     labels: npt.NDArray[np.uint32] | None = None,
-    remark: Callable[[str], None] = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> PointCloud2:
     """Make the cloud of a scan; of x y z intensity its data are the file's bytes unchanged.
 
@@ -300,7 +300,7 @@ def encode_scan(
         points: The format of the cloud. Several SLAM packages use the last point's time as the end
             of the scan, so points with times are sorted.
         labels: (N,) SemanticKITTI labels; add label and instance (uint16) and rgb (float32).
-        remark: Called with a remark on values that are estimated.
+        note: Called with a note on values that are estimated.
     """
     cloud_format = FORMATS[points]
     fields = cloud_format.fields_of(
@@ -317,9 +317,9 @@ def encode_scan(
         cloud = _arranged(_filled(fields, cloud_format, values, scan.extra), cloud_format, values)
         is_dense = is_dense and cloud.size == len(file)
     if any(field.value in _OF_LASERS for field in fields) and not values.is_ordered:
-        remark(ESTIMATED_LASERS)
+        note(ESTIMATED_LASERS)
     if scan.extra and not cloud_format.extensible:
-        remark(f'clouds of {points.value} have no field for the columns {", ".join(scan.extra)}')
+        note(f'clouds of {points.value} have no field for the columns {", ".join(scan.extra)}')
     height, width = cloud.shape
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),

@@ -126,7 +126,7 @@ if TYPE_CHECKING:
         Trajectory,
     )
     from ..options.read import SelectionOptions
-    from .naming import Moment, Origin
+    from .naming import BagContext, EncodeContext
 
 
 # Topics that --topics and --exclude-topics select.
@@ -181,131 +181,131 @@ def _close_topics(pattern: str, names: Sequence[str]) -> str:
     return did_you_mean(pattern, choices)
 
 
-# The encoders of the table's rows: a sample and its moment to messages.
+# The encoders of the table's rows: a sample and its context to messages.
 #
 # They return a message of a rosbags class or a serialised one, a list of several, or None if the
 # sample has no data for it.
 
 
-def make_static(calibration: Calibration, moment: Moment) -> object:
+def make_static(calibration: Calibration, context: EncodeContext) -> object:
     """Make the static tree, with nominal mounts of cameras where the calibration has none."""
-    rig = moment.rig
+    rig = context.rig
     mounted = with_nominal_mounts(calibration, rig.cameras, own=rig.options.own_frames)
     links = static_links(mounted, rig.base_t_imu, rig.frames)
-    return encode_static(links, moment.stamp_ns)
+    return encode_static(links, context.stamp_ns)
 
 
-def make_files(sample: Calibration | Description, moment: Moment) -> list[object]:  # noqa: ARG001 - one form for all
+def make_files(sample: Calibration | Description, context: EncodeContext) -> list[object]:  # noqa: ARG001 - one form for all
     """Make a String of each text file of a calibration or a recording."""
     return [encode_text(file) for file in sample.files]
 
 
-def make_source(sample: FrameLabels | OxtsPacket, moment: Moment) -> object | None:  # noqa: ARG001
+def make_source(sample: FrameLabels | OxtsPacket, context: EncodeContext) -> object | None:  # noqa: ARG001
     """Make a String of the text that a sample was read from."""
     return None if sample.source is None else encode_text(sample.source)
 
 
-def make_path(trajectory: Trajectory, moment: Moment) -> object | None:
+def make_path(trajectory: Trajectory, context: EncodeContext) -> object | None:
     """Make the Path of all poses in map."""
     if not trajectory.world_T_imu:
         return None
-    placed = place_trajectory(trajectory, moment.rig.map_T_world)
-    return encode_path(placed, moment.rig.base_t_imu, moment.stamp_ns, moment.rig.frames.map)
+    placed = place_trajectory(trajectory, context.rig.map_T_world)
+    return encode_path(placed, context.rig.base_t_imu, context.stamp_ns, context.rig.frames.map)
 
 
-def make_odometry(pose: Pose, moment: Moment) -> object:
+def make_odometry(pose: Pose, context: EncodeContext) -> object:
     """Make the Odometry of base_link in map."""
-    frames = (moment.rig.frames.map, moment.rig.frames.truth)
-    placed = place_pose(pose, moment.rig.map_T_world)
-    return encode_odometry(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+    frames = (context.rig.frames.map, context.rig.frames.truth)
+    placed = place_pose(pose, context.rig.map_T_world)
+    return encode_odometry(placed, context.rig.base_t_imu, context.stamp_ns, frames)
 
 
-def make_tf(pose: Pose, moment: Moment) -> object:
+def make_tf(pose: Pose, context: EncodeContext) -> object:
     """Make the transform map -> base_link."""
-    frames = (moment.rig.frames.map, moment.rig.frames.truth)
-    placed = place_pose(pose, moment.rig.map_T_world)
-    return encode_tf(placed, moment.rig.base_t_imu, moment.stamp_ns, frames)
+    frames = (context.rig.frames.map, context.rig.frames.truth)
+    placed = place_pose(pose, context.rig.map_T_world)
+    return encode_tf(placed, context.rig.base_t_imu, context.stamp_ns, frames)
 
 
-def make_imu(packet: OxtsPacket, moment: Moment) -> object:
+def make_imu(packet: OxtsPacket, context: EncodeContext) -> object:
     """Make the Imu of a packet, with covariances if the options request them."""
-    return encode_imu(packet, *moment.at_imu, covariances=bool(moment.rig.options.covariances))
+    return encode_imu(packet, *context.at_imu, covariances=bool(context.rig.options.covariances))
 
 
-def make_scan(scan: Scan, moment: Moment) -> object:
+def make_scan(scan: Scan, context: EncodeContext) -> object:
     """Make the PointCloud2 of a scan, in the format that the options request."""
-    options = moment.rig.options
+    options = context.rig.options
     labels = scan.labels if options.semantic else None
-    frame = moment.rig.frames.velo
-    return encode_scan(scan, moment.stamp_ns, frame, options.cloud, labels, moment.remark)
+    frame = context.rig.frames.velo
+    return encode_scan(scan, context.stamp_ns, frame, options.cloud, labels, context.note)
 
 
-def make_source_scan(scan: Scan, moment: Moment) -> object:
+def make_source_scan(scan: Scan, context: EncodeContext) -> object:
     """Make the PointCloud2 of a scan with the points of its file, unchanged."""
-    return encode_scan(scan, moment.stamp_ns, moment.rig.frames.velo)
+    return encode_scan(scan, context.stamp_ns, context.rig.frames.velo)
 
 
-def make_compressed(image: Image, moment: Moment) -> object:
+def make_compressed(image: Image, context: EncodeContext) -> object:
     """Make the CompressedImage of an image: the bytes of its file."""
-    return encode_compressed(image, moment.stamp_ns, _image_frame(moment))
+    return encode_compressed(image, context.stamp_ns, _image_frame(context))
 
 
-def make_image(image: Image, moment: Moment) -> object:
+def make_image(image: Image, context: EncodeContext) -> object:
     """Make the Image of an image's pixels, of colour in the encoding that the options request."""
-    encoding = moment.rig.options.color_encoding
-    return encode_pixels(moment.pixels(image), moment.stamp_ns, _image_frame(moment), encoding)
+    encoding = context.rig.options.color_encoding
+    return encode_pixels(context.pixels(image), context.stamp_ns, _image_frame(context), encoding)
 
 
-def make_annotated(image: Image, moment: Moment) -> object:
+def make_annotated(image: Image, context: EncodeContext) -> object:
     """Make the Image of an image with its frame's labels drawn on it."""
     from ..drawing.annotate import annotate  # noqa: PLC0415 - 0.2 s of OpenCV that others do without
 
-    calibration = moment.calibration()
-    picture = np.array(colour_pixels(moment.pixels(image)))
-    labels = moment.labels()
+    calibration = context.calibration()
+    picture = np.array(colour_pixels(context.pixels(image)))
+    labels = context.labels()
     objects = [] if labels is None else objects_of(labels, calibration)
-    annotate(picture, objects, calibration, moment.camera)
-    return encode_pixels(picture, moment.stamp_ns, _image_frame(moment))
+    annotate(picture, objects, calibration, context.camera)
+    return encode_pixels(picture, context.stamp_ns, _image_frame(context))
 
 
-def make_annotations(image: Image, moment: Moment) -> object:
+def make_annotations(image: Image, context: EncodeContext) -> object:
     """Make the ImageAnnotations of an image: the 2D boxes of its frame's labels."""
-    labels = moment.labels()
-    objects = [] if labels is None else objects_of(labels, moment.calibration())
-    return _annotations(image, moment, objects, [])
+    labels = context.labels()
+    objects = [] if labels is None else objects_of(labels, context.calibration())
+    return _annotations(image, context, objects, [])
 
 
-def make_prediction_annotations(image: Image, moment: Moment) -> object:
+def make_prediction_annotations(image: Image, context: EncodeContext) -> object:
     """Make the ImageAnnotations of predictions, compared with the labels if there are any."""
-    predictions = moment.predictions()
-    boxes = ([], []) if predictions is None else _compared_with_labels(predictions, moment)
-    return _annotations(image, moment, *boxes)
+    predictions = context.predictions()
+    boxes = ([], []) if predictions is None else _compared_with_labels(predictions, context)
+    return _annotations(image, context, *boxes)
 
 
 def _annotations(
     image: Image,
-    moment: Moment,
+    context: EncodeContext,
     objects: list[LabelledObject],
     predictions: list[LabelledObject],
 ) -> object:
     from ..drawing.annotate import image_boxes  # noqa: PLC0415 - as above
 
     size = image.width, image.height
-    boxes = image_boxes(objects, predictions, moment.calibration(), moment.camera, size)
-    return encode_annotations(boxes, moment.stamp_ns)
+    boxes = image_boxes(objects, predictions, context.calibration(), context.camera, size)
+    return encode_annotations(boxes, context.stamp_ns)
 
 
-def make_camera_info(image: Image, moment: Moment) -> object:
+def make_camera_info(image: Image, context: EncodeContext) -> object:
     """Make the CameraInfo of an image."""
-    calibration = moment.calibration()
-    if moment.camera not in calibration.cameras:
-        reason = _reason_without_camera(calibration, moment.camera)
+    calibration = context.calibration()
+    if context.camera not in calibration.cameras:
+        reason = _reason_without_camera(calibration, context.camera)
         raise MissingDataError(f'{reason}; it is needed for camera_info')
     size = (image.width, image.height)
-    stereo = moment.rig.options.stereo
-    frame = _image_frame(moment)
-    template = _camera_info_template(calibration, moment.camera, size, frame, stereo=stereo)
-    return restamp(template, moment.stamp_ns)
+    stereo = context.rig.options.stereo
+    frame = _image_frame(context)
+    template = _camera_info_template(calibration, context.camera, size, frame, stereo=stereo)
+    return restamp(template, context.stamp_ns)
 
 
 def _reason_without_camera(calibration: Calibration, camera: int) -> str:
@@ -314,10 +314,10 @@ def _reason_without_camera(calibration: Calibration, camera: int) -> str:
     return missing.get(f'P{camera}') or missing.get('file') or f'{name}: no P{camera}'
 
 
-def _image_frame(moment: Moment) -> str:
-    own = moment.rig.options.own_frames
-    return moment.rig.frames.camera(
-        image_frame_camera(moment.calibration(), moment.camera, own=own)
+def _image_frame(context: EncodeContext) -> str:
+    own = context.rig.options.own_frames
+    return context.rig.frames.camera(
+        image_frame_camera(context.calibration(), context.camera, own=own)
     )
 
 
@@ -329,75 +329,75 @@ def _camera_info_template(
     return serialize(encode_camera_info(calibration, camera, size, 0, frame_id, stereo=stereo))
 
 
-def make_detections(labels: FrameLabels, moment: Moment) -> object:
+def make_detections(labels: FrameLabels, context: EncodeContext) -> object:
     """Make the Detection3DArray of a frame's labels or predictions."""
-    return encode_detections(_cuboids(labels, moment), moment.stamp_ns, moment.rig.frames.velo)
+    return encode_detections(_cuboids(labels, context), context.stamp_ns, context.rig.frames.velo)
 
 
-def make_detected_objects(labels: FrameLabels, moment: Moment) -> object:
+def make_detected_objects(labels: FrameLabels, context: EncodeContext) -> object:
     """Make the DetectedObjects of a frame's labels or predictions."""
-    cuboids = _cuboids(labels, moment)
-    return encode_detected_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+    cuboids = _cuboids(labels, context)
+    return encode_detected_objects(cuboids, context.stamp_ns, _object_frame(context))
 
 
-def make_tracked_objects(labels: FrameLabels, moment: Moment) -> object | None:
+def make_tracked_objects(labels: FrameLabels, context: EncodeContext) -> object | None:
     """Make the TrackedObjects of a frame's labels or predictions; None without tracks."""
-    cuboids = _cuboids(labels, moment)
+    cuboids = _cuboids(labels, context)
     tracked = any(cuboid.track_id is not None for cuboid in cuboids)
-    if not (tracked or (moment.rig.tracked and not cuboids)):
+    if not (tracked or (context.rig.tracked and not cuboids)):
         return None
-    return encode_tracked_objects(cuboids, moment.stamp_ns, _object_frame(moment))
+    return encode_tracked_objects(cuboids, context.stamp_ns, _object_frame(context))
 
 
-def _object_frame(moment: Moment) -> ObjectFrame:
+def _object_frame(context: EncodeContext) -> ObjectFrame:
     """Return base_link: Autoware's detectors and trackers work in the frame of the vehicle."""
-    rig = moment.rig
-    base_t_velo = rig.base_t_imu @ moment.calibration().velo_T_imu.inverse()
+    rig = context.rig
+    base_t_velo = rig.base_t_imu @ context.calibration().velo_T_imu.inverse()
     return ObjectFrame(rig.frames.base, base_t_velo, dict(rig.options.autoware_labels))
 
 
-def make_boxes_2d(labels: FrameLabels, moment: Moment) -> object | None:
+def make_boxes_2d(labels: FrameLabels, context: EncodeContext) -> object | None:
     """Make the Detection2DArray of a frame's labels or predictions; None of tracklets.
 
     These have no 2D boxes.
     """
     if labels.source is None:
         return None
-    frame = moment.rig.frames.camera(LABELLED_CAMERA)
-    return encode_boxes_2d(identified(labels), moment.stamp_ns, frame)
+    frame = context.rig.frames.camera(LABELLED_CAMERA)
+    return encode_boxes_2d(identified(labels), context.stamp_ns, frame)
 
 
-def make_markers(labels: FrameLabels, moment: Moment) -> object:
+def make_markers(labels: FrameLabels, context: EncodeContext) -> object:
     """Make the MarkerArray of a frame's labels."""
-    options = moment.rig.options.markers
-    positions = moment.trails() if options.trails else {}
-    trails = {track: moment.rig.map_T_world.apply(places) for track, places in positions.items()}
-    cuboids = _cuboids(labels, moment)
-    return encode_markers(cuboids, trails, moment.stamp_ns, moment.rig.frames, options)
+    options = context.rig.options.markers
+    positions = context.trails() if options.trails else {}
+    trails = {track: context.rig.map_T_world.apply(places) for track, places in positions.items()}
+    cuboids = _cuboids(labels, context)
+    return encode_markers(cuboids, trails, context.stamp_ns, context.rig.frames, options)
 
 
-def make_prediction_markers(predictions: FrameLabels, moment: Moment) -> object:
+def make_prediction_markers(predictions: FrameLabels, context: EncodeContext) -> object:
     """Make the MarkerArray of a frame's predictions, compared with its labels if it has any."""
-    _cuboids(predictions, moment)  # raises for a calibration without the scanner
-    missed, compared_predictions = _compared_with_labels(predictions, moment)
-    frame, options = moment.rig.frames.velo, moment.rig.options.markers
-    return encode_prediction_markers(missed, compared_predictions, moment.stamp_ns, frame, options)
+    _cuboids(predictions, context)  # raises for a calibration without the scanner
+    missed, compared_predictions = _compared_with_labels(predictions, context)
+    frame, options = context.rig.frames.velo, context.rig.options.markers
+    return encode_prediction_markers(missed, compared_predictions, context.stamp_ns, frame, options)
 
 
 def _compared_with_labels(
-    predictions: FrameLabels, moment: Moment
+    predictions: FrameLabels, context: EncodeContext
 ) -> tuple[list[LabelledObject], list[LabelledObject]]:
     """Return the labels that no prediction finds, and the predictions, both with their matches."""
-    calibration, labels = moment.calibration(), moment.labels()
+    calibration, labels = context.calibration(), context.labels()
     boxes = objects_of(predictions, calibration)
     if labels is None:
         return [], boxes
-    truth, boxes = compared(objects_of(labels, calibration), boxes, moment.rig.options.overlaps)
+    truth, boxes = compared(objects_of(labels, calibration), boxes, context.rig.options.overlaps)
     return [label for label in truth if is_missed(label)], boxes
 
 
-def _cuboids(labels: FrameLabels, moment: Moment) -> list[Cuboid]:
-    calibration = moment.calibration()
+def _cuboids(labels: FrameLabels, context: EncodeContext) -> list[Cuboid]:
+    calibration = context.calibration()
     try:
         return _cuboids_once(labels, calibration)
     except ValueError as error:
@@ -412,8 +412,8 @@ def _cuboids_once(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]
 
 
 if TYPE_CHECKING:
-    Encode: TypeAlias = Callable[[Any, Moment], object | None]
-    Decode: TypeAlias = Callable[[Any, Origin], Any]
+    Encode: TypeAlias = Callable[[Any, EncodeContext], object | None]
+    Decode: TypeAlias = Callable[[Any, BagContext], Any]
 
 
 @dataclass(frozen=True)
@@ -442,7 +442,7 @@ class Topic(Channel):
         """Whether each message is the text of a frame: a file, or its lines of a common file."""
         return self.restores and not self.latched and not self.on_demand
 
-    def serialize(self, sample: Sample, moment: Moment) -> list[Parts]:
+    def serialize(self, sample: Sample, context: EncodeContext) -> list[Parts]:
         """Serialise the sample's messages as CDR.
 
         Raises:
@@ -450,14 +450,14 @@ class Topic(Channel):
             MissingDataError: A required part of the calibration is missing.
         """
         try:
-            message = self.encode(sample, moment)
+            message = self.encode(sample, context)
             encoded = message if isinstance(message, list) else [] if message is None else [message]
             messages = [item if isinstance(item, tuple) else serialize(item) for item in encoded]
         except ValueError as error:
-            raise BadFileError(moment.path, str(error), f'data for {self.topic}') from None
+            raise BadFileError(context.path, str(error), f'data for {self.topic}') from None
         except (struct.error, OverflowError) as error:
             what = f'a number that {self.msgtype} cannot hold ({error})'
-            raise BadFileError(moment.path, what, 'stamps before 2038 and 32-bit ids') from None
+            raise BadFileError(context.path, what, 'stamps before 2038 and 32-bit ids') from None
         return messages
 
 
@@ -484,12 +484,12 @@ _ROWS = (
           **_last),
     Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,
           make_odometry,
-          lambda message, origin: decode_odometry(message, origin.base_t_imu)),
+          lambda message, bag: decode_odometry(message, bag.base_t_imu)),
     Topic('/kitti/oxts/imu', IMU, Stream.OXTS, make_imu),
     Topic('/kitti/oxts/fix', FIX, Stream.OXTS,
-          lambda packet, moment: encode_fix(packet, *moment.at_imu)),
+          lambda packet, context: encode_fix(packet, *context.at_imu)),
     Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
-          lambda packet, moment: encode_velocity(packet, *moment.at_imu)),
+          lambda packet, context: encode_velocity(packet, *context.at_imu)),
     Topic(OXTS_LINES, STRING, Stream.OXTS, *_source, restores=True),
     Topic('/kitti/velo/points', CLOUD, Stream.SCAN,
           make_scan, lambda message, _: decode_scan(message), restores=True),
@@ -532,7 +532,7 @@ _COVARIANCE_ROW = Topic(
     '/kitti/oxts/vel_with_covariance',
     TWIST_COVARIANCE,
     Stream.OXTS,
-    lambda packet, moment: encode_velocity_with_covariance(packet, *moment.at_imu),
+    lambda packet, context: encode_velocity_with_covariance(packet, *context.at_imu),
 )
 EVERY_MESSAGE = MessageOptions(
     images=Images.BOTH,
@@ -584,7 +584,7 @@ def _camera_rows(
         compressed = COMPRESSED
         pair = (
             make_compressed,
-            lambda message, origin: decode_compressed(message, origin.path),
+            lambda message, bag: decode_compressed(message, bag.path),
         )
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
     if options.images is not Images.COMPRESSED:

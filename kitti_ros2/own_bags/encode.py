@@ -14,7 +14,15 @@ import numpy as np
 from ..files.image_files import decode_image
 from ..messages.camera_info import with_nominal_mounts
 from ..messages.cdr import Message
-from ..messages.naming import GREY, POINTS, Moment, has_no_gravity, make_rig, naming_of, promise
+from ..messages.naming import (
+    GREY,
+    POINTS,
+    EncodeContext,
+    has_no_gravity,
+    make_rig,
+    naming_of,
+    promise,
+)
 from ..messages.topics import make_table, select_topics, unmatched
 from ..model.bag_formats import FORMATS, IMAGE
 from ..model.errors import (
@@ -285,7 +293,7 @@ class Encoder:
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
             self.remarks.add_calibration(mounted)
-        moment = Moment(
+        context = EncodeContext(
             self._rig,
             entry.stamp_ns,
             path,
@@ -297,7 +305,7 @@ class Encoder:
             lambda: self._predictions_of(entry.number),
             lambda text: self.remarks.add_estimated(text, entry.number),
         )
-        messages, losses = self._serialize(rows, sample, moment)
+        messages, losses = self._serialize(rows, sample, context)
         return messages, losses + _missing_parts(sample, entry.stream)
 
     def left_out(self, stream: Stream, active: Collection[int]) -> list[int]:
@@ -388,20 +396,20 @@ class Encoder:
 
     @staticmethod
     def _serialize(
-        rows: Sequence[tuple[int, Topic]], sample: Sample, moment: Moment
+        rows: Sequence[tuple[int, Topic]], sample: Sample, context: EncodeContext
     ) -> tuple[list[Message], list[Loss]]:
         messages: list[Message] = []
         losses: list[Loss] = []
         for index, row in rows:
             try:
-                serialized = row.serialize(sample, moment)
+                serialized = row.serialize(sample, context)
             except RemoteError:
                 raise
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
                 losses.append(Loss(row.topic, 1, describe_error(error)))
                 continue
             key = row.change_key(sample) if row.change_key else None
-            messages += [Message(index, moment.stamp_ns, parts, key) for parts in serialized]
+            messages += [Message(index, context.stamp_ns, parts, key) for parts in serialized]
         return messages, losses
 
     def _read(self, entry: Entry) -> Sample:

@@ -21,7 +21,7 @@ from ..kitti import names
 from ..kitti.find import LAYOUTS
 from ..kitti.label_file import cuboids_by_frame, parse_tracklets
 from ..messages.cdr import peek_header
-from ..messages.naming import Origin
+from ..messages.naming import BagContext
 from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import ANNOTATIONS, MARKERS, STRING, TF_TYPES
 from ..model.errors import BadFileError, Loss, UsageError
@@ -357,7 +357,7 @@ def _by_header(
             try:
                 if own_topics()[message.topic].is_frame_text:
                     decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
-                    text = decoders()[message.topic](decoded, Origin(path_of(bag)))
+                    text = decoders()[message.topic](decoded, BagContext(path_of(bag)))
                     number = _named(text, mapped.blueprint, streams[message.topic])
                 elif message.msgtype not in _HEADLESS:
                     stamp_ns, _ = peek_header(message.data)

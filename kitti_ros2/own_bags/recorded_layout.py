@@ -25,7 +25,7 @@ from ..kitti.prepare import LEFT_STREAM_OF, pair_stamps
 from ..kitti.recording_index import find_turns, scan_stamps
 from ..kitti.store import STORE
 from ..kitti.text_file import parse_times, parse_timestamps
-from ..messages.naming import CALIBRATION, FILES, GREY, RECORDING, SWEEP, Origin
+from ..messages.naming import CALIBRATION, FILES, GREY, RECORDING, SWEEP, BagContext
 from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import STRING
 from ..model.errors import BadBagError, Loss, LossTally, UsageError, damage
@@ -192,7 +192,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
         BadBagError: It names folders outside of its root.
     """
     try:
-        values: Mapping[str, Any] = decoders()[RECORDING](message, Origin(path)).values
+        values: Mapping[str, Any] = decoders()[RECORDING](message, BagContext(path)).values
         entries = values['files']
         if any('numbers' not in entry for entry in entries.values()):
             raise EarlierVersionError(path)
@@ -703,7 +703,7 @@ class _Source:
             if message.topic == RECORDING:
                 self._description = parse_description(decoded, path)
             else:
-                text = decoders()[message.topic](decoded, Origin(path))
+                text = decoders()[message.topic](decoded, BagContext(path))
                 self._found.append((message.topic, message.stamp_ns, text))
 
     def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:

@@ -23,7 +23,7 @@ from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
-from ..messages.naming import Origin, base_t_imu, every_naming
+from ..messages.naming import BagContext, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
@@ -144,7 +144,7 @@ class BagRecording:
 
     def _sample(self, stream: Stream, number: int) -> Sample:
         decode = decoders()[self._topics[stream]]
-        decoded: Any = decode(self._message(stream, number), Origin(self.root, self.base_t_imu))
+        decoded: Any = decode(self._message(stream, number), BagContext(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
             return parse_packet(decoded.text, decoded.name, number + 1, decoded)
         sample: Sample = labels_of_text(decoded) if stream is Stream.LABELS else decoded

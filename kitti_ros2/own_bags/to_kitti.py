@@ -31,7 +31,7 @@ from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..kitti.store import STORE
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import POINTS, RECORDING, Origin
+from ..messages.naming import POINTS, RECORDING, BagContext
 from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,
@@ -259,7 +259,7 @@ class _Writer:
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """Make the file of a text of one frame, unless the whole file is known."""
         stream = own_topics()[message.topic].stream
-        text = decoders()[message.topic](decoded, Origin(self._bag.path))
+        text = decoders()[message.topic](decoded, BagContext(self._bag.path))
         path = PurePosixPath(text.name)
         if path in self._blueprint.texts and stream not in self._blueprint.folders:
             self._counts[stream.value] += 1
@@ -288,7 +288,7 @@ class _Writer:
             return None
         number = numbers.pop(0)
         path = self._blueprint.folders[stream].file(number)
-        sample = partial(decoders()[message.topic], decoded, Origin(path))
+        sample = partial(decoders()[message.topic], decoded, BagContext(path))
         if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)

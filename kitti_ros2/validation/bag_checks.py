@@ -13,7 +13,7 @@ from ..bags.reader import BagMessages, Decoder
 from ..bags.stored_messages import ros1_to_cdr
 from ..messages.cdr import peek_header, stamp_ns_of
 from ..messages.images import size_of
-from ..messages.naming import RECORDING, Origin
+from ..messages.naming import RECORDING, BagContext
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import decoders
 from ..model.bag_formats import CAMERA_INFO, COMPRESSED, CONTAINERS, IMAGE, STRING, TF_TYPES
@@ -228,6 +228,6 @@ class _BagPass:
                 self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), found)
         elif message.topic == RECORDING and message.msgtype == STRING:
             with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti says what is wrong
-                described = decoders()[RECORDING](value, Origin(self._bag.path))
+                described = decoders()[RECORDING](value, BagContext(self._bag.path))
                 layout = Layout(described.values['layout'])
                 self._facts.per_frame = layout.traits.calibration_per_frame

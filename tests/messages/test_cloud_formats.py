@@ -346,25 +346,25 @@ def rings_of_points(lasers, columns):
 @pytest.mark.parametrize(('lasers', 'rows'), [(64, 64), (32, 64), (65, 128), (128, 128)])
 def test_lasers_in_the_order_of_kittis_files_are_counted(lasers, rows):
     file = rings_of_points(lasers, 50)
-    remarks = []
-    message = encode(Scan(file, turn=TURN), Points.OUSTER, remark=remarks.append)
+    notes = []
+    message = encode(Scan(file, turn=TURN), Points.OUSTER, note=notes.append)
     cells = cells_of(message, Points.OUSTER)
     assert cells.shape == (rows, COLUMNS)
     counts = (~np.isnan(cells['x'])).sum(axis=1)
     assert counts.tolist() == [0] * (rows - lasers) + [50] * lasers
-    assert not remarks
+    assert not notes
 
 
 @pytest.mark.parametrize('points', Points)
-def test_lasers_of_points_in_another_order_are_estimated_and_remarked(points):
+def test_lasers_of_points_in_another_order_are_estimated_and_noted(points):
     file = rings_of_points(64, 50)
     shuffled = np.random.default_rng(0).permutation(file)
-    remarks = []
-    message = encode(Scan(shuffled, turn=TURN), points, remark=remarks.append)
+    notes = []
+    message = encode(Scan(shuffled, turn=TURN), points, note=notes.append)
     if points is Points.XYZI:
-        assert not remarks
+        assert not notes
         return
-    assert remarks == [ESTIMATED_LASERS]
+    assert notes == [ESTIMATED_LASERS]
     cells = cells_of(message, points)
     name = 'channel' if 'channel' in cells.dtype.names else 'ring'
     found = cells[~np.isnan(cells['x'])]

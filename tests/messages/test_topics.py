@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as arrays
 from kitti_ros2.files.image_files import decode_png, parse_png
 from kitti_ros2.kitti.find import LAYOUTS
 from kitti_ros2.messages.cdr import deserialize, join
-from kitti_ros2.messages.naming import FrameNames, Moment, Origin, Rig, every_naming
+from kitti_ros2.messages.naming import BagContext, EncodeContext, FrameNames, Rig, every_naming
 from kitti_ros2.messages.topics import make_table, own_topics
 from kitti_ros2.model.bag_formats import STRING, Points
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
@@ -135,10 +135,10 @@ def assert_same(sample, back):
 def test_decode_is_the_inverse_of_encode(row, data):
     sample = data.draw(SAMPLES[row.stream])
     calibration = Calibration({}, None, None, Transform.identity())
-    moment = Moment(RIG, STAMP, Path('x'), lambda: calibration, dict, camera=2)
+    context = EncodeContext(RIG, STAMP, Path('x'), lambda: calibration, dict, camera=2)
     back = [
-        row.decode(deserialize(join(parts), row.msgtype), Origin(Path('x'), RIG.base_t_imu))
-        for parts in row.serialize(sample, moment)
+        row.decode(deserialize(join(parts), row.msgtype), BagContext(Path('x'), RIG.base_t_imu))
+        for parts in row.serialize(sample, context)
     ]
     if row.restores and row.msgtype == STRING:
         assert back == texts_of(sample)
