@@ -32,10 +32,10 @@ SURVEY = f"""{_TIMES}
 import sys
 from pathlib import Path
 from kitti_ros2.files.processes import keep_freed_memory
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 keep_freed_memory()
 start, used = time.perf_counter(), cpu()
-look([Path(sys.argv[1])])
+survey_bags([Path(sys.argv[1])])
 print(time.perf_counter() - start, cpu() - used)
 """
 

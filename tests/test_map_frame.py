@@ -14,7 +14,7 @@ from mcap_ros2.reader import read_ros2_messages
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.naming import map_from_world
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
@@ -273,7 +273,7 @@ def test_odometry_made_of_either_map_is_the_same(recordings, tmp_path, layout):
     for kind in MapFrame:
         bag = tmp_path / f'{kind.value}.mcap'
         write(recordings[layout], bag, map=kind)
-        options, survey = ImportOptions(layout=Layout.ODOMETRY), look([bag])
+        options, survey = ImportOptions(layout=Layout.ODOMETRY), survey_bags([bag])
         plan = guess([bag], survey, options).plan
         convert_by_plan([bag], plan, survey, tmp_path / kind.value, options)
         made.append(np.loadtxt(tmp_path / kind.value / 'poses/00.txt'))
@@ -285,7 +285,7 @@ def test_odometry_made_of_either_map_is_the_same(recordings, tmp_path, layout):
 def test_pictures_of_a_folder_and_of_its_bag_have_one_map(recordings, tmp_path, layout):
     write(recordings[layout], tmp_path / 'o.mcap')
     folder = RecordingFrames(open_recording(recordings[layout]))
-    bag = RecordingFrames(PlannedRecording(tmp_path / 'o.mcap', look([tmp_path / 'o.mcap'])))
+    bag = RecordingFrames(PlannedRecording(tmp_path / 'o.mcap', survey_bags([tmp_path / 'o.mcap'])))
     found = 0
     for number in (1, 3):
         # A raw drive's packets have stamps of their own, between which the bag's are interpolated.

@@ -254,13 +254,13 @@ def prepare_plan(
 
 def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
     """Draw frames as a conversion would write them: by the plan, or the original files."""
-    from ..importer.survey import look
+    from ..importer.survey import survey_bags
     from ..own_bags.recording import open_own_recording
     from ..pictures.preview import draw_preview, draw_recorded
     from ..pictures.recording_frames import RecordingFrames
 
     if outlook.restored:
-        survey = outlook.survey if len(bags) == 1 else look(bags[:1])
+        survey = outlook.survey if len(bags) == 1 else survey_bags(bags[:1])
         recording = open_own_recording(bags[0], survey)
         if recording is not None:
             with closing(RecordingFrames(recording)) as source:

@@ -14,7 +14,7 @@ from ..importer.bag_poses import read_track
 from ..importer.guess import guess_plan
 from ..importer.plan import PosePlan
 from ..importer.rigging import Rigging
-from ..importer.survey import glance, look
+from ..importer.survey import survey_bags, survey_sensors
 from ..messages.naming import FrameNames
 from ..messages.topics import own_topics
 from ..model import bag_formats as types
@@ -58,7 +58,7 @@ def survey_poses(bag: OpenBag) -> Survey:
     """
     with open_messages(bag) as every:
         topics = {name for name, kind in every.channels if kind in {*_POSES, *types.TF_TYPES}}
-    return look([bag], topics)
+    return survey_bags([bag], topics)
 
 
 def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> PosePlan:
@@ -159,7 +159,7 @@ def _from_own_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth | None:
     numbered = number_bag(bag, bag.index.by_topic())
     if numbered is None:
         return None
-    recording = BagRecording(bag, numbered, glance(bag))
+    recording = BagRecording(bag, numbered, survey_sensors(bag))
     try:
         epoch_ns = None if recording.clock is Clock.UTC else numbered.blueprint.epoch_ns
         return truth_of_recording(recording, recording.base_t_imu, epoch_ns)
@@ -169,7 +169,7 @@ def _from_own_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth | None:
 
 def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
     """Read the poses of a bag that to-bag did not write; frames are numbered by position."""
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess_plan(survey, Layout.ODOMETRY, bag.path).plan
     if options.gt_topic is not None:
         topic = survey.topics.get(options.gt_topic)

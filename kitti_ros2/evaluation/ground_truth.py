@@ -505,11 +505,11 @@ def open_truth_bag(path: Path) -> Iterator[BagRecording]:
         UsageError: to-bag did not write the bag.
     """
     from ..bags.open_source import open_bag_source  # noqa: PLC0415 - readers of bags take 0.2 s
-    from ..importer.survey import look  # noqa: PLC0415 - as above
+    from ..importer.survey import survey_bags  # noqa: PLC0415 - as above
     from ..own_bags.recording import open_own_recording  # noqa: PLC0415 - as above
 
     with open_bag_source(path) as bag:
-        recording = open_own_recording(bag, look([bag]))
+        recording = open_own_recording(bag, survey_bags([bag]))
         if recording is None:
             raise UsageError(
                 f'{path}: was not written by to-bag, so that its labels have no frame numbers;'

@@ -31,7 +31,7 @@ from .box_labels import own_number
 from .guess import guess_plan
 from .plan import NONE, SOURCE, TF
 from .rigging import Rigging
-from .survey import glance, topic_of
+from .survey import survey_sensors, topic_of
 from .tf_frames import BoxTimes, stamp_of_boxes
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class LabelledImages:
     """
 
     def __init__(self, bag: OpenBag) -> None:
-        survey = glance(bag)
+        survey = survey_sensors(bag)
         plan, labels = _plan(bag.path, survey)
         self._plan, self._rigging = _rigged(bag, plan, labels, survey)
         self.topics: Mapping[str, int] = {

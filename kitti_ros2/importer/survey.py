@@ -77,7 +77,7 @@ DESCRIBING = types.TF_TYPES | SOLID | BOXES | {types.CAMERA_INFO, types.STRING}
 """Types that describe the sensors, or what they see."""
 
 FIRST_ONLY = types.LARGE_TYPES | SCAN_TYPES
-"""Types of which a glance reads the first message."""
+"""Types of which survey_sensors reads the first message."""
 
 
 # The stamps of a topic that are used.
@@ -474,7 +474,7 @@ def topic_of(survey: Survey, name: str) -> TopicSurvey:
     return topic
 
 
-def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Survey:
+def survey_bags(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Survey:
     """Survey bags in one pass.
 
     Args:
@@ -493,7 +493,7 @@ def look(bags: Sequence[BagSource], topics: Collection[str] | None = None) -> Su
         return survey_pass.survey(notes, losses, messages.left_out)
 
 
-def glance(source: BagSource) -> Survey:
+def survey_sensors(source: BagSource) -> Survey:
     """Survey the description of a bag's sensors, and the first message of topics of large ones.
 
     Raises:

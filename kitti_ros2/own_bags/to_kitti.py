@@ -24,7 +24,7 @@ from ..importer.apply_plan import adapt, guess, streams_of_topics
 from ..importer.bag_scans import labelled_fields
 from ..importer.kitti_frames import ImportReport
 from ..importer.plan import parse_plan
-from ..importer.survey import look
+from ..importer.survey import survey_bags
 from ..kitti import names
 from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
@@ -459,11 +459,11 @@ class Conversion:
         from ..importer.guess import passed_over  # noqa: PLC0415
         from ..importer.kitti_frames import frame_topics  # noqa: PLC0415
         from ..importer.plan import parse_plan  # noqa: PLC0415
-        from ..importer.survey import look, topic_of  # noqa: PLC0415
+        from ..importer.survey import survey_bags, topic_of  # noqa: PLC0415
         from ..kitti.append import mend  # noqa: PLC0415
         from ..kitti.store import STORE  # noqa: PLC0415
 
-        survey = with_tracklets(self.survey or look(self.bags), recordings)
+        survey = with_tracklets(self.survey or survey_bags(self.bags), recordings)
         counts = {topic.name: topic.count for topic in survey.topics.values()}
         for _, blueprint in recordings:
             losses += (*blueprint.losses, *blueprint.shortfall(counts))
@@ -618,14 +618,14 @@ def make_outlook(
     own, damaged = own_bags(bags, options, planned=plan_file is not None)
     if plan_file is not None:
         plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
-        survey = with_tracklets(look(bags), own)
+        survey = with_tracklets(survey_bags(bags), own)
         options = replace(options, selection=selected(own, plan, options))
         return Outlook(survey, plan, options, (*survey.notes, *survey.losses))
     restored = is_restored(own, options)
     notes: tuple[str, ...] = ()
     if own:
         options, notes = _as_recorded(own[0][1], options)
-    survey = with_tracklets(look(bags), own)
+    survey = with_tracklets(survey_bags(bags), own)
     reason, layouts = '', None
     if options.layout is None and any_layout:
         plans = _every_plan(bags, survey, options)

@@ -416,8 +416,8 @@ def open_frames(path: Path, options: ReadOptions) -> RecordingFrames:
         return RecordingFrames(source)
     # The importer takes 20 ms to import, and a folder needs none of it.
     from ..importer.planned_recording import PlannedRecording  # noqa: PLC0415
-    from ..importer.survey import look  # noqa: PLC0415
+    from ..importer.survey import survey_bags  # noqa: PLC0415
 
     with source as bag:  # the frames keep its files open until they are closed
-        survey = look([bag])
+        survey = survey_bags([bag])
         return RecordingFrames(open_own_recording(bag, survey) or PlannedRecording(bag, survey))

@@ -468,7 +468,7 @@ def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> R
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     # The importer takes 20 ms to import, and a folder needs none of it.
     from ..importer.planned_recording import PlannedRecording, ego_track  # noqa: PLC0415
-    from ..importer.survey import look  # noqa: PLC0415
+    from ..importer.survey import survey_bags  # noqa: PLC0415
     from ..own_bags.recording import open_own_recording  # noqa: PLC0415
 
     overview, blueprint = inspect_bag(bag)
@@ -478,7 +478,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     if not overview.series:
         return _finished(Report(overview, ()), findings)
     steps.expect(2)
-    survey = look([bag])
+    survey = survey_bags([bag])
     steps.step()
     own = None if blueprint is None else open_own_recording(bag, survey, blueprint)
     streams = bag_streams(

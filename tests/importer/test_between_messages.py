@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.oxts_packets import fix_between, imu_between, velocity_between
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.messages.cdr import make_header, make_quaternion, make_vector3, vector_of
 from kitti_ros2.messages.ros_types import Imu, NavSatFix, NavSatStatus, Twist, TwistStamped
@@ -125,7 +125,7 @@ def test_velocities_are_mixed(share):
 def converted(tmp_path, change):
     """Report, and the packets by frame."""
     bag = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, change=change)
-    options, survey = ImportOptions(layout=Layout.RAW), look([bag])
+    options, survey = ImportOptions(layout=Layout.RAW), survey_bags([bag])
     plan = guess([bag], survey, options).plan
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     texts = sorted((tmp_path / 'out').rglob('oxts/data/*.txt'))

@@ -13,7 +13,7 @@ from folder_and_bag import rerecord
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import TF as FROM_TF
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import decode_static, encode_static
 from kitti_ros2.messages.cdr import deserialize, join, serialize
@@ -51,7 +51,7 @@ def pixels(calibration, camera, points):
 @pytest.mark.parametrize('layout', list(Layout))
 def test_the_world_is_the_same(recordings, bags, layout, target, tmp_path):
     options = ImportOptions(layout=target)
-    survey = look([bags[layout]])
+    survey = survey_bags([bags[layout]])
     plan = guess([bags[layout]], survey, options).plan
     report = convert_by_plan([bags[layout]], plan, survey, tmp_path / 'out', options)
     assert report.losses == ()
@@ -88,7 +88,7 @@ def test_each_frame_keeps_the_calibration_of_its_day(recordings, tmp_path):
         path.write_text(path.read_text().replace('P2: ', f'P2: {number}'))
     bag = tmp_path / 'bag.mcap'
     convert_recording(source, bag)
-    survey = look([bag])
+    survey = survey_bags([bag])
     for target in (Layout.OBJECT, Layout.TRACKING):
         options = ImportOptions(layout=target)
         plan = guess([bag], survey, options).plan
@@ -133,7 +133,7 @@ def test_the_unit_is_where_the_static_transforms_of_an_odometry_bag_have_it(
     bag = tmp_path / 'bag.mcap'
     rerecord(bags[Layout.ODOMETRY], bag, 0, moved)
     options = ImportOptions(layout=Layout.OBJECT)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, options).plan
     plan = plan if own else replace(plan, calibration=FROM_TF)
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)

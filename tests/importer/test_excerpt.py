@@ -13,7 +13,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.kitti_frames import Excerpt, Frames, choose_frames, frame_topics, numbered
 from kitti_ros2.importer.set_builder import Target, build
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.samples import NONE
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
@@ -62,7 +62,7 @@ def test_the_first_the_middle_and_the_last_whole_frame_are_chosen(samples, numbe
 @pytest.mark.parametrize('layout', Layout)
 def test_its_files_are_those_of_the_whole_conversion(layout, bag, tmp_path):
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, options).plan
     convert_by_plan([bag], plan, survey, tmp_path / 'whole', options)
     (tmp_path / 'part').mkdir()
@@ -85,7 +85,7 @@ def test_its_files_are_those_of_the_whole_conversion(layout, bag, tmp_path):
 
 
 def test_what_is_read_is_near_its_frames_and_in_its_place(bag):
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, OBJECT).plan
     topics = frame_topics(plan)
     excerpt = Excerpt(2)
@@ -105,7 +105,7 @@ def test_what_is_read_is_near_its_frames_and_in_its_place(bag):
 
 
 def test_a_selection_limits_it(bag, tmp_path):
-    survey = look([bag])
+    survey = survey_bags([bag])
     selection = SelectionOptions(start=Bound(frame=4), end=Bound(frame=8))
     options = ImportOptions(layout=Layout.OBJECT, selection=selection)
     excerpt = Excerpt(3)

@@ -28,7 +28,7 @@ from field_readers import (
 )
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti import names
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
@@ -41,7 +41,7 @@ def trees(tmp_path_factory):
     """The bag in every layout, its boxes called visible."""
     folder = tmp_path_factory.mktemp('loaders')
     bag = foreign.write_foreign(folder / 'bag.mcap', TRUTH)
-    survey = look([bag])
+    survey = survey_bags([bag])
     for layout in Layout:
         options = ImportOptions(layout=layout)
         plan = guess([bag], survey, options).plan

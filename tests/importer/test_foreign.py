@@ -17,7 +17,7 @@ from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import Incomplete
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import parse_poses
 from kitti_ros2.messages.cdr import stamp_ns_of
@@ -49,7 +49,7 @@ def bag(tmp_path_factory):
 def convert(bag, out, layout, change=lambda plan: plan, **options):
     """The bag in a layout, by the plan it gives, changed."""
     chosen = ImportOptions(layout=layout, **options)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = change(guess([bag], survey, chosen).plan)
     return convert_by_plan([bag], plan, survey, out, chosen)
 
@@ -233,7 +233,7 @@ def test_several_bags_are_one_recording(bag, tmp_path):
         foreign.write_foreign(tmp_path / 'rest.bag', TRUTH, 'ros1', *images),
     ]
     options = ImportOptions(layout=Layout.OBJECT)
-    survey = look(parts)
+    survey = survey_bags(parts)
     plan = guess(parts, survey, options).plan
     report = convert_by_plan(parts, plan, survey, tmp_path / 'out', options)
     whole = convert(bag, tmp_path / 'whole', Layout.OBJECT)
@@ -315,7 +315,7 @@ def test_without_boxes_fix_or_odometry_the_rest_is_made(tmp_path):
     # The Imu makes oxts by itself.
     assert set(report.counts) == {'scan', 'image_2', 'image_3', 'calibration', 'oxts'}
     options = ImportOptions(layout=Layout.TRACKING)
-    notes = guess([path], look([path]), options).notes
+    notes = guess([path], survey_bags([path]), options).notes
     assert any('labels' in note for note in notes)
     assert any('fix' in note for note in notes)
 
@@ -359,7 +359,7 @@ def test_numbers_of_tracks_come_from_the_detections(bag, tmp_path):
 
 
 def test_a_plan_for_another_layout_is_wrong_usage(bag):
-    survey = look([bag])
+    survey = survey_bags([bag])
     with pytest.raises(UsageError, match='which layout is wanted'):
         guess([bag], survey, ImportOptions())
 

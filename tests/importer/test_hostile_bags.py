@@ -17,7 +17,7 @@ from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import parse_plan
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.messages.camera_info import make_transform
@@ -36,7 +36,7 @@ BOXES = '/perception/objects'
 
 def convert(path, out, layout=Layout.OBJECT, change=lambda plan: plan):
     options = ImportOptions(layout=layout)
-    survey = look([path])
+    survey = survey_bags([path])
     plan = change(guess([path], survey, options).plan)
     return convert_by_plan([path], plan, survey, out, options)
 

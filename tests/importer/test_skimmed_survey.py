@@ -8,7 +8,7 @@ import pytest
 
 from kitti_ros2.bags.reader import BagMessages
 from kitti_ros2.cli import main
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
@@ -33,10 +33,10 @@ def test_a_survey_that_skims_finds_the_same(bag, monkeypatch):
     asked = []
     skim = BagMessages.skim
     monkeypatch.setattr(BagMessages, 'skim', lambda *given: asked.append(given) or skim(*given))
-    skimmed = look([bag])
+    skimmed = survey_bags([bag])
     assert asked
     monkeypatch.setattr(BagMessages, 'skim', lambda *_: None)
-    whole = look([bag])
+    whole = survey_bags([bag])
     assert skimmed.topics.keys() == whole.topics.keys()
     for name, topic in whole.topics.items():
         other = skimmed.topics[name]

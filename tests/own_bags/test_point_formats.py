@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 import kitti_ros2
 from kitti_ros2.cli import main
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.naming import POINTS
 from kitti_ros2.model.bag_formats import FORMATS, Points
@@ -139,7 +139,7 @@ def test_a_plan_and_pictures_take_the_points_of_the_source(recordings, tmp_path,
     source, bag = recordings[Layout.RAW], tmp_path / 'bag.mcap'
     assert run('to-bag', source, bag, '--points', points.value) == 0
     recording = open_recording(source)
-    frames = RecordingFrames(PlannedRecording(bag, look([bag])))
+    frames = RecordingFrames(PlannedRecording(bag, survey_bags([bag])))
     for number in frames.numbers.tolist():
         true = recording.read(Stream.SCAN, number).points
         assert frames.frame(number).points.tobytes() == true.tobytes()

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.cli import main
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.streams import NS_PER_S, Layout, Stream, parse_stamp
 from kitti_ros2.options.messages import MessageOptions
@@ -198,8 +198,8 @@ def test_a_plan_and_pictures_pair_each_scan_with_its_own_image(recordings, tmp_p
     bag = to_bag(source, tmp_path / 'bag.mcap')
     plain = open_recording(source)
     scans = plain.streams[Stream.SCAN]
-    assert np.array_equal(look([bag]).topics[POINTS].stamps()[0], scans.stamps_ns)
-    frames = RecordingFrames(PlannedRecording(bag, look([bag])))
+    assert np.array_equal(survey_bags([bag]).topics[POINTS].stamps()[0], scans.stamps_ns)
+    frames = RecordingFrames(PlannedRecording(bag, survey_bags([bag])))
     assert len(frames.numbers) == len(scans)
     assert not any('dropped' in note for note in frames.notes)
     for number in frames.numbers.tolist():

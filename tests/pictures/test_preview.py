@@ -13,7 +13,7 @@ import pytest
 
 from kitti_ros2.drawing.strokes import captioned
 from kitti_ros2.importer.apply_plan import guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
@@ -54,7 +54,7 @@ def write(tmp_path_factory):
 
 def preview(bag, layout=Layout.OBJECT, change=lambda plan: plan):
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     return draw_preview([bag], change(guess([bag], survey, options).plan), survey, options)
 
 

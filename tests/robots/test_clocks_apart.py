@@ -14,7 +14,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import Incomplete, StampSource, format_plan, parse_plan
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import UnsynchronisedError
 from kitti_ros2.model.streams import Layout, Stream
@@ -32,7 +32,7 @@ def recorded(tmp_path, robot, change=lambda found: found):
 def converted(bag, out, layout=Layout.OBJECT, change=lambda plan: plan):
     """(guess, report, recording)."""
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     found = guess([bag], survey, options)
     report = convert_by_plan([bag], change(found.plan), survey, out, options)
     return found, report, open_recording(out, ReadOptions(layout=layout))
@@ -167,7 +167,7 @@ def test_streams_without_a_common_time_are_an_error_that_says_what_to_set(layout
 
 def test_the_command_ends_with_1_where_nothing_is_synchronised(tmp_path, capsys):
     bag = recorded(tmp_path, CLOCKS['camera of TAI'][0])
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = without_offsets(guess([bag], survey, ImportOptions(layout=Layout.RAW)).plan)
     file = tmp_path / 'plan.yaml'
     file.write_text(format_plan(plan))

@@ -15,7 +15,7 @@ import waymo_mcap
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -26,7 +26,7 @@ pytest.importorskip('foxglove_schemas_protobuf')
 def convert(bags, out, change=lambda plan: plan, **options):
     """The object set of bags by the plan that is guessed, changed."""
     chosen = ImportOptions(layout=Layout.OBJECT, **options)
-    survey = look(bags)
+    survey = survey_bags(bags)
     found = guess(bags, survey, chosen)
     return convert_by_plan(bags, change(found.plan), survey, out, chosen), found
 

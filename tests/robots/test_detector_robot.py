@@ -17,7 +17,7 @@ from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.box_labels import rectified_boxes
 from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import group_messages, look
+from kitti_ros2.importer.survey import group_messages, survey_bags
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import CameraModel
@@ -32,7 +32,7 @@ from kitti_ros2.pictures.recording_frames import RecordingFrames
 def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
     """(plan, report) of a bag."""
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = change(guess([bag], survey, options).plan)
     plan = parse_plan(format_plan(plan), out.with_suffix('.yaml'))
     return plan, convert_by_plan([bag], plan, survey, out, options)
@@ -124,7 +124,7 @@ class Test2D:
         self, kinds, layout, frame, said, tmp_path
     ):
         bag = bags.write(tmp_path / 'bag', robot.said(kinds, flat_frame=frame))
-        notes = guess([bag], look([bag]), ImportOptions(layout=layout)).notes
+        notes = guess([bag], survey_bags([bag]), ImportOptions(layout=layout)).notes
         (note,) = (each for each in notes if 'not used: /boxes_2d' in each)
         assert said in note
 
@@ -289,7 +289,7 @@ class TestArraysOfOneStamp:
     def test_are_one_frame_of_the_viewer(self, tmp_path, kinds, topic):
         said = divided(robot.said(kinds), topic, again=True)
         bag = open_bag_source(bags.write(tmp_path / 'bag', said))
-        frames = RecordingFrames(PlannedRecording(bag, look([bag])))
+        frames = RecordingFrames(PlannedRecording(bag, survey_bags([bag])))
         for number in range(robot.FRAMES):
             found = frames.read(Stream.LABELS, number).cuboids
             assert sorted(each.size_lwh[2] for each in found) == [1.4, 1.5, 1.8]

@@ -18,7 +18,7 @@ from kitti_ros2.bags.open_source import open_bag_source
 from kitti_ros2.bags.reader import BagMessages, open_messages, summarize_bag
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.foxglove import JsonFields
 from kitti_ros2.model.errors import KittiRos2Error
@@ -44,7 +44,7 @@ ENCODINGS = {
 
 def convert(bag, out, layout):
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     return convert_by_plan([bag], guess([bag], survey, options).plan, survey, out, options)
 
 
@@ -81,7 +81,7 @@ def test_a_bag_with_some_topics_in_ros_is_the_same(tmp_path, ros_bag):
     robot.write_protobuf(tmp_path / 'foxglove.mcap', found)
     robot.write_ros(tmp_path / 'ros', WORLD, *ros_topics)
     bags = [tmp_path / 'foxglove.mcap', tmp_path / 'ros']
-    options, survey = ImportOptions(layout=Layout.OBJECT), look(bags)
+    options, survey = ImportOptions(layout=Layout.OBJECT), survey_bags(bags)
     plan = guess(bags, survey, options).plan
     convert_by_plan(bags, plan, survey, tmp_path / 'out', options)
     convert(ros_bag, tmp_path / 'expected', Layout.OBJECT)

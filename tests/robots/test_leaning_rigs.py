@@ -11,7 +11,7 @@ from camera_rigs import Camera, Robot, boxes, inside, looking, pose, turned, wor
 from written_sets import WrittenSet
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -46,7 +46,7 @@ LIDARS |= {'rolled': about_x(20), 'turned and pitched': turned(10.0, 12.0)}
 
 def converted(robot, tmp_path, layout):
     bag = camera_rigs.write(robot, tmp_path / 'bag')
-    options, survey = ImportOptions(layout=layout), look([bag])
+    options, survey = ImportOptions(layout=layout), survey_bags([bag])
     plan = guess([bag], survey, options).plan
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     return plan, report
@@ -80,7 +80,7 @@ def test_scans_of_a_scanner_that_leans_are_level(name, layout, tmp_path):
 
 def test_scans_of_a_scanner_that_leans_a_little_stay_as_they_are(tmp_path):
     bag = camera_rigs.write(rig(AHEAD, turned(5.0, 2.0)), tmp_path / 'bag')
-    found = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT))
+    found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
     assert found.plan.scan.forward == ''
 
 

@@ -10,7 +10,7 @@ import pytest
 import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.model.streams import Layout, Stream
@@ -25,7 +25,7 @@ from kitti_ros2.options.read import ReadOptions
 def test_points_are_those_of_the_messages(tmp_path, package, container, bare):
     bag = bags.write(tmp_path / 'bag', robot.said(package), container, bare=bare)
     options = ImportOptions(layout=Layout.OBJECT)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, options).plan
     assert (plan.scan.topic, plan.scan.frame) == ('/livox/lidar', 'livox_frame')
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
@@ -51,7 +51,7 @@ def test_points_are_those_of_the_messages(tmp_path, package, container, bare):
 def test_scans_are_of_the_middle_of_their_turn(tmp_path, package, point_ns, base_ns, turn_ns):
     bag = bags.write(tmp_path / 'bag', robot.said(package, point_ns, base_ns))
     options = ImportOptions(layout=Layout.RAW)
-    survey = look([bag])
+    survey = survey_bags([bag])
     assert survey.topics['/livox/lidar'].turn_ns == turn_ns
     plan = guess([bag], survey, options).plan
     convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
@@ -75,7 +75,7 @@ def test_accelerations_in_g(tmp_path, topic, up, written, told):
     said.sort(key=lambda each: each.log_ns)
     bag = bags.write(tmp_path / 'bag', said)
     options = ImportOptions(layout=Layout.RAW)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, options).plan
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     packets = sorted((tmp_path / 'out').glob('*/*_sync/oxts/data/*.txt'))

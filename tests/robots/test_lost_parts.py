@@ -16,7 +16,7 @@ from ten_robots import ROBOTS
 
 from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -24,7 +24,7 @@ OBJECT = ImportOptions(layout=Layout.OBJECT)
 
 
 def converted(bag, out, change=lambda plan: plan):
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = change(guess([bag], survey, OBJECT).plan)
     return convert_by_plan([bag], plan, survey, out, OBJECT)
 

@@ -12,7 +12,7 @@ import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import format_plan, parse_plan
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.classes import kitti_class
 from kitti_ros2.model.errors import UsageError
@@ -54,7 +54,7 @@ FAMILIES = {
 
 def converted(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     found = guess([bag], survey, options)
     plan = change(parse_plan(format_plan(found.plan, found.notes), Path('plan.yaml')))
     assert plan == change(found.plan)

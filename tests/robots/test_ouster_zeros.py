@@ -14,7 +14,7 @@ import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import format_plan, parse_plan
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.clouds import AT_ZERO, NOT_FINITE, RANGE_ZERO, decode_returns
 from kitti_ros2.model.errors import UsageError
@@ -27,7 +27,7 @@ from kitti_ros2.options.read import ReadOptions
 @pytest.mark.parametrize('minimum_m', [0.0, 1.0])
 def test_returns_alone_become_points(organised, minimum_m, tmp_path):
     bag = robots.write(tmp_path / 'bag', organised=organised)
-    survey, options = look([bag]), ImportOptions(layout=Layout.OBJECT)
+    survey, options = survey_bags([bag]), ImportOptions(layout=Layout.OBJECT)
     plan = guess([bag], survey, options).plan
     assert 'minimum_range_m' not in format_plan(plan)
     plan = replace(plan, scan=replace(plan.scan, minimum_range_m=minimum_m))

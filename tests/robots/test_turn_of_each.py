@@ -15,7 +15,7 @@ import turtlebot
 import velodyne_unit
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -69,7 +69,7 @@ KINDS = [ring, cloud, cloud_stamped_at_its_end, cloud_stamped_in_the_middle, liv
 
 
 def converted(path):
-    chosen, survey = ImportOptions(layout=Layout.RAW), look([path])
+    chosen, survey = ImportOptions(layout=Layout.RAW), survey_bags([path])
     plan = guess([path], survey, chosen).plan
     report = convert_by_plan([path], plan, survey, path.with_name('out'), chosen)
     return report, bags.scan_stamps(path.with_name('out'))

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import format_plan, parse_plan
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.scan_sources import decode_laser_scan
 from kitti_ros2.model.errors import MissingDataError, UsageError
@@ -32,7 +32,7 @@ CAMERA_T_OPTICAL = robot.CAMERA_T_OPTICAL[:3, :3]
 def convert(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
     """(plan, report, recording) of a bag."""
     options = ImportOptions(layout=layout)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = change(guess([bag], survey, options).plan)
     plan = parse_plan(format_plan(plan), out.with_suffix('.yaml'))
     report = convert_by_plan([bag], plan, survey, out, options)
@@ -127,7 +127,7 @@ def test_the_one_ring_scan_goes_before_depth(tmp_path):
     assert np.abs(points[:, :3] - true).max() < 1e-6
     assert points[-1, 3] == pytest.approx((robot.RAYS - 1) / 2 / 255)
     assert any('one ring' in note for note in report.notes)
-    notes = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT)).notes
+    notes = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT)).notes
     told = 'scan.topic of the plan chooses it, with scan.info: /camera/depth/camera_info'
     assert f'passed over for scans: /camera/depth/image_raw; {told}' in notes
 
@@ -143,7 +143,7 @@ def test_depth_images_without_a_camera_info_are_told(tmp_path):
         for each in said
     ]
     bag = bags.write(tmp_path / 'bag', said)
-    found = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT))
+    found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
     assert found.plan.scan is None
     assert any('a depth image without a camera_info' in note for note in found.notes)
 
@@ -182,7 +182,7 @@ def test_rings_are_of_the_middle_of_their_turn(tmp_path, between_s, turn_ns):
         for each in robot.said()
     ]
     bag = bags.write(tmp_path / 'bag', said)
-    assert look([bag]).topics['/scan'].turn_ns == pytest.approx(turn_ns, abs=10)
+    assert survey_bags([bag]).topics['/scan'].turn_ns == pytest.approx(turn_ns, abs=10)
     if turn_ns:
         _, report, _ = convert(bag, tmp_path / 'out', layout=Layout.RAW)
         assert report.frames == robot.FRAMES
@@ -234,7 +234,7 @@ class TestHostile:
                 header = made[names[1]](made[names[0]](robot.START_NS // 10**9, number), 'ring')
                 data = store.serialize_cdr(made[kind](header, 3), kind)
                 writer.write(said, robot.START_NS + number, data)
-        survey = look([tmp_path / 'bag'])
+        survey = survey_bags([tmp_path / 'bag'])
         assert survey.topics['/scan'].turn_ns is None
         with pytest.raises(MissingDataError, match='LaserScan without angle_min'):
             guess([tmp_path / 'bag'], survey, ImportOptions(layout=Layout.OBJECT))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.importer.apply_plan import guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -57,7 +57,7 @@ def guessed(path: Path, lidars: dict[str, tuple[np.ndarray, float]], *, joined: 
                 found.append((f'/{name}/points', log_ns, base.cloud(points, stamp_ns, name)))
         else:
             found.append((topic, log_ns, message))
-    survey = look([base.write(path, found)])
+    survey = survey_bags([base.write(path, found)])
     return guess([path], survey, ImportOptions(layout=Layout.OBJECT))
 
 
@@ -110,7 +110,7 @@ def test_of_two_planar_scanners_the_one_that_is_seen_goes_before_the_faster_one(
             ]
         else:
             found.append((topic, log_ns, message))
-    survey = look([base.write(tmp_path / 'bag', found)])
+    survey = survey_bags([base.write(tmp_path / 'bag', found)])
     guessed_plan = guess([tmp_path / 'bag'], survey, ImportOptions(layout=Layout.OBJECT)).plan
     assert guessed_plan.scan.topic == '/laser_front'
 

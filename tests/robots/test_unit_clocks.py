@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -64,7 +64,7 @@ def packets(out):
 )
 def test_packets_are_those_of_the_frames(fix_ns, imu_ns, tmp_path):
     bag = recorded(tmp_path / 'bag', fix_ns, imu_ns)
-    survey, options = look([bag]), ImportOptions(layout=Layout.RAW)
+    survey, options = survey_bags([bag]), ImportOptions(layout=Layout.RAW)
     plan = guess([bag], survey, options).plan
     assert (plan.fix_offset_s, plan.imu_offset_s) == (-fix_ns / 1e9, -imu_ns / 1e9)
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
@@ -77,7 +77,7 @@ def test_packets_are_those_of_the_frames(fix_ns, imu_ns, tmp_path):
 
 def test_a_receiver_without_a_common_time_is_a_loss(tmp_path):
     bag = recorded(tmp_path / 'bag', 18 * S)
-    survey, options = look([bag]), ImportOptions(layout=Layout.RAW)
+    survey, options = survey_bags([bag]), ImportOptions(layout=Layout.RAW)
     plan = replace(guess([bag], survey, options).plan, fix_offset_s=0.0)
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     (loss,) = report.losses

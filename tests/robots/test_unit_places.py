@@ -13,7 +13,7 @@ import pytest
 import robot_bags as bags
 
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.text_file import parse_packet
 from kitti_ros2.model.geometry import rotation_from_rpy
 from kitti_ros2.model.streams import Layout
@@ -142,7 +142,7 @@ def convert(path, *said, layout=Layout.RAW, container='mcap'):
     for each in said:
         every_one += each
     bag = bags.write(path / 'bag', every_one, container)
-    options, survey = ImportOptions(layout=layout, origin='49.0,8.4,110'), look([bag])
+    options, survey = ImportOptions(layout=layout, origin='49.0,8.4,110'), survey_bags([bag])
     guessed = guess([bag], survey, options)
     report = convert_by_plan([bag], guessed.plan, survey, path / 'out', options)
     if layout is Layout.TRACKING:

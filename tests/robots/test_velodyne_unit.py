@@ -16,7 +16,7 @@ import yaml
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.streams import Layout, Stream
@@ -30,7 +30,7 @@ RESOLUTION_M = 0.002
 def convert(bag, out, change=lambda plan: plan):
     """(report, points of the first scan) of a bag in layout odometry."""
     options = ImportOptions(layout=Layout.OBJECT)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = change(guess([bag], survey, options).plan)
     report = convert_by_plan([bag], plan, survey, out, options)
     recording = open_recording(out, ReadOptions(layout=Layout.OBJECT))
@@ -117,7 +117,7 @@ class TestHdl64:
 
     def test_without_it_the_plan_says_so(self, tmp_path, unit):
         bag, _, _ = unit
-        found = guess([bag], look([bag]), ImportOptions(layout=Layout.OBJECT))
+        found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
         assert any('HDL-64E' in note and 'scan.calibration' in note for note in found.notes)
         with pytest.raises(UsageError, match=r'scan\.calibration'):
             convert(bag, tmp_path / 'out')
@@ -223,7 +223,7 @@ def test_scans_are_of_the_middle_of_their_packets(tmp_path, place):
         said.append(bags.Said('/packets', stamps[-1], 'velodyne_msgs/msg/VelodyneScan', message))
     bag = bags.write(tmp_path / 'bag', said)
     options = ImportOptions(layout=Layout.RAW)
-    survey = look([bag])
+    survey = survey_bags([bag])
     plan = guess([bag], survey, options).plan
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     assert any('paired and stamped in the middle' in note for note in report.notes)
@@ -240,7 +240,7 @@ def test_pictures_of_a_bag_without_the_calibration_show_its_images(tmp_path):
         message = robot.scan_message(packets, stamp)
         said.append(bags.Said('/packets', stamp, 'velodyne_msgs/msg/VelodyneScan', message))
     bag = bags.write(tmp_path / 'bag', said)
-    frames = RecordingFrames(PlannedRecording(bag, look([bag])))
+    frames = RecordingFrames(PlannedRecording(bag, survey_bags([bag])))
     assert len(frames.numbers) == turtlebot.FRAMES
     assert list(frames.cameras) == [2]
     frames.close()

@@ -16,7 +16,7 @@ from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.labelled_images import LabelledImages
 from kitti_ros2.importer.plan import PosePlan, format_plan, parse_plan
 from kitti_ros2.importer.planned_recording import PlannedRecording
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.kitti_recording import MercatorWorld
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import parse_packet
@@ -33,7 +33,7 @@ ODOMETRY = ('odom', 'base_link')
 def convert(path, out, layout, change=lambda plan: plan, **options):
     """The plan with its notes, and the report."""
     chosen = ImportOptions(layout=layout, **options)
-    survey = look([path])
+    survey = survey_bags([path])
     guessed = guess([path], survey, chosen)
     plan = change(guessed.plan)
     return guessed, convert_by_plan([path], plan, survey, out, chosen)
@@ -363,7 +363,7 @@ def test_transforms_without_stamps_have_the_times_of_recording(tmp_path):
 
 def test_transforms_of_the_same_frames_as_an_odometry_are_named(tmp_path):
     wanderer.write(tmp_path / 'bag', Robot(map_tf=False, odometry=('odom', 'base_link')))
-    survey = look([tmp_path / 'bag'])
+    survey = survey_bags([tmp_path / 'bag'])
     guessed = guess([tmp_path / 'bag'], survey, ImportOptions(layout=Layout.ODOMETRY))
     assert guessed.plan.pose.topic == '/odom'
     assert 'passed over for poses: /tf, which joins odom to base_link, too' in guessed.notes
@@ -808,7 +808,7 @@ def test_an_odometry_of_zeros_costs_the_oxts_alone(tmp_path):
 def test_pictures_of_a_bag_have_its_clouds_and_boxes_in_map(tmp_path):
     frames = wanderer.write(tmp_path / 'bag', Robot(cloud='map'))
     with open_bag_source(tmp_path / 'bag') as bag:
-        shown = RecordingFrames(PlannedRecording(bag, look([bag]))).frame(4)
+        shown = RecordingFrames(PlannedRecording(bag, survey_bags([bag]))).frame(4)
     assert np.abs(shown.points[:, :3] - frames[4].points).max() < 1e-4
     assert len(shown.objects) == 2
 
@@ -819,7 +819,9 @@ def test_pictures_have_standing_boxes_on_their_points_whatever_their_stamp(tmp_p
         path = tmp_path / f'{after_ns}'
         wanderer.write(path, Robot(boxes_after_ns=after_ns))
         with open_bag_source(path) as bag:
-            boxes.append(RecordingFrames(PlannedRecording(bag, look([bag]))).frame(4).objects)
+            boxes.append(
+                RecordingFrames(PlannedRecording(bag, survey_bags([bag]))).frame(4).objects
+            )
     places = [[each.cuboid.velo_T_box.translation for each in found] for found in boxes]
     np.testing.assert_allclose(*places, atol=1e-9)
 
@@ -856,6 +858,6 @@ def test_odometry_that_joins_frames_is_used(tmp_path, cloud):
     robot = Robot(odom_tf=False, map_tf=False, cloud=cloud, odometry=('odom', 'base_link'))
     wanderer.write(tmp_path / 'bag', robot)
     path = tmp_path / 'bag'
-    notes = guess([path], look([path]), ImportOptions(layout=Layout.OBJECT)).notes
+    notes = guess([path], survey_bags([path]), ImportOptions(layout=Layout.OBJECT)).notes
     unused = [note for note in notes if note.startswith('not used') and '/odom ' in note]
     assert len(unused) == (cloud == 'lidar')

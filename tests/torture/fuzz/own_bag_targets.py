@@ -12,7 +12,7 @@ from shutil import rmtree
 from kitti_ros2.api.conversions import to_kitti
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import bag_stamps, read_lead_ns, summarize_bag
-from kitti_ros2.importer.survey import look
+from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ValidateOptions
@@ -59,7 +59,7 @@ def _recording(data: bytes) -> None:
     """Read each sample of a bag, as info, view and the evaluations do."""
     path = stored('recording.mcap', data)
     with OpenBag(path) as bag:
-        recording = open_own_recording(bag, look([bag]))
+        recording = open_own_recording(bag, survey_bags([bag]))
         if recording is None:
             return
         with closing(recording):

@@ -18,7 +18,7 @@ import yaml
 from kitti_ros2.importer.apply_plan import adapt, convert, guess
 from kitti_ros2.importer.guess import passed_over
 from kitti_ros2.importer.plan import format_plan, parse_plan
-from kitti_ros2.importer.survey import glance, look
+from kitti_ros2.importer.survey import survey_bags, survey_sensors
 from kitti_ros2.kitti.store import decode_text
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
@@ -47,8 +47,8 @@ _DAMAGED = ('/sensors/ouster/points', _IMAGE, '/perception/objects')
 def _survey(data: bytes) -> None:
     """Make the plan of each layout, with the options that change it."""
     path = stored('survey.mcap', data)
-    glance(path)
-    survey = look([path])
+    survey_sensors(path)
+    survey = survey_bags([path])
     for topic in survey.topics.values():
         [*topic.oddities()]
         _ = topic.has_own_stamps, topic.frame
@@ -86,7 +86,7 @@ def _bag() -> tuple[Path, Survey]:
     path = place('foreign.mcap')
     if not path.exists():
         foreign.write_foreign(path, foreign.make_truth()[:2])
-    return path, look([path])
+    return path, survey_bags([path])
 
 
 @cache
@@ -100,7 +100,7 @@ def _damaged_bag() -> tuple[Path, Survey]:
         return (b'\0\1\0\0',) if number and topic in _DAMAGED else message
 
     foreign.write_foreign(path, foreign.make_truth()[:2], change=change)
-    return path, look([path])
+    return path, survey_bags([path])
 
 
 def _plan(data: bytes) -> None:
