@@ -15,9 +15,9 @@ from kitti_ros2.model import bag_formats as types
 K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 
 
-def topic(name, msgtype, *looks, frame='', count=5):
+def topic(name, msgtype, *samples, frame='', count=5):
     stamps = [(index + 1) * 100_000_000 for index in range(count)]
-    found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(looks))
+    found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(samples))
     if msgtype == types.FIX:
         found.places = array('d', (49.0, 8.4, 110.0) * found.count)
     return found

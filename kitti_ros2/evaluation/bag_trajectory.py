@@ -85,7 +85,7 @@ def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> Pos
 
 def plan_of(topic: TopicSurvey) -> PosePlan:
     """Return the plan of reading a topic; its body is empty if its messages do not name it."""
-    first = topic.looks[0] if topic.looks else None
+    first = topic.samples[0] if topic.samples else None
     body = str(getattr(first, 'child_frame_id', '')).lstrip('/')
     return PosePlan(topic.name, body, topic.frame)
 

@@ -63,15 +63,15 @@ def camera_of(survey: Survey, name: str) -> CameraModel:
         ValueError: It is of another type, or its first message is no valid calibration.
     """
     info = topic_of(survey, name)
-    if info.msgtype != types.CAMERA_INFO or not info.looks:
+    if info.msgtype != types.CAMERA_INFO or not info.samples:
         reason = info.failure or f'it is a {info.msgtype}'
         raise ValueError(f'no CameraInfo ({reason})')
-    return camera_model(info.looks[0])
+    return camera_model(info.samples[0])
 
 
 def image_size(images: TopicSurvey) -> tuple[int, int] | None:
     """Return (width, height) of the first image of a topic whose size is known; None without."""
-    return next(filter(None, map(size_of, images.looks)), None)
+    return next(filter(None, map(size_of, images.samples)), None)
 
 
 def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
@@ -157,13 +157,13 @@ class RigCamera:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height by the CameraInfo, 0 where unknown."""
-        message = self.info.looks[0] if self.info is not None and self.info.looks else None
+        message = self.info.samples[0] if self.info is not None and self.info.samples else None
         return int(getattr(message, 'width', 0)), int(getattr(message, 'height', 0))
 
     @property
     def is_grey(self) -> bool:
         """Whether its images have one channel, by their encoding or their name."""
-        messages = self.topic.looks
+        messages = self.topic.samples
         encoding = str(getattr(messages[0], 'encoding', '') or getattr(messages[0], 'format', ''))
         return encoding.startswith(('mono', '8UC1', '16UC1')) or bool(_GREY.search(self.name))
 
@@ -185,7 +185,7 @@ class RigCamera:
 
     def _matrix(self, field: str, shape: tuple[int, int]) -> Float64Array | None:
         """Return a matrix of the CameraInfo, None where it is absent, all zero or not finite."""
-        message = self.info.looks[0] if self.info is not None and self.info.looks else None
+        message = self.info.samples[0] if self.info is not None and self.info.samples else None
         numbers = np.asarray(getattr(message, field, ()), np.float64).ravel()
         if numbers.size != shape[0] * shape[1] or not numbers.any():
             return None
@@ -196,7 +196,7 @@ def find_cameras(survey: Survey) -> list[RigCamera]:
     """Return the cameras of a bag, by name."""
     groups: dict[str, list[TopicSurvey]] = {}
     for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
-        if topic.looks and not _is_depth(topic):
+        if topic.samples and not _is_depth(topic):
             groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
     infos = {info_topic.name: info_topic for info_topic in survey.of_type(types.CAMERA_INFO)}
     image_topics = [
@@ -249,7 +249,7 @@ def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> Topi
 
 
 def _is_depth(topic: TopicSurvey) -> bool:
-    first = topic.looks[0]
+    first = topic.samples[0]
     if topic.msgtype == types.IMAGE:
         return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
     return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
@@ -261,7 +261,7 @@ def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
     name_rank = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
     if topic.msgtype == types.IMAGE:
         return name_rank, 1
-    return name_rank, 0 if 'png' in topic.looks[0].format else 2
+    return name_rank, 0 if 'png' in topic.samples[0].format else 2
 
 
 def _base(topic: str) -> str:
@@ -652,7 +652,7 @@ def guess_camera_sets(
 def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
     """Whether raw images stay distorted, so that the drive is an extract."""
     for plan in cameras:
-        infos = survey.topics[plan.info].looks if plan.info else []
+        infos = survey.topics[plan.info].samples if plan.info else []
         if not infos or plan.rectify or 'rect' in leaf(plan.topic):
             continue
         if np.any(infos[0].d) and not _is_rectified(infos[0], survey.topics[plan.topic]):
@@ -696,7 +696,7 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
     """Whether to rectify: distorted images, except in raw where K and D describe them."""
     if camera.info is None or not _has_lens(camera):
         return False
-    message = camera.info.looks[0]
+    message = camera.info.samples[0]
     d = np.asarray(message.d, np.float64)
     plain = lens_model(message.distortion_model, d) == PLUMB_BOB and len(d) <= 5
     return not (layout.traits.extracts and plain) and not _is_rectified(message, camera.topic)
@@ -704,7 +704,7 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
 
 def _has_lens(camera: RigCamera) -> bool:
     """Whether a camera is not rectified by its numbers, nor by the name of its images."""
-    messages = camera.info.looks if camera.info is not None else []
+    messages = camera.info.samples if camera.info is not None else []
     if not messages or 'rect' in leaf(camera.topic.name):
         return False
     message = messages[0]
@@ -718,7 +718,7 @@ def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
         for camera in cameras
         if camera.info is not None
         and _has_lens(camera)
-        and _is_rectified(camera.info.looks[0], camera.topic)
+        and _is_rectified(camera.info.samples[0], camera.topic)
     ]
     if not names:
         return []
@@ -768,10 +768,10 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
     models: list[CameraModel] = []
     links: dict[str, Link] = {}
     for other in place_cameras(survey, cameras, heading, []).cameras:
-        if other.info is None or other.info.name in taken_infos or not other.info.looks:
+        if other.info is None or other.info.name in taken_infos or not other.info.samples:
             continue
         try:
-            model = camera_model(other.info.looks[0])
+            model = camera_model(other.info.samples[0])
         except ValueError:  # of a plan's camera it is an error
             continue
         models.append(replace(model, frame=other.frame))

@@ -51,7 +51,7 @@ from .box_labels import (
     rectified_boxes,
 )
 from .plan import LabelPlan
-from .survey import pass_over, topic_of
+from .survey import topic_of, unchosen_notes
 from .tf_frames import BoxTimes, FramesAt, MovingBase, StaticFrames, is_truth, stamp_of_boxes
 
 if TYPE_CHECKING:
@@ -151,11 +151,11 @@ def guess_labels(
     order = {topic.name: -rank for rank, kind in enumerate(kinds) for topic in kind}
     best = max(topics, key=lambda topic: _rank(topic, order, tracks=layout.traits.common_labels))
     topics = [topic for topic in topics if topic.msgtype == best.msgtype]
-    notes += pass_over('labels', best, topics)
+    notes += unchosen_notes('labels', best, topics)
     boxes_2d = ''
     if flat and best not in flat:
         nearest = max(flat, key=lambda topic: _rank(topic, {}, tracks=False))
-        notes += pass_over('2D boxes of labels', nearest, flat)
+        notes += unchosen_notes('2D boxes of labels', nearest, flat)
         boxes_2d = nearest.name
     sane, _, boxes = _plausible(best)
     if boxes and not sane:
@@ -194,7 +194,7 @@ def _rank(
 def _plausible(topic: TopicSurvey) -> tuple[bool, bool, int]:
     """Whether most boxes have a size of things on a road, and a class but Misc; how many."""
     sizes, names = [], []
-    for message in topic.looks:
+    for message in topic.samples:
         if topic.msgtype == types.DETECTIONS_2D:
             names += [box.class_name for box in boxes_of_detections_2d(message)[0]]
             continue
@@ -228,7 +228,7 @@ def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
 def has_cubes(topic: TopicSurvey) -> bool:
     """Whether a MarkerArray that was looked at has a cube."""
     cube = 1  # visualization_msgs/Marker.CUBE
-    return any(marker.type == cube for message in topic.looks for marker in message.markers)
+    return any(marker.type == cube for message in topic.samples for marker in message.markers)
 
 
 # The messages of a frame's labels, collected: arrays of one stamp, 2D boxes beside 3D boxes.
@@ -413,7 +413,7 @@ class BoxConversion:
                     f'labels.boxes_2d: {plan.boxes_2d} is a {topic.msgtype}; expected a'
                     f' Detection2DArray beside a topic with 3D boxes'
                 )
-        return any(has_scores(message) for message in topic_of(survey, plan.topic).looks)
+        return any(has_scores(message) for message in topic_of(survey, plan.topic).samples)
 
     def _find_standing(self) -> Standing:
         """Return what boxes are upright in, by the robot's body where the tree has it.

@@ -26,7 +26,7 @@ from ..model.geometry import Transform
 from ..model.samples import nearest_stamps
 from ..model.streams import EARTH_RADIUS_M, NS_PER_S, Stream
 from .plan import POSES, Incomplete, PosePlan
-from .survey import SOLID, pass_over, topic_of
+from .survey import SOLID, topic_of, unchosen_notes
 from .tf_frames import NamedFrames, child_of, frame_of, is_renamed, is_truth
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
             best = max(topics, key=lambda topic: _rank(topic, frames))
             if best.name not in own_topics():
                 topics = survey.of_type(*POSES.msgtypes)
-            notes += pass_over('poses', best, topics)
+            notes += unchosen_notes('poses', best, topics)
             body = child_of(best)
             if best.name in own_topics():  # of base_link, also if its tree names it otherwise
                 body = ''
@@ -113,7 +113,7 @@ def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool
 def _moves(topic: TopicSurvey) -> bool:
     """Whether the poses of a topic that were looked at have several positions."""
     positions = set()
-    for message in topic.looks:
+    for message in topic.samples:
         for stamped in getattr(message, 'poses', [message])[-1:]:
             pose = stamped.pose  # a PoseWithCovariance, or a Pose
             position = getattr(pose, 'pose', pose).position
@@ -441,7 +441,7 @@ def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     topic = topic_of(survey, name)
     frames = set(topic.frames)
     if topic.msgtype in SOLID:
-        for message in topic.looks:
+        for message in topic.samples:
             frames |= frames_in(message)
     return frames
 

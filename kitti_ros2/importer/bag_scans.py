@@ -41,7 +41,7 @@ from ..model.samples import Scan
 from .bag_cameras import camera_of, choose_cameras, find_heading, main_camera, place_cameras
 from .bag_poses import guess_pose, vehicle_frame
 from .plan import ScanPlan
-from .survey import pass_over, topic_of
+from .survey import topic_of, unchosen_notes
 from .tf_frames import BoxTimes, FramesAt, NamedFrames, is_fixed
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def _planned_model(name: str, topic: TopicSurvey) -> VelodyneModel:
 
 def _model_of(topic: TopicSurvey) -> VelodyneModel:
     reason = topic.failure or 'no message with packets'
-    for message in topic.looks:
+    for message in topic.samples:
         try:
             return find_model(message)
         except ValueError as error:
@@ -235,7 +235,7 @@ def _topics_of(source: ScanSource, survey: Survey) -> list[TopicSurvey]:
     topics = [
         topic
         for topic in survey.of_type(*source.msgtypes)
-        if any(source.suits(message) for message in topic.looks)
+        if any(source.suits(message) for message in topic.samples)
     ]
     if not source.needs_info:
         return topics
@@ -257,7 +257,7 @@ def _without_info(survey: Survey) -> list[str]:
     return [
         f'passed over for scans: {topic.name}; a depth image without a camera_info'
         for topic in survey.of_type(types.IMAGE, types.COMPRESSED)
-        if any(is_depth(message) for message in topic.looks) and not info_of_depth(survey, topic)
+        if any(is_depth(message) for message in topic.samples) and not info_of_depth(survey, topic)
     ]
 
 
@@ -277,7 +277,7 @@ def _scan_of(
         best = max(topics, key=lambda topic: _depth_rank(survey, topic))
     else:
         best = max(_in_view(source, topics, survey, rig, notes), key=lambda topic: topic.count)
-    notes += pass_over('scans', best, topics)
+    notes += unchosen_notes('scans', best, topics)
     frame = vehicle.frame_for(best.frame)
     if frame != best.frame:
         notes.append(
@@ -294,7 +294,7 @@ def _scan_of(
         )
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
-    return ScanPlan(best.name, frame, source.scale(best.looks), from_=word, info=info)
+    return ScanPlan(best.name, frame, source.scale(best.samples), from_=word, info=info)
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
@@ -312,7 +312,7 @@ def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
     pictures = {
         image_topic.frame
         for image_topic in survey.of_type(types.IMAGE, types.COMPRESSED)
-        if image_topic.looks and not is_depth(image_topic.looks[0])
+        if image_topic.samples and not is_depth(image_topic.samples[0])
     }
     return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
 
@@ -348,7 +348,7 @@ class _Vehicle:
 
 def _with_points(topic: TopicSurvey) -> Any:  # noqa: ANN401 - of the bag's types
     """Return the first sampled message with x, y and z, None where none has them."""
-    for message in topic.looks:
+    for message in topic.samples:
         if {'x', 'y', 'z'} <= {field.name for field in message.fields}:
             return message
     return None
@@ -427,9 +427,9 @@ def _points_seen(
         with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
             if camera_t_lidar is not None and camera.info is not None:
                 needs = needs_of_plan(ScanPlan(topic.name, topic.frame), source, survey)
-                message = next(sample for sample in topic.looks if source.suits(sample))
+                message = next(sample for sample in topic.samples if source.suits(sample))
                 points = source.decode(message, needs).points[:, :3].astype(np.float64)
-                inside = camera_model(camera.info.looks[0]).sees(camera_t_lidar.apply(points))
+                inside = camera_model(camera.info.samples[0]).sees(camera_t_lidar.apply(points))
                 seen[topic.name] = int(np.count_nonzero(inside))
     return seen
 
@@ -599,7 +599,7 @@ def cloud_notes(plan: ScanPlan, topic: TopicSurvey, *, point_labels: bool) -> li
             if point_labels
             else f'{fields} are left out: layout odometry alone has files for them'
         )
-    doubt = unit_doubt(topic.looks) if plan.unit_m == 1 and not is_fixed(topic.frame) else ''
+    doubt = unit_doubt(topic.samples) if plan.unit_m == 1 and not is_fixed(topic.frame) else ''
     if doubt:
         notes.append(
             f'{topic.name}: {doubt}; are they millimetres? scan.unit_m: 0.001 of the plan makes'
@@ -612,7 +612,7 @@ def labelled_fields(topic: TopicSurvey) -> tuple[str, ...]:
     """Return the fields of a topic's clouds with labels of points, empty without."""
     if topic.msgtype != CLOUD:
         return ()
-    return next((names for message in topic.looks if (names := label_fields(message))), ())
+    return next((names for message in topic.samples if (names := label_fields(message))), ())
 
 
 def dropped_notes(topic: str, dropped: Mapping[str, int]) -> list[str]:

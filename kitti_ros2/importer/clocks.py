@@ -152,10 +152,10 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         yield from topic.oddities()
     scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
     turns = None if scan is None else scan.turns_ns()
-    if scan is not None and not scan.turn_ns and any(map(tells_another_time, scan.looks)):
+    if scan is not None and not scan.turn_ns and any(map(tells_another_time, scan.samples)):
         yield (
-            f'{scan.name}: the times of its points ({time_field(scan.looks[0])}) are not used, for'
-            f' they are not those of a turn around the stamp; are they of another clock?'
+            f'{scan.name}: the times of its points ({time_field(scan.samples[0])}) are not used,'
+            f' for they are not those of a turn around the stamp; are they of another clock?'
         )
     if scan is not None and scan.turn_ns and turns is not None and scan.moved_ns().any():
         start, end = scan.turn_ns

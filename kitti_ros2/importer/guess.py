@@ -50,7 +50,7 @@ from .plan import (
     VelocityAxes,
     topic_uses,
 )
-from .survey import pass_over
+from .survey import unchosen_notes
 from .tf_frames import (
     NamedFrames,
     child_of,
@@ -137,7 +137,7 @@ def _best_topics(
         if not topics:
             continue
         best = max(topics, key=rank)
-        notes += pass_over(key, best, topics)
+        notes += unchosen_notes(key, best, topics)
         if key == 'fix' and not best.has_fix:
             notes.append(f'passed over for fix: {best.name} ({best.count}); it never has a fix')
         else:
@@ -188,9 +188,9 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
 
 def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, bool, bool, int]:
     """Rank an Imu: in a joined frame, with an orientation, not raw, with values, of most."""
-    oriented = any(map(has_orientation, topic.looks))
-    rates = (message.angular_velocity for message in topic.looks)
-    forces = (message.linear_acceleration for message in topic.looks)
+    oriented = any(map(has_orientation, topic.samples))
+    rates = (message.angular_velocity for message in topic.samples)
+    forces = (message.linear_acceleration for message in topic.samples)
     measured = any(vector_of(vector).any() for vector in (*rates, *forces))
     return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
@@ -761,7 +761,7 @@ def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFram
 
 def _is_depth(topic: TopicSurvey) -> bool:
     if topic.msgtype == types.IMAGE:
-        encodings = {getattr(message, 'encoding', '') for message in topic.looks}
+        encodings = {getattr(message, 'encoding', '') for message in topic.samples}
         return bool(encodings & _DEPTHS) or bool(_DEPTH_NAME.search(topic.name))
     return topic.msgtype == types.COMPRESSED and bool(_DEPTH_NAME.search(topic.name))
 

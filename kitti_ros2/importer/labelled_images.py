@@ -207,7 +207,7 @@ def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan
     try:
         rigging = Rigging(plan, survey, read_moving([bag], plan, survey, LossTally()))
         if labels != LABEL_LINES:
-            _try_labels(rigging, topic_of(survey, labels).looks)
+            _try_labels(rigging, topic_of(survey, labels).samples)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
             raise _impossible(bag.path, _ADVICE.sub('', str(error))) from None

@@ -146,9 +146,9 @@ _OFF_SHARE = 0.5
 
 def acceleration_unit(imu: TopicSurvey) -> float:
     """Return the m/s^2 of a unit of a topic's accelerations: Livox' drivers give them in g."""
-    if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.looks:
+    if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.samples:
         return 1.0
-    norms = [float(np.linalg.norm(vector_of(message.linear_acceleration))) for message in imu.looks]
+    norms = [float(np.linalg.norm(vector_of(sample.linear_acceleration))) for sample in imu.samples]
     least, most = _OF_ONE_G
     return _STANDARD_GRAVITY if least <= np.median(norms) <= most else 1.0
 

@@ -311,7 +311,7 @@ class Riggings:
         values = [series[index][1] for index, series in zip(state, self._series, strict=True)]
         infos = _info_topics(self._plan, self._survey)
         for name, info in zip(infos, values, strict=False):
-            topics[name] = replace(topics[name], looks=[] if info is None else [info])
+            topics[name] = replace(topics[name], samples=[] if info is None else [info])
         static.update(zip(self._survey.changes, values[len(infos) :], strict=True))
         return replace(
             self._survey, topics=topics, static=[(*link, pose) for link, pose in static.items()]
@@ -433,7 +433,7 @@ def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
     stamps = topic.stamps()[0] + (topic_of(survey, images[0]).offset_ns if images else 0)
     contents = [(int(stamps[index]), info) for index, info in topic.contents if _is_valid(info)]
     contents.sort(key=lambda stamped_info: stamped_info[0])
-    return contents or [(0, topic.looks[0] if topic.looks else None)]
+    return contents or [(0, topic.samples[0] if topic.samples else None)]
 
 
 def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types

@@ -182,7 +182,7 @@ class TopicSurvey:
         log_ns: Log times in the order of reading, nanoseconds.
         header_ns: Header stamps of the same messages; empty where the type has no header.
         frames: Header frames, with the number of messages of each.
-        looks: A few decoded messages, at doubling distances.
+        samples: A few decoded messages, at doubling distances.
         failures: Number of messages that failed to decode.
         failure: The reason of the first failure, empty without one.
         headless: Indices of the messages without a readable header.
@@ -209,7 +209,7 @@ class TopicSurvey:
     log_ns: array[int] = field(default_factory=lambda: array('q'))
     header_ns: array[int] = field(default_factory=lambda: array('q'))
     frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
-    looks: list[Any] = field(default_factory=list)
+    samples: list[Any] = field(default_factory=list)
     failures: int = 0
     failure: str = ''
     headless: list[int] = field(default_factory=list)
@@ -383,13 +383,13 @@ class TopicSurvey:
         return used, reason
 
 
-def pass_over(stream: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
+def unchosen_notes(stream: str, best: TopicSurvey, topics: Sequence[TopicSurvey]) -> list[str]:
     """Return a note of the topics that were not chosen for a stream; empty without any."""
     others = ', '.join(f'{topic.name} ({topic.count})' for topic in topics if topic is not best)
     return [f'passed over for {stream}: {others}'] if others else []
 
 
-_LOOKS = 8
+_MOST_SAMPLES = 8
 _ALL_OF_FIRST = 64
 _EVERY = 16
 _WITH_TWIST = frozenset(VELOCITY.every_type)
@@ -485,7 +485,7 @@ def survey_bags(bags: Sequence[BagSource], topics: Collection[str] | None = None
         BadBagError: One cannot be read.
     """
     with open_messages(bags, topics) as messages:
-        survey_pass = _Pass(messages)
+        survey_pass = _SurveyPass(messages)
         messages.skim(survey_pass.needs_start_only)
         survey_pass.take_all(messages)
         losses = messages.losses
@@ -502,7 +502,7 @@ def survey_sensors(source: BagSource) -> Survey:
     with opened(source) as bag:
         with open_messages(bag) as channels_only:
             types = dict(channels_only.channels)
-            survey_pass = _Pass(channels_only)
+            survey_pass = _SurveyPass(channels_only)
             losses, left_out = channels_only.losses, channels_only.left_out
         describing = {topic for topic, msgtype in types.items() if msgtype in DESCRIBING}
         if describing:
@@ -514,7 +514,7 @@ def survey_sensors(source: BagSource) -> Survey:
     return survey_pass.survey((), losses, left_out)
 
 
-class _Pass:
+class _SurveyPass:
     """Collects the survey while messages are read."""
 
     def __init__(self, messages: BagMessages) -> None:
@@ -541,7 +541,7 @@ class _Pass:
         topic = self._topics[name]
         if topic.msgtype not in READ:
             return topic.msgtype != STRING
-        is_due = _is_look(topic, topic.count + 1)
+        is_due = _is_due(topic, topic.count + 1)
         return topic.msgtype in LARGE_TYPES and not (is_due or name in self._turns)
 
     def survey(
@@ -578,7 +578,7 @@ class _Pass:
             first_ns = stamp_ns_of(decoded.transforms[0].header) if _has_links(decoded) else 0
             topic.links_ns.append(first_ns or message.stamp_ns)
         elif topic.msgtype in READ:
-            self._look_at(topic, message)
+            self._take_sample(topic, message)
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
             text = self._decoded(topic, message)
             if text is not None:
@@ -595,7 +595,7 @@ class _Pass:
         except ValueError as error:
             topic.fail(error)
 
-    def _look_at(self, topic: TopicSurvey, message: BagMessage) -> None:
+    def _take_sample(self, topic: TopicSurvey, message: BagMessage) -> None:
         if topic.msgtype in HEADED:
             _enter_header(topic, message)
             self._enter_copy(topic, message)
@@ -604,12 +604,12 @@ class _Pass:
             _enter_first_stamp(topic, message)
         if isinstance(message.data, MessageStart):
             return
-        is_due, sample = _is_look(topic, topic.count), None
-        if is_due or _is_sampled(topic):
+        is_due, sample = _is_due(topic, topic.count), None
+        if is_due or _is_decoded(topic):
             sample = self._decoded(topic, message)
         if sample is not None:
             if is_due:
-                _keep(topic, sample)
+                _keep_sample(topic, sample)
             _count_classes(topic, sample)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(sample))
         if topic.msgtype == FIX:
@@ -619,7 +619,7 @@ class _Pass:
             self._enter_turn(topic, message, sample)
 
     def _enter_turn(self, topic: TopicSurvey, message: BagMessage, sample: Any) -> None:  # noqa: ANN401
-        """Enter the times of the first and last point of a message; look is it decoded, or None."""
+        """Enter the times of the first and last point of a message; sample: decoded, or None."""
         if topic.name in self._turns and sample is None:
             with suppress(ValueError):  # the conversion enters it as a loss
                 sample = self._decode_lent(message)
@@ -631,8 +631,8 @@ class _Pass:
 
     def _end_turns(self, topic: TopicSurvey) -> None:
         """Read the times of the first message again, by the unit that later ones have told."""
-        if topic.spans_ns and topic.looks and topic.name in self._turns and not topic.failures:
-            topic.spans_ns[0] = self._turns[topic.name].span_ns(topic.looks[0])
+        if topic.spans_ns and topic.samples and topic.name in self._turns and not topic.failures:
+            topic.spans_ns[0] = self._turns[topic.name].span_ns(topic.samples[0])
 
     def _enter_content(self, topic: TopicSurvey, message: BagMessage) -> None:
         """Enter the content of a CameraInfo if it differs from the one before, header apart."""
@@ -687,19 +687,19 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
     topic.header_ns.append(stamp_ns or message.stamp_ns + lead_ns)
 
 
-def _is_look(topic: TopicSurvey, count: int) -> bool:
+def _is_due(topic: TopicSurvey, count: int) -> bool:
     """Whether the message of a count, from 1, is one to decode."""
-    return not topic.looks or (count.bit_count() == 1 and len(topic.looks) < _LOOKS)
+    return not topic.samples or (count.bit_count() == 1 and len(topic.samples) < _MOST_SAMPLES)
 
 
-def _keep(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of the bag's types
+def _keep_sample(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of the bag's types
     """Keep a decoded message; of images, which are large, those up to the first with a size."""
-    if topic.msgtype not in PICTURES or not any(map(image_size, topic.looks)):
-        topic.looks = [*topic.looks, sample][:_LOOKS]
+    if topic.msgtype not in PICTURES or not any(map(image_size, topic.samples)):
+        topic.samples = [*topic.samples, sample][:_MOST_SAMPLES]
 
 
-def _is_sampled(topic: TopicSurvey) -> bool:
-    """Whether the last message is decoded for more than a look.
+def _is_decoded(topic: TopicSurvey) -> bool:
+    """Whether the last message is decoded for more than a sample.
 
     Places are those of all; classes are counted in some, for decoding all takes too long; of
     velocities one that is not 0 is enough.

@@ -141,7 +141,7 @@ class NamedFrames:
 
 def child_of(topic: TopicSurvey) -> str:
     """Return the child frame of an Odometry, empty for other types and without one."""
-    first = topic.looks[0] if topic.looks else None
+    first = topic.samples[0] if topic.samples else None
     return str(getattr(first, 'child_frame_id', '')).lstrip('/')
 
 

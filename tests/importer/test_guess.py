@@ -183,8 +183,8 @@ def test_points_of_an_optical_frame_are_pointed_out():
 
 def odometry(name, *along):
     """A topic of poses at some x, metres."""
-    looks = [SimpleNamespace(child_frame_id='/base_link', pose=at(x)) for x in along or (0.0,)]
-    return topic(name, types.ODOMETRY, *looks)
+    samples = [SimpleNamespace(child_frame_id='/base_link', pose=at(x)) for x in along or (0.0,)]
+    return topic(name, types.ODOMETRY, *samples)
 
 
 def test_poses_that_move_go_before_others_of_the_same_body():

@@ -45,6 +45,6 @@ def test_a_survey_that_skims_finds_the_same(bag, monkeypatch):
         assert [getattr(other, each) for each in COMPARED] == [
             getattr(topic, each) for each in COMPARED
         ]
-        assert [str(each) for each in other.looks] == [str(each) for each in topic.looks]
+        assert [str(each) for each in other.samples] == [str(each) for each in topic.samples]
     assert skimmed.losses == whole.losses
     assert skimmed.notes == whole.notes
