@@ -214,7 +214,7 @@ def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
     refusal = KEEP_ALL_BUT_PAGES if job.options.get('overwrite') else keep_all
     with staged_file(job.out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())
-    losses = [finding for finding in report.findings if finding.is_loss]
+    losses = [issue for issue in report.issues if issue.is_loss]
     return UnitResult(
         counts={'frames': report.frames or 0, 'bytes': size},
         bad=len(losses),

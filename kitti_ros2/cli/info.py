@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..bags.container_file import TopicSummary
     from ..model.recording import FrameOrigin
     from ..options.read import ReadOptions
-    from ..report.overview import LinkGlance, Overview
+    from ..report.overview import LinkSummary, Overview
 
 
 _MOST_FRAMES = 24
@@ -142,12 +142,12 @@ def _origin_table(origins: Mapping[int, FrameOrigin]) -> Table:
 def _link_table(overview: Overview) -> Table:
     """Return a table of the static tree, each frame indented below its parent."""
     table = plain_table('frame', ('x y z m', 'roll pitch yaw deg'))
-    children: dict[str, list[LinkGlance]] = {}
+    children: dict[str, list[LinkSummary]] = {}
     for link in overview.links:
         children.setdefault(link.parent, []).append(link)
     placed = {link.child for link in overview.links}
 
-    def add(frame: str, depth: int, link: LinkGlance | None) -> None:
+    def add(frame: str, depth: int, link: LinkSummary | None) -> None:
         if table.row_count == _MOST_FRAMES:
             table.add_row(f'... and {len(overview.links) + 1 - _MOST_FRAMES} more', '', '')
         if table.row_count > _MOST_FRAMES:

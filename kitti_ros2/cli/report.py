@@ -138,9 +138,9 @@ def report(
             page = with_scores(page, scores)
     with staged_file(out, refusal) as path:
         size = path.write_bytes(make_page(page).encode())
-    for finding in page.findings:
-        if finding.is_loss:
-            say_error(f'{finding.where + ": " if finding.where else ""}{finding.text}')
+    for issue in page.issues:
+        if issue.is_loss:
+            say_error(f'{issue.where + ": " if issue.where else ""}{issue.text}')
     if not quiet:
         notes = f', {format_count(page.notes, "note")}' if page.notes else ''
         say(

@@ -31,7 +31,7 @@ _ONE_CLOCK_NS = 60_000_000_000
 
 
 class Severity(Enum):
-    """The severity of a finding, worst first."""
+    """Severity of an issue, worst first."""
 
     LOSS = 'Lost or damaged'
     WARNING = 'Warning'
@@ -39,7 +39,7 @@ class Severity(Enum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Issue:
     """A loss, a warning or a note about the recording.
 
     Attributes:
@@ -108,7 +108,7 @@ class ReportPicture:
 
 @dataclass(frozen=True)
 class Scene:
-    """One frame in pictures.
+    """The pictures of one frame.
 
     Attributes:
         number: Frame number.
@@ -144,7 +144,7 @@ class Table(NamedTuple):
     Attributes:
         caption: Its caption.
         columns: Heading and kind (NUMBER, TEXT, LONG or NAME) of each.
-        rows: The cells; the section's template writes those that are more than text.
+        rows: The cells; the section's template formats those that are not text.
         total: A last row with totals.
     """
 
@@ -159,8 +159,8 @@ class Table(NamedTuple):
         return self.rows[:_MOST_ROWS]
 
     @property
-    def left(self) -> str:
-        """What the page says of the others, empty if there are none."""
+    def rest(self) -> str:
+        """The number of the others in words, empty if there are none."""
         more = len(self.rows) - len(self.shown)
         return f'... and {more:,} more' if more else ''
 
@@ -172,18 +172,18 @@ class Report:
     Attributes:
         overview: Kind, name, extent, calibration; shown by info, too.
         streams: Streams or topics.
-        findings: Worst first.
+        issues: Worst first.
         frames: Number of frames; None if there is no reference to count them.
         route: None without poses.
         classes: None without labels.
         projections: Points of the scanner over images.
         scenes: A few frames spread over the recording.
-        scores: Those of a detector's results, if given.
+        scores: Scores of a detector's results, if given.
     """
 
     overview: Overview
     streams: Sequence[StreamFacts]
-    findings: Sequence[Finding] = ()
+    issues: Sequence[Issue] = ()
     frames: int | None = None
     route: Route | None = None
     classes: ClassStatistics | None = None
@@ -206,7 +206,7 @@ class Report:
 
     @property
     def notes(self) -> int:
-        """The number of findings that are notes."""
+        """The number of issues that are notes."""
         return self._count(Severity.NOTE)
 
     @property
@@ -215,7 +215,7 @@ class Report:
         return not self._count(Severity.LOSS)
 
     def _count(self, severity: Severity) -> int:
-        return sum(finding.severity is severity for finding in self.findings)
+        return sum(issue.severity is severity for issue in self.issues)
 
 
 # Statistics of labels.
@@ -353,7 +353,7 @@ def spread(count: int, most: int) -> list[int]:
     return [int(index) for index in np.unique(indices)]
 
 
-# Rate, jitter and gaps of a stream, and whether its numbers match another stream's in time.
+# Rate, jitter and gaps of a stream; comparison of its numbers with another stream's in time.
 
 GAP_PERIODS = 1.5
 """A distance of more periods than this is a gap; one lost sample makes it 2."""
@@ -365,17 +365,17 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap, where samples are missing.
+    """A gap: missing samples.
 
     Attributes:
         at_ns: The stamp before it.
         length_ns: Distance to the next stamp.
-        lacking: Number of missing samples, by the usual period.
+        missing: Number of missing samples, by the usual period.
     """
 
     at_ns: int
     length_ns: int
-    lacking: int
+    missing: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ from ..pictures.recording_frames import RecordingFrames
 from ..pictures.series import encode_picture
 from .contents import (
     ClassTally,
-    Finding,
+    Issue,
     Report,
     ReportPicture,
     Scene,
@@ -77,7 +77,7 @@ def draw_scenes(
     source: RecordingFrames,
     pictured: Sequence[int],
     most: int,
-    seen: Callable[[FrameData], None],
+    inspect: Callable[[FrameData], None],
     step: Callable[[], None],
 ) -> tuple[Scene, ...]:
     """Draw evenly spread frames: the camera image, points in it, and from above.
@@ -86,7 +86,7 @@ def draw_scenes(
         source: The frames.
         pictured: Numbers of the frames with images or scans.
         most: Maximum number of frames.
-        seen: Called with each frame.
+        inspect: Called with each frame.
         step: Called after each frame.
     """
     options = PictureOptions()
@@ -97,7 +97,7 @@ def draw_scenes(
     scenes = []
     for index in spread(len(pictured), most):
         frame = source.frame(pictured[index], streams)
-        seen(frame)
+        inspect(frame)
         scene = _scene(frame, source, camera)
         if scene.camera or scene.points or scene.above:
             scenes.append(scene)
@@ -109,7 +109,7 @@ def draw_projections(
     source: RecordingFrames,
     pictured: Sequence[int],
     scenes: Sequence[Scene],
-    seen: Callable[[FrameData], None],
+    inspect: Callable[[FrameData], None],
 ) -> tuple[ReportPicture, ...]:
     """Draw the points of the middle frame over the image of each camera.
 
@@ -117,7 +117,7 @@ def draw_projections(
         source: The frames.
         pictured: Numbers of the frames with images or scans.
         scenes: The pictures of some frames, used again if the middle frame is among them.
-        seen: Called with the frame.
+        inspect: Called with the frame.
     """
     if not pictured:
         return ()
@@ -127,7 +127,7 @@ def draw_projections(
     cameras = sorted(source.cameras)[:_MOST_CAMERAS]
     images = [Stream(f'image_{index}').value for index in cameras if index not in drawn]
     frame = source.frame(middle, frozenset({Stream.SCAN.value, *images}))
-    seen(frame)
+    inspect(frame)
     pictures = (
         drawn.get(index) or _projection(frame, index, source.cameras[index])
         for index in cameras
@@ -193,37 +193,37 @@ def _picture(
     return ReportPicture(data, pixels.shape[1], pixels.shape[0], alt, caption)
 
 
-# Facts and findings of the streams of a recording and the topics of a bag.
+# Facts and issues of the streams of a recording and the topics of a bag.
 
 _BIN = '.bin'
 _DIAGNOSED_MOST = 5
 
 
 def recording_streams(
-    recording: KittiRecording, findings: list[Finding], step: Callable[[], None]
+    recording: KittiRecording, issues: list[Issue], step: Callable[[], None]
 ) -> list[StreamFacts]:
     """Return the streams of a KITTI recording; reads the ends of every image and scan file.
 
     Args:
         recording: Open for reading.
-        findings: Findings are appended here.
+        issues: Issues are appended here.
         step: Called after each stream.
     """
     streams = []
     for stream, index in recording.streams.items():
         timing = timing_of(index.stamps_ns)
         if recording.clock is not Clock.NOMINAL and not recording.layout.traits.frame_set:
-            findings += _uneven(stream.value, timing)
-            findings += _shifted(stream, recording)
+            issues += _timing_issues(stream.value, timing)
+            issues += _shift_issues(stream, recording)
         paths = dict.fromkeys(recording.path(stream, number) for number in index.numbers.tolist())
         sizes = {path: size for path in paths if (size := _size(path)) is not None}
         facts: tuple[str, ...] = ()
         if stream.camera is not None:
             varying = recording.layout.traits.calibration_per_frame
-            facts = _image_facts(stream, list(sizes), findings, varying=varying)
+            facts = _image_facts(stream, list(sizes), issues, varying=varying)
         elif stream is Stream.SCAN:
             columns = recording.options.columns or KITTI_COLUMNS
-            facts = _scan_facts(sizes, columns.point_bytes, findings)
+            facts = _scan_facts(sizes, columns.point_bytes, issues)
         streams.append(
             StreamFacts(
                 stream.value,
@@ -243,7 +243,7 @@ def bag_streams(
     stamps: Mapping[str, Int64Array],
     survey: Survey,
     clock: Clock,
-    findings: list[Finding],
+    issues: list[Issue],
     *,
     independent: bool = False,
 ) -> list[StreamFacts]:
@@ -254,7 +254,7 @@ def bag_streams(
         stamps: Log times by topic, (N,) nanoseconds, ascending.
         survey: The survey of the bag.
         clock: The meaning of its stamps.
-        findings: Findings are appended here.
+        issues: Issues are appended here.
         independent: Whether the frames are independent, and may be any time apart.
     """
     streams = []
@@ -266,17 +266,17 @@ def bag_streams(
             used, reason = seen.stamps()
             delay_ns = _delay(seen, used)
             if reason is not None:
-                findings.append(Finding(Severity.WARNING, topic.name, reason))
+                issues.append(Issue(Severity.WARNING, topic.name, reason))
             if seen.failure:
                 text = f'messages that do not decode as {seen.msgtype}: {seen.failure}'
-                findings.append(Finding(Severity.LOSS, topic.name, text))
+                issues.append(Issue(Severity.LOSS, topic.name, text))
         timing = timing_of(used)
         if clock is Clock.NOMINAL or independent:
             pass  # nominal times have no gaps; independent frames have any
         elif seen is not None and seen.header_ns:
-            findings += _uneven(topic.name, timing)
-        elif timing.gaps and sum(gap.lacking for gap in timing.gaps) < len(timing) / 2:
-            findings.append(_gaps(topic.name, timing))  # else it is an occasional topic
+            issues += _timing_issues(topic.name, timing)
+        elif timing.gaps and sum(gap.missing for gap in timing.gaps) < len(timing) / 2:
+            issues.append(_gap_issue(topic.name, timing))  # else it is an occasional topic
         size = None if seen is None else seen.size_bytes
         streams.append(
             StreamFacts(topic.name, topic.msgtype, timing, size_bytes=size, delay_ns=delay_ns)
@@ -293,33 +293,33 @@ def _delay(topic: TopicSurvey, used: Int64Array) -> int | None:
     return int(np.sort(log - used)[len(log) // 2])
 
 
-def _uneven(name: str, timing: Timing) -> list[Finding]:
-    found = []
+def _timing_issues(name: str, timing: Timing) -> list[Issue]:
+    issues = []
     if timing.gaps:
-        found.append(_gaps(name, timing))
+        issues.append(_gap_issue(name, timing))
     if timing.backward:
         text = f'{format_count(timing.backward, "sample")} stamped earlier than the one before'
-        found.append(Finding(Severity.WARNING, name, text))
+        issues.append(Issue(Severity.WARNING, name, text))
     if timing.repeated:
         text = f'{format_count(timing.repeated, "stamp")} the same as the one before'
-        found.append(Finding(Severity.WARNING, name, text))
-    return found
+        issues.append(Issue(Severity.WARNING, name, text))
+    return issues
 
 
-def _gaps(name: str, timing: Timing) -> Finding:
+def _gap_issue(name: str, timing: Timing) -> Issue:
     widest = max(timing.gaps, key=lambda gap: gap.length_ns)
     after = (widest.at_ns - int(timing.stamps_ns[0])) / 1e9
-    lacking = sum(gap.lacking for gap in timing.gaps)
-    return Finding(
+    missing = sum(gap.missing for gap in timing.gaps)
+    return Issue(
         Severity.WARNING,
         name,
         f'{format_count(len(timing.gaps), "gap")}, in which about'
-        f' {format_count(lacking, "sample")} {"is" if lacking == 1 else "are"} lacking; the longest'
+        f' {format_count(missing, "sample")} {"is" if missing == 1 else "are"} lacking; the longest'
         f' is {widest.length_ns / 1e9:.2f} s, {after:.1f} s after the first sample',
     )
 
 
-def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
+def _shift_issues(stream: Stream, recording: KittiRecording) -> list[Issue]:
     """Return a warning if files with the same number belong to different times."""
     reference = recording.streams.get(Stream.SCAN)
     if reference is None or stream is Stream.SCAN or not recording.common_numbers:
@@ -331,7 +331,7 @@ def _shifted(stream: Stream, recording: KittiRecording) -> list[Finding]:
         f'{len(numbers)} of {pairs} are nearer to the scan of another frame than to that of their'
         f' own number: frames {format_numbers(numbers)}; they may be shifted'
     )
-    return [Finding(Severity.WARNING, stream.value, text)]
+    return [Issue(Severity.WARNING, stream.value, text)]
 
 
 def _size(path: Path) -> int | None:
@@ -342,14 +342,14 @@ def _size(path: Path) -> int | None:
 
 
 def _image_facts(
-    stream: Stream, paths: Sequence[Path], findings: list[Finding], *, varying: bool
+    stream: Stream, paths: Sequence[Path], issues: list[Issue], *, varying: bool
 ) -> tuple[str, ...]:
     """Return the sizes of images, most frequent first, from the ends of their files.
 
     Args:
         stream: Their stream.
         paths: Their files.
-        findings: Damaged images are appended here, and those of another size unless sizes vary.
+        issues: Damaged images are appended here, and those of another size unless sizes vary.
         varying: Whether images of a recording may be of several sizes.
     """
     by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
@@ -361,13 +361,13 @@ def _image_facts(
             bad.append(describe_error(error))
             continue
         by_size[image.width, image.height].append(path)
-    findings += _lost(stream, bad, 'image')
+    issues += _loss_issues(stream, bad, 'image')
     ordered = sorted(by_size, key=lambda size: -len(by_size[size]))
     for width, height in [] if varying else ordered[1:]:
         usual = '{}x{}'.format(*ordered[0])
         text = f'the image is {width}x{height}; the others are {usual}'
         others = [f'{path}: {text}' for path in by_size[width, height]]
-        findings += _lost(stream, others, 'image')
+        issues += _loss_issues(stream, others, 'image')
     return tuple(
         f'{width} \N{MULTIPLICATION SIGN} {height}'
         + (f' ({len(by_size[width, height])})' if len(ordered) > 1 else '')
@@ -376,12 +376,12 @@ def _image_facts(
 
 
 def _scan_facts(
-    sizes: Mapping[Path, int], point_bytes: int, findings: list[Finding]
+    sizes: Mapping[Path, int], point_bytes: int, issues: list[Issue]
 ) -> tuple[str, ...]:
-    """Return the points per scan, from the sizes of files; truncated ones are findings."""
+    """Return the points per scan, from the sizes of files; truncated ones are issues."""
     sizes = {path: size for path, size in sizes.items() if path.suffix == _BIN}
     cut = {path: size for path, size in sizes.items() if not size or size % point_bytes}
-    findings += _lost(
+    issues += _loss_issues(
         Stream.SCAN, [_cut_scan(path, size, point_bytes) for path, size in cut.items()], 'scan'
     )
     points = [size // point_bytes for path, size in sizes.items() if path not in cut]
@@ -391,10 +391,10 @@ def _scan_facts(
     return (f'{middle:,} points' + (f' ({low:,} to {high:,})' if low != high else ''),)
 
 
-def _lost(stream: Stream, reasons: Sequence[str], noun: str) -> list[Finding]:
-    """Return a finding with the first reason and the number of others; none without reasons."""
+def _loss_issues(stream: Stream, reasons: Sequence[str], noun: str) -> list[Issue]:
+    """Return an issue with the first reason and the number of others; none without reasons."""
     more = f'; and {format_count(len(reasons) - 1, f"more {noun}")}' * (len(reasons) > 1)
-    return [Finding(Severity.LOSS, stream.value, reasons[0] + more)] if reasons else []
+    return [Issue(Severity.LOSS, stream.value, reasons[0] + more)] if reasons else []
 
 
 def _cut_scan(path: Path, size: int, point_bytes: int) -> str:
@@ -453,16 +453,16 @@ class _Steps:
 
 def _gather_recording(recording: KittiRecording, path: Path, steps: _Steps) -> Report:
     overview = inspect_recording(recording, path)
-    findings = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
+    issues = [Issue(Severity.LOSS, loss.stream, loss.text()) for loss in overview.losses]
     steps.expect(len(recording.streams))
-    report = Report(overview, recording_streams(recording, findings, steps.step))
+    report = Report(overview, recording_streams(recording, issues, steps.step))
     try:
         source = RecordingFrames(recording)
     except KittiRos2Error as error:
-        findings.append(Finding(Severity.NOTE, '', str(error)))
+        issues.append(Issue(Severity.NOTE, '', str(error)))
     else:
-        report = _look_through(report, source, findings, steps)
-    return _finished(report, findings)
+        report = _with_frames(report, source, issues, steps)
+    return _with_issues(report, issues)
 
 
 def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
@@ -472,11 +472,11 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     from ..own_bags.recording import open_own_recording  # noqa: PLC0415
 
     overview, blueprint = inspect_bag(bag)
-    findings: list[Finding] = []
+    issues: list[Issue] = []
     if not any(series.count for series in overview.series):
-        findings.append(Finding(Severity.WARNING, '', 'the bag holds no messages'))
+        issues.append(Issue(Severity.WARNING, '', 'the bag holds no messages'))
     if not overview.series:
-        return _finished(Report(overview, ()), findings)
+        return _with_issues(Report(overview, ()), issues)
     steps.expect(2)
     survey = survey_bags([bag])
     steps.step()
@@ -486,43 +486,43 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         bag_stamps(bag),
         survey,
         overview.clock,
-        findings,
+        issues,
         independent=blueprint is not None and blueprint.layout.traits.frame_set,
     )
     report = Report(overview, streams)
     steps.step()
     absent = (loss for loss in overview.losses if loss.text() not in survey.losses)
-    findings += [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
-    findings += [Finding(Severity.LOSS, '', text) for text in survey.losses]
-    findings += _of_transforms(overview, survey, own)
+    issues += [Issue(Severity.LOSS, loss.stream, loss.text()) for loss in absent]
+    issues += [Issue(Severity.LOSS, '', text) for text in survey.losses]
+    issues += _transform_issues(overview, survey, own)
     try:
         recording = own or PlannedRecording(bag, survey)
         source = RecordingFrames(recording)
     except KittiRos2Error as error:
-        findings.append(Finding(Severity.NOTE, '', f'no frames to show: {error}'))
+        issues.append(Issue(Severity.NOTE, '', f'no frames to show: {error}'))
         track = ego_track(bag, survey, [])
         route = None if track is None else _route(track.trajectory(Transform.identity()))
-        return _finished(replace(report, route=route), findings)
-    findings += [Finding(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)]
+        return _with_issues(replace(report, route=route), issues)
+    issues += [Issue(Severity.NOTE, '', note) for note in (*source.assumptions, *source.notes)]
     with closing(source):
-        report = _look_through(report, source, findings, steps)
+        report = _with_frames(report, source, issues, steps)
     if isinstance(recording, PlannedRecording):
         report = replace(report, route=_route(recording.trajectory()))
-    return _finished(report, findings)
+    return _with_issues(report, issues)
 
 
-def _of_transforms(
+def _transform_issues(
     overview: Overview, survey: Survey, own: BagRecording | None
-) -> Iterator[Finding]:
+) -> Iterator[Issue]:
     """Yield warnings about changing or invalid static transforms; object sets span several days."""
     if own is None or not own.layout.traits.calibration_per_frame:
         for parent, child in survey.changes:
             text = f'the static transform {parent} -> {child} changes within the bag'
-            yield Finding(Severity.WARNING, '/tf_static', text)
+            yield Issue(Severity.WARNING, '/tf_static', text)
     for link in overview.links:
         if not is_finite(link):
             text = f'the static transform {link.parent} -> {link.child} is no transform'
-            yield Finding(Severity.WARNING, '/tf_static', text)
+            yield Issue(Severity.WARNING, '/tf_static', text)
 
 
 def _route(trajectory: Trajectory) -> Route | None:
@@ -549,12 +549,12 @@ def _pictured(source: RecordingFrames) -> list[int]:
     return [int(number) for number in np.unique(numbers)]
 
 
-def _look_through(
-    report: Report, source: RecordingFrames, findings: list[Finding], steps: _Steps
+def _with_frames(
+    report: Report, source: RecordingFrames, issues: list[Issue], steps: _Steps
 ) -> Report:
     """Return the report with labels and poses of every frame, and pictures of a few."""
     steps.expect(len(source.numbers) + SCENES + 1)
-    missing = _Lacks()
+    missing = _MissingData()
     tally = ClassTally()
     stamps: list[int] = []
     poses: list[Pose] = []
@@ -575,7 +575,7 @@ def _look_through(
     scenes = draw_scenes(source, pictured, SCENES, missing.add, steps.step)
     projections = draw_projections(source, pictured, scenes, missing.add)
     steps.step()
-    findings += missing.findings()
+    issues += missing.issues()
     classes = tally.statistics()
     route, driven = route_of(stamps, poses, altitude_m), trace.statistics()
     if route is not None and driven is not None:  # of the sensor that KITTI's tools count
@@ -590,7 +590,7 @@ def _look_through(
     )
 
 
-class _Lacks:
+class _MissingData:
     """Missing data of frames, by part: the first reason, and the frames."""
 
     def __init__(self) -> None:
@@ -598,49 +598,49 @@ class _Lacks:
 
     def add(self, frame: FrameData) -> None:
         """Add the missing data of a frame."""
-        for what, reason in frame.missing.items():
+        for name, reason in frame.missing.items():
             # Each row of labels has its own name; they share the stream.
-            part = what if what.startswith('calibration') else what.split()[0]
+            part = name if name.startswith('calibration') else name.split()[0]
             self._frames[part].setdefault(frame.number, reason)
 
-    def findings(self) -> list[Finding]:
-        """Return one finding per part."""
-        found = []
-        for what, reasons in self._frames.items():
-            severity = Severity.WARNING if what.startswith('calibration') else Severity.LOSS
+    def issues(self) -> list[Issue]:
+        """Return one issue per part."""
+        issues = []
+        for part, reasons in self._frames.items():
+            severity = Severity.WARNING if part.startswith('calibration') else Severity.LOSS
             text = next(iter(reasons.values()))
             if len(set(reasons.values())) > 1:
                 text += f'; and more, frames {format_numbers(sorted(reasons))}'
-            found.append(Finding(severity, what, text))
-        return found
+            issues.append(Issue(severity, part, text))
+        return issues
 
 
-def _finished(report: Report, findings: Sequence[Finding]) -> Report:
-    """Return the report with its findings in order, and those of the overview."""
+def _with_issues(report: Report, issues: Sequence[Issue]) -> Report:
+    """Return the report with its issues in order, and those of the overview."""
     severity = Severity.NOTE if report.overview.complete else Severity.LOSS
-    notes = [Finding(severity, '', note) for note in report.overview.notes]
-    return replace(report, findings=_in_order([*findings, *notes]))
+    notes = [Issue(severity, '', note) for note in report.overview.notes]
+    return replace(report, issues=_sorted_issues([*issues, *notes]))
 
 
 def with_scores(report: Report, scores: DetectionScores) -> Report:
-    """Return the report with the scores of a detector, and what they lack among its findings."""
-    losses = [Finding(Severity.LOSS, loss.stream, loss.text()) for loss in scores.losses]
-    notes = [Finding(Severity.NOTE, 'results', note) for note in scores.notes]
-    return replace(report, scores=scores, findings=_in_order([*report.findings, *losses, *notes]))
+    """Return the report with a detector's scores, and their losses and notes among its issues."""
+    losses = [Issue(Severity.LOSS, loss.stream, loss.text()) for loss in scores.losses]
+    notes = [Issue(Severity.NOTE, 'results', note) for note in scores.notes]
+    return replace(report, scores=scores, issues=_sorted_issues([*report.issues, *losses, *notes]))
 
 
-def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Sort findings, worst first; merge equal texts of several streams, drop repetitions."""
+def _sorted_issues(issues: Iterable[Issue]) -> tuple[Issue, ...]:
+    """Sort issues, worst first; merge equal texts of several streams, drop repetitions."""
     where: dict[tuple[Severity, str], dict[str, None]] = {}
-    said: set[str] = set()
+    texts: set[str] = set()
     ranks = list(Severity)
-    for finding in sorted(findings, key=lambda each: ranks.index(each.severity)):
-        if not finding.where and finding.text in said:
+    for issue in sorted(issues, key=lambda issue: ranks.index(issue.severity)):
+        if not issue.where and issue.text in texts:
             continue
-        said.add(finding.text)
-        named = where.setdefault((finding.severity, finding.text), {})
-        if finding.where:
-            named.setdefault(finding.where)
+        texts.add(issue.text)
+        named = where.setdefault((issue.severity, issue.text), {})
+        if issue.where:
+            named.setdefault(issue.where)
     return tuple(
-        Finding(severity, ', '.join(names), text) for (severity, text), names in where.items()
+        Issue(severity, ', '.join(names), text) for (severity, text), names in where.items()
     )

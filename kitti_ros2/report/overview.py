@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from ..own_bags.recorded_layout import Blueprint
 
 
-# The cameras and static transforms of a recording or a bag, as numbers for people.
+# The cameras and static transforms of a recording or a bag.
 
 _MOST_TF = 200
 
 
 @dataclass(frozen=True)
-class CameraGlance:
+class CameraSummary:
     """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m.
 
     Unknown values are None: the size if only images have it, the rest of an uncalibrated camera.
@@ -66,7 +66,7 @@ class CameraGlance:
     baseline_m: float | None
 
     def cells(self) -> tuple[str, ...]:
-        """Format name, fx, fy, cx, cy and baseline for a table; what is unknown is empty."""
+        """Format name, fx, fy, cx, cy and baseline for a table; unknown values are empty."""
         pixels = (self.fx, self.fy, self.cx, self.cy)
         return (
             self.name.removesuffix('/camera_info'),
@@ -76,7 +76,7 @@ class CameraGlance:
 
 
 @dataclass(frozen=True)
-class LinkGlance:
+class LinkSummary:
     """A static transform: child in parent, xyz in metres, roll pitch yaw in degrees."""
 
     parent: str
@@ -85,10 +85,10 @@ class LinkGlance:
     rpy_deg: tuple[float, float, float]
 
 
-Calibrated = tuple[tuple[CameraGlance, ...], tuple[LinkGlance, ...], tuple[str, ...]]
+CalibrationSummary = tuple[tuple[CameraSummary, ...], tuple[LinkSummary, ...], tuple[str, ...]]
 
 
-def calibration_of(recording: KittiRecording) -> Calibrated:
+def calibration_of(recording: KittiRecording) -> CalibrationSummary:
     """Return the cameras and static transforms of a recording, and notes on missing parts."""
     first = min(int(index.numbers[0]) for index in recording.streams.values())
     calibration = recording.calibration(first)
@@ -97,17 +97,17 @@ def calibration_of(recording: KittiRecording) -> Calibrated:
     for index, camera in sorted(calibration.cameras.items()):
         frame = rig.frames.camera(image_frame_camera(calibration, index))
         info = encode_camera_info(calibration, index, camera.size or (0, 0), 0, frame)
-        cameras.append(_camera_glance(f'camera_{rig.frames.cameras.get(index, index)}', info))
+        cameras.append(_camera_summary(f'camera_{rig.frames.cameras.get(index, index)}', info))
     mounted = with_nominal_mounts(calibration, rig.cameras)
     links = static_links(mounted, rig.base_t_imu, rig.frames)
     notes = tuple(
         reason for part, reason in calibration.missing.items() if not part.startswith('P')
     )
     nominal = tuple(f'{part} is nominal, not in the calibration' for part in mounted.nominal)
-    return tuple(cameras), _link_glances(links), notes + calibration.notes + nominal
+    return tuple(cameras), _link_summaries(links), notes + calibration.notes + nominal
 
 
-def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
+def bag_calibration(bag: OpenBag, summary: BagSummary) -> CalibrationSummary:
     """Return the cameras and static transforms in the first messages of a bag."""
     infos = {topic.name for topic in summary.topics if topic.msgtype == CAMERA_INFO and topic.count}
     statics = {
@@ -115,7 +115,7 @@ def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
         for topic in summary.topics
         if topic.msgtype == TF and topic.name.endswith('tf_static')
     }
-    cameras: dict[str, CameraGlance] = {}
+    cameras: dict[str, CameraSummary] = {}
     links: dict[str, tuple[str, str, Transform]] = {}
     due = sum(statics.values())
     if not infos and not due:
@@ -129,24 +129,24 @@ def bag_calibration(bag: OpenBag, summary: BagSummary) -> Calibrated:
                     links |= {child: (parent, child, pose) for parent, child, pose in decoded}
                 elif message.topic not in cameras:
                     info = deserialize(message.data, message.msgtype)
-                    cameras[message.topic] = _camera_glance(message.topic, info)
+                    cameras[message.topic] = _camera_summary(message.topic, info)
                 if not due and len(cameras) == len(infos):
                     break
     except KittiRos2Error as error:
         return (), (), (f'calibration not shown: {error}',)
     except Exception as error:  # noqa: BLE001 - a recorder may have written any bytes
         return (), (), (f'calibration not shown, its messages do not decode: {error}',)
-    return tuple(cameras[name] for name in sorted(cameras)), _link_glances(links.values()), ()
+    return tuple(cameras[name] for name in sorted(cameras)), _link_summaries(links.values()), ()
 
 
-def _camera_glance(name: str, info: CameraInfo) -> CameraGlance:
+def _camera_summary(name: str, info: CameraInfo) -> CameraSummary:
     k, p = info.k.reshape(3, 3), info.p.reshape(3, 4)
     focal = float(p[0, 0]) or float(k[0, 0])
     values = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], -p[0, 3] / focal if focal else np.nan)
     # Drivers of uncalibrated cameras fill in zeros.
     calibrated = bool(k[0, 0]) and bool(k[1, 1])
     fx, fy, cx, cy, baseline = (_finite(float(value)) if calibrated else None for value in values)
-    return CameraGlance(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
+    return CameraSummary(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
 
 
 def _finite(value: float) -> float | None:
@@ -154,9 +154,9 @@ def _finite(value: float) -> float | None:
     return value + 0.0 if np.isfinite(value) else None
 
 
-def _link_glances(links: Iterable[tuple[str, str, Transform]]) -> tuple[LinkGlance, ...]:
+def _link_summaries(links: Iterable[tuple[str, str, Transform]]) -> tuple[LinkSummary, ...]:
     return tuple(
-        LinkGlance(
+        LinkSummary(
             parent,
             child,
             _rounded(transform.translation.tolist()),
@@ -173,7 +173,7 @@ def _rounded(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 MOST_SERIES = 200
-"""Streams or topics that are shown: nobody reads more, and a bag may have tens of thousands."""
+"""Maximum number of streams or topics shown; a bag may have tens of thousands."""
 
 _SAMPLES = {'stream': 'sample', 'topic': 'message'}
 
@@ -195,7 +195,7 @@ class Overview:
         compression: Compression of a bag; None for a folder.
         cameras, links: Calibration.
         losses: Missing or unusable data.
-        notes: Remarks.
+        notes: One line each.
         complete: False for a truncated or damaged bag.
         origins: By number the raw drive's frame of an object set in real time.
     """
@@ -211,8 +211,8 @@ class Overview:
     duration_ns: int | None
     size_bytes: int
     compression: str | None
-    cameras: tuple[CameraGlance, ...]
-    links: tuple[LinkGlance, ...]
+    cameras: tuple[CameraSummary, ...]
+    links: tuple[LinkSummary, ...]
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
     complete: bool = True
@@ -220,7 +220,7 @@ class Overview:
 
 
 def describe_rest(counts: Sequence[int], kind: str) -> str:
-    """Describe what is not shown, such as ... and 3 more topics with 6 messages.
+    """Describe the rest of a list, such as ... and 3 more topics with 6 messages.
 
     Args:
         counts: Samples of each.
@@ -243,7 +243,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
         path=path,
         kind=recording.layout.value,
         name=recording.name,
-        series=tuple(_known(topic, recording.clock) for topic in series),
+        series=tuple(_limit_times(topic, recording.clock) for topic in series),
         frames=len(frames_of(numbers, common=recording.common_numbers)),
         clock=recording.clock,
         start_ns=start_ns,
@@ -263,7 +263,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     """Inspect a bag: its index, description, and the first camera_info and static transforms.
 
     Returns:
-        The overview, and the layout of the recording where to-bag wrote the bag.
+        The overview, and the layout of the recording if to-bag wrote the bag.
 
     Raises:
         BadBagError: The bag is unreadable.
@@ -278,16 +278,16 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     cameras, links, notes = bag_calibration(bag, summary)
     clock = Clock.UTC if numbered is None else numbered.clock
     start_ns, end_ns, duration_ns = _times(summary.topics, clock)
-    incomplete = 'parts of the bag are missing or damaged; whole messages are counted'
-    cut = () if summary.complete else (incomplete,)
+    damaged = 'parts of the bag are missing or damaged; whole messages are counted'
+    cut = () if summary.complete else (damaged,)
     deskew = None if blueprint is None else blueprint.deskew
-    moved = () if deskew is None else (f'scans are {deskew.state}',)
+    deskewed = () if deskew is None else (f'scans are {deskew.state}',)
     overview = Overview(
         path=bag.path,
         kind=summary.container,
         name=', '.join(file.name for file in summary.files[:3])
         + (' ...' if len(summary.files) > 3 else ''),
-        series=tuple(_known(topic, clock) for topic in summary.topics),
+        series=tuple(_limit_times(topic, clock) for topic in summary.topics),
         frames=None if numbered is None else len(numbered.frames),
         clock=clock,
         start_ns=start_ns,
@@ -298,7 +298,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         cameras=cameras,
         links=links,
         losses=losses,
-        notes=(*cut, *moved, *summary.problems, *notes),
+        notes=(*cut, *deskewed, *summary.problems, *notes),
         complete=summary.complete,
         origins={} if numbered is None else _origins(numbered),
     )
@@ -326,8 +326,8 @@ def _times(
     return start_ns, end_ns, end_ns - start_ns
 
 
-def _known(series: TopicSummary, clock: Clock) -> TopicSummary:
-    """Return a series without the dates or times that its clock does not provide."""
+def _limit_times(series: TopicSummary, clock: Clock) -> TopicSummary:
+    """Remove the dates or times of a series that its clock does not provide."""
     if clock is Clock.NOMINAL:
         return TopicSummary(series.name, series.msgtype, series.count)
     if clock is Clock.RELATIVE:

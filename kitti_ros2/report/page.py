@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML page: its templates, filled with what a report contains; no external resources."""
+"""The HTML page: templates, filled with the contents of a report; no external resources."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from ..evaluation.object_benchmark import Curve
     from ..model.recording import Route
     from .contents import ClassFacts, ClassStatistics, Report, StreamFacts
-    from .overview import CameraGlance, Overview
+    from .overview import CameraSummary, Overview
     from .plots import Mount
 
 
@@ -244,7 +244,7 @@ def calibration_section(report: Report) -> dict[str, object] | None:
         drawn = mounts[:MOST_FRAMES]
         values |= {
             'mounts': _mount_table(mounts),
-            'left': len(mounts) - len(drawn),
+            'not_drawn': len(mounts) - len(drawn),
             'above': rig_plot('rig-top', drawn, side=False),
             'beside': rig_plot('rig-side', drawn, side=True),
         }
@@ -269,7 +269,7 @@ def _mount_table(mounts: Sequence[Mount]) -> Table:
     return Table('Where each frame is in the axes of the one that it is on', columns, rows)
 
 
-def _camera_table(cameras: Sequence[CameraGlance]) -> Table:
+def _camera_table(cameras: Sequence[CameraSummary]) -> Table:
     columns = [('Camera', TEXT), ('Size', NUMBER)]
     columns += [(name, NUMBER) for name in ('fx', 'fy', 'cx', 'cy', 'Field of view', 'Baseline m')]
     rows = []
@@ -284,7 +284,7 @@ def _camera_table(cameras: Sequence[CameraGlance]) -> Table:
     return Table('Intrinsics of the rectified cameras, in pixels', columns, rows)
 
 
-def _field_of_view(camera: CameraGlance) -> str:
+def _field_of_view(camera: CameraSummary) -> str:
     if not camera.width or camera.fx is None or camera.fx <= 0:
         return ''
     angle = 2 * np.degrees(np.arctan(camera.width / 2 / camera.fx))
@@ -325,7 +325,7 @@ def streams_section(report: Report) -> dict[str, object] | None:
 
 
 def _rest(report: Report, left_out: Sequence[StreamFacts]) -> str:
-    """Return what is said of the streams that are not on the page; empty if all are."""
+    """Describe the streams that are not on the page; empty if all are."""
     if not left_out:
         return ''
     kind = 'stream' if report.overview.compression is None else 'topic'
@@ -408,8 +408,8 @@ def _facts(stream: StreamFacts) -> str:
     return '; '.join(words)
 
 
-def _value(value: float | None, unit: float) -> str:
-    return '' if value is None else f'{value / unit:.2f}'
+def _value(value: float | None, scale: float) -> str:
+    return '' if value is None else f'{value / scale:.2f}'
 
 
 def _extent(report: Report) -> tuple[int, int]:
@@ -458,7 +458,7 @@ def make_page(report: Report) -> str:
     """Make the HTML document of a report."""
     overview = report.overview
     sections = (
-        ('findings', 'Findings', _findings_section(report)),
+        ('findings', 'Findings', _issues_section(report)),
         ('frames', 'Frames', frames_section(report)),
         ('streams', 'Streams', streams_section(report)),
         ('route', 'Route', route_section(report)),
@@ -494,7 +494,7 @@ class _JoinedLines(Extension):
 
 @cache
 def environment() -> Environment:
-    """Return the templates, which escape every value that they do not mark as safe."""
+    """Return the templates; values are escaped unless marked as safe."""
     environment = Environment(
         loader=PackageLoader('kitti_ros2.report'),
         extensions=[_JoinedLines],
@@ -506,7 +506,7 @@ def environment() -> Environment:
         'base64': lambda data: b64encode(data).decode('ascii'),
         'colour': class_colour,
         'counted': format_count,
-        'pieces': _BREAKS.split,
+        'parts': _BREAKS.split,
         'time_of_day': lambda stamp_ns: format_stamp(stamp_ns)[11:-6],
     }
     return environment
@@ -572,17 +572,17 @@ def metres(length: float) -> str:
     return f'{length:.1f} m' if length < 1000 else f'{length / 1000:.2f} km'
 
 
-def _findings_section(report: Report) -> dict[str, object]:
-    """Return the verdict and the findings, without the path of the folder: the footer has it."""
+def _issues_section(report: Report) -> dict[str, object]:
+    """Return the verdict and the issues, without the path of the folder: the footer has it."""
     folder = str(report.overview.path.absolute())
-    findings = [
-        replace(finding, text=finding.text.replace(f'{folder}/', '').removeprefix(f'{folder}: '))
-        for finding in report.findings
+    issues = [
+        replace(issue, text=issue.text.replace(f'{folder}/', '').removeprefix(f'{folder}: '))
+        for issue in report.issues
     ]
     return {
         'verdict': f'{report.verdict[:1].upper()}{report.verdict[1:]}.',
-        'serious': [finding for finding in findings if finding.severity is not Severity.NOTE],
-        'notes': [finding for finding in findings if finding.severity is Severity.NOTE],
+        'serious': [issue for issue in issues if issue.severity is not Severity.NOTE],
+        'notes': [issue for issue in issues if issue.severity is Severity.NOTE],
     }
 
 
@@ -597,7 +597,7 @@ class IndexEntry:
         name: Of the recording or bag in the collection.
         page: Its report, relative to the index.
         frames: Number of frames.
-        losses: Number of findings that are losses.
+        losses: Number of issues that are losses.
     """
 
     name: str

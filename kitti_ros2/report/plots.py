@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
     from .contents import Timing
-    from .overview import LinkGlance
+    from .overview import LinkSummary
 
 
 # The parts of plots: inline SVG with text alternatives; colours come from the page.
@@ -50,7 +50,7 @@ def figure(key: str, title: str, description: str, size: tuple[int, int], *drawn
 
 
 def bar(height: int, class_: str, drawn: Sequence[str]) -> str:
-    """Make an SVG 100 units wide, stretched to its place; the text beside it is its alternative."""
+    """Make an SVG 100 units wide, stretched to fit; the text beside it is its alternative."""
     return (
         f'<svg viewBox="0 0 100 {height}" preserveAspectRatio="none" class="{class_}"'
         f' aria-hidden="true" focusable="false">{"".join(drawn)}</svg>'
@@ -59,9 +59,9 @@ def bar(height: int, class_: str, drawn: Sequence[str]) -> str:
 
 def text(x: float, y: float, words: str, anchor: str = 'start', class_: str = '') -> str:
     """Draw text; anchor is start, middle or end."""
-    look = class_ and f' class="{class_}"'
+    css_class = class_ and f' class="{class_}"'
     position = f'x="{number(x)}" y="{number(y)}" text-anchor="{anchor}"'
-    return f'<text {position}{look}>{escape(words)}</text>'
+    return f'<text {position}{css_class}>{escape(words)}</text>'
 
 
 def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> str:
@@ -156,7 +156,7 @@ _LEAST_MARGIN = 0.05
 
 
 def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
-    """Draw when a stream has samples between two times: a bar, with its gaps cut out and marked."""
+    """Draw the times of a stream's samples between two times: a bar with its gaps marked."""
     scale = (100 - _STRIP_TICK) / max(end_ns - start_ns, 1)
     period = timing.period_ns or 0
     xs: Float64Array = np.multiply(timing.stamps_ns - start_ns, scale, dtype=np.float64)
@@ -450,10 +450,10 @@ class Mount:
         return math.hypot(*self.xyz_m)
 
 
-def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
+def mounts_of(links: Sequence[LinkSummary]) -> list[Mount]:
     """Return the frames of the largest tree of links, parents before children."""
     links = [link for link in links if is_finite(link)]
-    children: dict[str, list[LinkGlance]] = defaultdict(list)
+    children: dict[str, list[LinkSummary]] = defaultdict(list)
     for link in links:
         children[link.parent].append(link)
     placed = {link.child for link in links}
@@ -461,12 +461,12 @@ def mounts_of(links: Sequence[LinkGlance]) -> list[Mount]:
     return max(trees, key=len, default=[])
 
 
-def is_finite(link: LinkGlance) -> bool:
+def is_finite(link: LinkSummary) -> bool:
     """Whether the values of a link are finite; those of a zero quaternion are not."""
     return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
 
 
-def _tree(root: str, children: dict[str, list[LinkGlance]]) -> list[Mount]:
+def _tree(root: str, children: dict[str, list[LinkSummary]]) -> list[Mount]:
     mounts = [Mount(root, '', Transform.identity())]
     for mount in mounts:
         for link in children.get(mount.name, ()):
@@ -490,7 +490,7 @@ def rig_plot(key: str, mounts: Sequence[Mount], *, side: bool) -> str:
     axes = (0, 2) if side else (0, 1)
     view = _RigView(mounts, axes)
     order = {mount.name: index for index, mount in enumerate(mounts)}
-    spots = np.array([view.place(mount.root_T_frame.translation) for mount in mounts])
+    spots = np.array([view.project(mount.root_T_frame.translation) for mount in mounts])
     links = [
         (spots[order[mount.parent]], spots[index], mount.distance_m)
         for index, mount in enumerate(mounts)
@@ -536,7 +536,7 @@ class _RigView:
         self.height = round(float(extent[1]) * self.scale + 2 * _RIG_MARGIN)
         self._middle = (flat.max(axis=0) + flat.min(axis=0)) / 2
 
-    def place(self, xyz: Float64Array) -> Float64Array:
+    def project(self, xyz: Float64Array) -> Float64Array:
         """Map (3,) metres to (2,) units."""
         shift = (xyz[self._axes] - self._middle) * [self.scale, -self.scale]
         placed: Float64Array = np.array([WIDTH / 2, self.height / 2]) + shift
@@ -583,7 +583,7 @@ def _axes(spot: Float64Array, directions: Float64Array) -> str:
 
 
 def _apart(spots: Float64Array) -> Float64Array:
-    """Return (N, 2) places near the spots, far enough from each other for their badges."""
+    """Return (N, 2) positions near the spots, far enough apart for their badges."""
     centres = spots + np.linspace(0, 1e-3, len(spots))[:, None]
     for _ in range(200):
         away = centres[:, None] - centres[None]
@@ -620,7 +620,7 @@ def route_plot(key: str, positions: Float64Array, description: str) -> str:
         description: Text alternative.
     """
     view = _RouteView(positions)
-    pixels = _thinned(view.place(positions))
+    pixels = _thinned(view.project(positions))
     return figure(
         key,
         'Route from above',
@@ -650,7 +650,7 @@ class _RouteView:
         self._middle = (low + high) / 2
         self._centre = np.array([WIDTH / 2, self.height / 2])
 
-    def place(self, positions: Float64Array) -> Float64Array:
+    def project(self, positions: Float64Array) -> Float64Array:
         """Map (N, 2) metres to (N, 2) units."""
         placed: Float64Array = self._centre + (positions - self._middle) * [self.scale, -self.scale]
         return placed
@@ -658,7 +658,7 @@ class _RouteView:
     def grid(self) -> str:
         """Draw lines at round metres, with their numbers along the left and the lower edge."""
         step = round_length(WIDTH / self.scale / 4)
-        x0, y0 = self.place(np.zeros((1, 2)))[0].tolist()
+        x0, y0 = self.project(np.zeros((1, 2)))[0].tolist()
         drawn = []
         for value in _multiples(-x0 / self.scale, (WIDTH - x0) / self.scale, step):
             x = x0 + value * self.scale
@@ -682,7 +682,7 @@ def _multiples(low: float, high: float, step: float) -> list[float]:
 
 
 def _thinned(pixels: Float64Array) -> Float64Array:
-    """Remove places nearer than half a unit to the one before."""
+    """Remove points nearer than half a unit to the one before."""
     indices = [0]
     for index in range(1, len(pixels)):
         if np.abs(pixels[index] - pixels[indices[-1]]).max() >= 0.5:

@@ -211,9 +211,9 @@ def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys
     assert 'has no frame 0; it has 5 frames, 8 to 30 with gaps' in capsys.readouterr().err
 
 
-def test_the_days_of_an_object_set_are_no_findings_in_its_bag(object_bag):
+def test_the_days_of_an_object_set_are_no_issues_in_its_bag(object_bag):
     report = gather(object_bag, ANY)
-    assert [(each.severity, each.where) for each in report.findings] == [(Severity.LOSS, 'image_2')]
+    assert [(each.severity, each.where) for each in report.issues] == [(Severity.LOSS, 'image_2')]
     assert report.clock is Clock.NOMINAL
     assert [scene.number for scene in report.scenes][:2] == list(OBJECT_NUMBERS[:2])
 
@@ -222,7 +222,7 @@ def test_a_bag_of_others_says_that_its_frames_are_numbered_by_position(tmp_path,
     path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth())
     assert main(['view', str(path), '-o', str(tmp_path / 'a.png'), '--frame', '2']) == 0
     assert f'note: {BY_POSITION}' in capsys.readouterr().out
-    assert [each.text for each in gather(path, ANY).findings].count(BY_POSITION) == 1
+    assert [each.text for each in gather(path, ANY).issues].count(BY_POSITION) == 1
 
 
 def test_the_route_of_another_bag_is_whole_though_its_images_are_few(tmp_path):

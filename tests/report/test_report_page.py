@@ -29,9 +29,9 @@ from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.own_bags import recorded_layout
 from kitti_ros2.pictures.recording_frames import RecordingFrames
-from kitti_ros2.report.contents import Finding, Report, Severity
+from kitti_ros2.report.contents import Issue, Report, Severity
 from kitti_ros2.report.gather import draw_projections, gather
-from kitti_ros2.report.overview import LinkGlance, Overview
+from kitti_ros2.report.overview import LinkSummary, Overview
 from kitti_ros2.report.page import make_page
 from kitti_ros2.report.plots import mounts_of, round_length, route_plot, ticks
 
@@ -51,7 +51,7 @@ def test_every_layout_becomes_a_sound_page(recording_path):
     assert page.faults == []
     assert page.words('h1') == [report.overview.name]
     assert report.sound
-    assert [each for each in report.findings if each.severity is Severity.WARNING] == []
+    assert [each for each in report.issues if each.severity is Severity.WARNING] == []
     assert page.words('h2')[:3] == ['Findings', 'Frames', 'Streams']
     for stream in report.streams:
         assert stream.name in page.words('th')
@@ -120,10 +120,10 @@ def test_clocks(recordings):
 def test_frames_that_are_missing_are_losses_and_gaps(make_drive):
     drive = make_drive(20, 'velodyne_points:5-7', 'image_02:11-11')
     report = gather(drive, ANY)
-    losses = {each.where: each.text for each in report.findings if each.is_loss}
+    losses = {each.where: each.text for each in report.issues if each.is_loss}
     assert set(losses) == {'scan', 'image_2'}
     assert 'frames 5-7' in losses['scan']
-    gaps = {each.name: [gap.lacking for gap in each.timing.gaps] for each in report.streams}
+    gaps = {each.name: [gap.missing for gap in each.timing.gaps] for each in report.streams}
     assert gaps['scan'] == [3]
     assert gaps['image_2'] == [1]
     assert gaps['image_3'] == []
@@ -140,7 +140,7 @@ def test_damaged_files_are_named(drive):
     shutil.copy(drive / 'image_00' / 'data' / '0000000002.png', images)
     (scans / '0000000003.bin').write_bytes(b'short')
     (scans / '0000000004.bin').write_bytes(b'')
-    said = [each.text for each in gather(drive, ANY).findings if each.is_loss]
+    said = [each.text for each in gather(drive, ANY).issues if each.is_loss]
     assert any('0000000001.png: the PNG is cut after' in text for text in said)
     assert any('0000000003.bin: 5 bytes, cut inside a point' in text for text in said)
     assert any('and 1 more scan' in text for text in said)
@@ -148,7 +148,7 @@ def test_damaged_files_are_named(drive):
 
 def test_images_of_another_size_are_named(drive):
     (drive / 'image_02' / 'data' / '0000000002.png').write_bytes(png_bytes(300, 90))
-    said = [each.text for each in gather(drive, ANY).findings if each.is_loss]
+    said = [each.text for each in gather(drive, ANY).issues if each.is_loss]
     assert any('the image is 300x90; the others are 310x94' in text for text in said)
 
 
@@ -161,7 +161,7 @@ def test_stamps_out_of_order_and_shifted_frames_are_named(drive):
     late.write_text('\n'.join([*lines[1:], '2011-09-26 14:00:00.000000000']) + '\n')
     warned = [
         f'{each.where}: {each.text}'
-        for each in gather(drive, ANY).findings
+        for each in gather(drive, ANY).issues
         if each.severity is Severity.WARNING
     ]
     assert 'image_2: 1 sample stamped earlier than the one before' in warned
@@ -177,7 +177,7 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
     report = gather(drive, ANY)
     assert any(
         each.severity is Severity.WARNING and each.where.startswith('calibration')
-        for each in report.findings
+        for each in report.issues
     )
     assert [scene.points for scene in report.scenes] == [None] * SMALL.frames
     assert all(scene.above for scene in report.scenes)
@@ -242,7 +242,7 @@ def test_names_that_are_not_utf_8_are_replaced(recordings, tmp_path):
 
 
 def page_with(name, where, text, links=()) -> str:
-    """A page of a bag without messages, with one finding."""
+    """A page of a bag without messages, with one issue."""
     overview = Overview(
         path=Path('/recordings') / 'bag',
         kind=f'of {name}',  # no kind that has words of its own, such as ros1
@@ -260,8 +260,8 @@ def page_with(name, where, text, links=()) -> str:
         losses=(),
         notes=(),
     )
-    findings = [Finding(Severity.LOSS, where, text)]
-    return make_page(Report(overview, (), findings))
+    issues = [Issue(Severity.LOSS, where, text)]
+    return make_page(Report(overview, (), issues))
 
 
 PRINTABLE = st.text().filter(str.isprintable)
@@ -334,7 +334,7 @@ def test_the_rig_is_put_together_along_its_links(recordings):
 
 @pytest.mark.parametrize(('frames', 'shown', 'rest'), [(199, 200, []), (1234, 200, ['1,035'])])
 def test_a_page_lists_the_first_frames_and_counts_the_others(frames, shown, rest):
-    links = [LinkGlance('base', f'f{each}', (1.0, 0.0, 0.0), (0.0,) * 3) for each in range(frames)]
+    links = [LinkSummary('base', f'f{each}', (1.0, 0.0, 0.0), (0.0,) * 3) for each in range(frames)]
     page = Page(page_with('bag', '', '', links))
     assert page.faults == []
     assert page.tags['tr'] == 1 + shown
@@ -378,10 +378,10 @@ def test_delays_other_clocks_and_useless_stamps(tmp_path):
     assert streams['/simulated'].clock_offset_ns == foreign.START_NS - 1
     assert streams['/zero'].delay_ns is None
     assert streams['/words'].delay_ns is None
-    warned = {each.where: each.text for each in report.findings}
+    warned = {each.where: each.text for each in report.issues}
     assert 'header stamps are 0' in warned['/zero']
     assert report.frames is None
-    assert any('no frames to show' in each.text for each in report.findings)
+    assert any('no frames to show' in each.text for each in report.issues)
     page = Page(make_page(report))
     assert page.faults == []
     assert any('stamps of another clock' in words for words in page.words('span'))
@@ -424,7 +424,7 @@ def test_bad_labels_are_losses_told_once(recordings, tmp_path):
     shutil.copytree(recordings[Layout.OBJECT], root)
     for number in (1, 3):
         (next(root.rglob('label_2')) / f'{number:06d}.txt').write_text('Car nonsense\n')
-    losses = [each for each in gather(root, ANY).findings if each.is_loss]
+    losses = [each for each in gather(root, ANY).issues if each.is_loss]
     assert [each.where for each in losses] == ['labels']
     assert '000001.txt:1: 2 columns' in losses[0].text
     assert losses[0].text.endswith('and more, frames 1, 3')

@@ -39,10 +39,10 @@ def test_gaps_are_where_samples_are_absent(absent):
     if not timing.regular:
         assert len(absent) > 8  # too few neighbours are left to tell a period
         return
-    assert sum(gap.lacking for gap in timing.gaps) == len(absent)
+    assert sum(gap.missing for gap in timing.gaps) == len(absent)
     for gap in timing.gaps:
         first = (gap.at_ns - START) // PERIOD + 1
-        assert set(range(first, first + gap.lacking)) <= absent
+        assert set(range(first, first + gap.missing)) <= absent
         assert first - 1 not in absent
 
 
