@@ -214,10 +214,10 @@ def eval_detection(
     batch, given = split_batch_options(given)
     read, options, recorded = make_detection_options(given)
     if batch.whole:
-        from .eval_collection import EVAL_DETECTION, run_eval_collection
+        from .eval_all import EVAL_DETECTION, run_eval_all
 
         output = ResultOutput(out, overwrite, json, quiet)
-        return run_eval_collection(EVAL_DETECTION, (ground_truth, results), given, batch, output)
+        return run_eval_all(EVAL_DETECTION, (ground_truth, results), given, batch, output)
     pictures = out is not None and options.worst is not None and not is_picture(out)
     check = check_folder if pictures else check_plot
     refusal = check(out, (ground_truth, results), overwrite=overwrite)
@@ -278,10 +278,10 @@ def eval_odometry(
     batch, given = split_batch_options(given)
     read, options = make_odometry_options(given)
     if batch.whole:
-        from .eval_collection import EVAL_ODOMETRY, run_eval_collection
+        from .eval_all import EVAL_ODOMETRY, run_eval_all
 
         output = ResultOutput(out, overwrite, json, quiet)
-        return run_eval_collection(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
+        return run_eval_all(EVAL_ODOMETRY, (ground_truth, result), given, batch, output)
     refusal = check_plot(out, (ground_truth, result), overwrite=overwrite)
     scores = score_odometry(ground_truth, result, read, options)
     if out is not None:
@@ -326,10 +326,10 @@ def eval_tracking(
     batch, given = split_batch_options(given)
     read, options = make_tracking_options(given)
     if batch.whole:
-        from .eval_collection import EVAL_TRACKING, run_eval_collection
+        from .eval_all import EVAL_TRACKING, run_eval_all
 
         output = ResultOutput(out, overwrite, json, quiet)
-        return run_eval_collection(EVAL_TRACKING, (ground_truth, results), given, batch, output)
+        return run_eval_all(EVAL_TRACKING, (ground_truth, results), given, batch, output)
     refuse_files(out, overwrite=overwrite)
     with step_progress('scoring', show=not quiet) as progress:
         scores = score_tracking(ground_truth, results, read, options, progress)

@@ -39,7 +39,7 @@ def _score(src: Path, results: Path, options: ReadOptions) -> DetectionScores:
     return score_detection(src, results, options, DetectionOptions(), BagResultsOptions())
 
 
-def _run_whole(
+def _run_all(
     src: Path,
     given: Mapping[str, object],
     batch: BatchOptions,
@@ -55,7 +55,7 @@ def _run_whole(
     from ..batch.units import common_folder, find_roots, find_source_units
     from ..files.staging import staged_file
     from ..report.page import IndexEntry, make_index
-    from .collection import Combined, need_folder, refuse_sequence, run_collection
+    from .run_all import Combined, need_folder, refuse_sequence, run_collection
 
     read = make_settings(given).read
     refuse_sequence(read)
@@ -125,7 +125,7 @@ def report(
     batch, given = split_batch_options(given)
     if batch.whole:
         output = ResultOutput(out, overwrite, json=False, quiet=quiet)
-        return _run_whole(src, given, batch, output, results=results, show=show)
+        return _run_all(src, given, batch, output, results=results, show=show)
     options = make_settings(given).read
     if out.suffix.lower() not in ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..options.table import BatchOptions
 
 
-def _run_whole(
+def _run_all(
     paths: Sequence[Path],
     given: Mapping[str, object],
     batch: BatchOptions,
@@ -48,7 +48,7 @@ def _run_whole(
     from ..batch.units import common_folder, find_all_roots, find_source_units
     from ..datasets.set_statistics import SetStatistics, plain_values, write_csv
     from ..files.staging import staged_file
-    from .collection import Combined, need_folder, refuse_sequence, run_collection
+    from .run_all import Combined, need_folder, refuse_sequence, run_collection
     from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets
 
     read, options = make_statistics_options(given)
@@ -139,7 +139,7 @@ def stats(
         if csv is not None:
             raise UsageError(f'{csv}: with --all the table is OUT/{TABLE}; leave --csv out')
         output = ResultOutput(out, overwrite, json, quiet)
-        return _run_whole(paths, given, batch, output)
+        return _run_all(paths, given, batch, output)
     write_table = check_output(csv, paths, KEEP_ALL_BUT_TABLES, overwrite=overwrite)
     draw = check_plot(out, paths, overwrite=overwrite)
     sources = [find_sources(path, read) for path in paths]

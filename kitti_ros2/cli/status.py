@@ -28,7 +28,7 @@ def status(
       kitti-ros2 status bags --json
     """
     from ..batch.manifest import STATES, manifest_folder, measure_pace, read_manifest
-    from .collection import print_failures, print_groups, print_pace, record_json
+    from .run_all import print_failures, print_groups, print_pace, record_json
 
     keep_imports()
     with manifest_folder(out) as folder:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..own_bags.to_bag import ExportReport
 
 
-def _run_whole(
+def _run_all(
     src: Path,
     out: Path,
     given: Mapping[str, object],
@@ -50,7 +50,7 @@ def _run_whole(
     from ..batch.collection import Collection
     from ..batch.unit_functions import bag_suffix, run_bag_unit
     from ..batch.units import find_roots, find_units
-    from .collection import refuse_sequence, run_collection
+    from .run_all import refuse_sequence, run_collection
 
     if given.get('keep_partial'):
         raise UsageError(
@@ -149,7 +149,7 @@ def to_bag(
     if settings.messages.images is not Images.COMPRESSED:
         keep_freed_memory()
     if batch.whole:
-        return _run_whole(src, out, given, settings, batch, quiet=quiet, json=json)
+        return _run_all(src, out, given, settings, batch, quiet=quiet, json=json)
     options = ExportOptions.of(settings, out)
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)

@@ -365,7 +365,7 @@ _NO_OUT = 'OUT is missing (the folder to create)'
 _YAML = {'.yaml', '.yml'}
 
 
-def _run_whole(
+def _run_all(
     paths: Sequence[Path],
     given: Mapping[str, object],
     options: ImportOptions,
@@ -380,7 +380,7 @@ def _run_whole(
     from ..batch.collection import Collection
     from ..batch.unit_functions import PLAN_FILE, run_kitti_unit
     from ..batch.units import find_all_roots, find_bag_units
-    from .collection import run_collection
+    from .run_all import run_collection
 
     *sources, out = paths
     if not sources:
@@ -556,7 +556,7 @@ def to_kitti(
             raise UsageError(
                 '--plan and --preview look at the bags of one recording; leave out --all'
             )
-        return _run_whole(paths, given, options, plan_file, batch, quiet=quiet, json=json)
+        return _run_all(paths, given, options, plan_file, batch, quiet=quiet, json=json)
     if plan:
         if options.overwrite or not options.selection.is_whole or json or preview is not None:
             raise UsageError(

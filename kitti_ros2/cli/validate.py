@@ -31,7 +31,7 @@ _SHOWN_ERRORS = 20
 _STYLES = {'error': 'bold red', 'warning': 'yellow', 'note': 'dim'}
 
 
-def _run_whole(
+def _run_all(
     paths: Sequence[Path],
     given: Mapping[str, object],
     batch: BatchOptions,
@@ -42,7 +42,7 @@ def _run_whole(
     from ..batch.collection import Collection
     from ..batch.unit_functions import run_validation_unit
     from ..batch.units import find_all_roots, find_source_units
-    from .collection import need_folder, refuse_sequence, run_collection
+    from .run_all import need_folder, refuse_sequence, run_collection
 
     read, _ = make_validation_options(given)
     refuse_sequence(read)
@@ -138,7 +138,7 @@ def validate(
     batch, options = split_batch_options(given)
     if batch.whole:
         output = ResultOutput(out, overwrite, json, quiet)
-        return _run_whole(paths, options, batch, output)
+        return _run_all(paths, options, batch, output)
     refuse_files(out, overwrite=overwrite)
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:

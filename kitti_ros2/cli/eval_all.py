@@ -21,8 +21,8 @@ from ..options.evaluation import (
     make_odometry_options,
     make_tracking_options,
 )
-from .collection import Combined, need_folder, refuse_sequence, run_collection
 from .output import PLOTS, cell, figure_cells, number_cell, plain_table
+from .run_all import Combined, need_folder, refuse_sequence, run_collection
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -68,7 +68,7 @@ class Evaluation:
     check: Callable[[], None] = lambda: None
 
 
-def run_eval_collection(
+def run_eval_all(
     evaluation: Evaluation,
     paths: tuple[Path, Path],
     given: Mapping[str, object],
