@@ -20,7 +20,7 @@ from statistics import median
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.files.processes import keep_freed_memory
-from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.source_files import find_source_files
 from kitti_ros2.own_bags.to_kitti import restore
 
 from yardsticks import (  # isort: skip
@@ -104,10 +104,10 @@ class Bench(Drive):
 
         def work() -> None:
             with OpenBag(bag) as opened:
-                blueprint = find_blueprint(opened)
-                if blueprint is None:
+                source_files = find_source_files(opened)
+                if source_files is None:
                     raise SystemExit(f'{bag} is none of to-bag')
-                restore([(opened, blueprint)], out)
+                restore([(opened, source_files)], out)
 
         return timed(out, work)
 

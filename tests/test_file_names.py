@@ -21,7 +21,7 @@ from kitti_ros2.model.errors import AmbiguousLayoutError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.source_files import find_source_files
 from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording, files_of, png_bytes  # isort: skip
@@ -40,9 +40,9 @@ def data_set_of(source: Path, layout: Layout) -> Path:
 
 def back(bag: Path, out: Path):
     """The bag as files again."""
-    blueprint = find_blueprint(bag)
-    assert blueprint is not None
-    (report,) = restore([(bag, blueprint)], out)
+    source_files = find_source_files(bag)
+    assert source_files is not None
+    (report,) = restore([(bag, source_files)], out)
     return report
 
 

@@ -161,7 +161,7 @@ def _from_own_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth | None:
         return None
     recording = BagRecording(bag, numbered, survey_sensors(bag))
     try:
-        epoch_ns = None if recording.clock is Clock.UTC else numbered.blueprint.epoch_ns
+        epoch_ns = None if recording.clock is Clock.UTC else numbered.source_files.epoch_ns
         return truth_of_recording(recording, recording.base_t_imu, epoch_ns)
     finally:
         recording.close()

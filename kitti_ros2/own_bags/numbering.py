@@ -28,8 +28,8 @@ from ..model.errors import BadFileError, Loss, UsageError
 from ..model.recording import StreamIndex
 from ..model.streams import FRAME_STREAMS, Clock, Stream
 from ..options.read import Bound, ScanStamp
-from .recorded_layout import Folder, find_blueprint, owner_of
 from .schedule import UNKNOWN, frame_runs, frames_of, nearest_frames, select_window
+from .source_files import Folder, find_source_files, owner_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.samples import Int64Array, TextFile
     from ..options.read import SelectionOptions
-    from .recorded_layout import Blueprint
+    from .source_files import SourceFiles
 
 
 # KITTI's file numbers by stamp, from the folders and text files of a recording in a bag.
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 class StampNumbers:
     """Maps stamps to file numbers, by stream."""
 
-    def __init__(self, blueprint: Blueprint) -> None:
-        self.blueprint = blueprint
+    def __init__(self, source_files: SourceFiles) -> None:
+        self.source_files = source_files
         self._sorted: dict[Stream, tuple[Int64Array, Int64Array]] = {}
 
     def of(self, stream: Stream, stamps_ns: Int64Array) -> Int64Array:
@@ -64,26 +64,26 @@ class StampNumbers:
     def pairs(self, stream: Stream) -> tuple[Int64Array, Int64Array]:
         """Return the stamps of a stream's messages, ascending, and the number of each."""
         if stream not in self._sorted:
-            mapping = _with_folder(self.blueprint, stream).numbers_by_stamp(stream) or {}
+            mapping = _with_folder(self.source_files, stream).numbers_by_stamp(stream) or {}
             pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
             table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
             self._sorted[stream] = (table[:, 0], table[:, 1])
         return self._sorted[stream]
 
 
-def _with_folder(blueprint: Blueprint, stream: Stream) -> Blueprint:
+def _with_folder(source_files: SourceFiles, stream: Stream) -> SourceFiles:
     """Add a substitute for the folder of a stream stored in a common file, beside its stamps."""
-    if stream in blueprint.folders:
-        return blueprint
-    if stream is Stream.POSE and Stream.OXTS in blueprint.folders:
-        folder = blueprint.folders[Stream.OXTS]
-    elif blueprint.layout.traits.tracklets:
-        folder = _substitute(_tracklet_stamps(blueprint), sorted(tracklets_of(blueprint)))
+    if stream in source_files.folders:
+        return source_files
+    if stream is Stream.POSE and Stream.OXTS in source_files.folders:
+        folder = source_files.folders[Stream.OXTS]
+    elif source_files.layout.traits.tracklets:
+        folder = _substitute(_tracklet_stamps(source_files), sorted(tracklets_of(source_files)))
     else:
-        stamps = LAYOUTS[blueprint.layout].stamps
-        path = next((path for path in blueprint.texts if path.name == stamps), PurePosixPath())
-        folder = _substitute(path, _lines(blueprint, stream))
-    return replace(blueprint, folders={**blueprint.folders, stream: folder})
+        stamps = LAYOUTS[source_files.layout].stamps
+        path = next((path for path in source_files.texts if path.name == stamps), PurePosixPath())
+        folder = _substitute(path, _lines(source_files, stream))
+    return replace(source_files, folders={**source_files.folders, stream: folder})
 
 
 def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
@@ -92,18 +92,18 @@ def _substitute(stamps: PurePosixPath, numbers: Iterable[int]) -> Folder:
     return Folder(stamps, names.SIX_DIGITS, frames, frames)
 
 
-def _tracklet_stamps(blueprint: Blueprint) -> PurePosixPath:
+def _tracklet_stamps(source_files: SourceFiles) -> PurePosixPath:
     """Return the file whose stamps tracklets use: see RawRecording."""
-    scans = blueprint.folders.get(Stream.SCAN)
+    scans = source_files.folders.get(Stream.SCAN)
     if scans is not None and scans.numbers:
-        return blueprint.stamps_path(Stream.SCAN)
-    drives = (path.parent for path in blueprint.texts if path.name == names.RAW_TRACKLETS)
+        return source_files.stamps_path(Stream.SCAN)
+    drives = (path.parent for path in source_files.texts if path.name == names.RAW_TRACKLETS)
     return next(drives, PurePosixPath()) / names.RAW_LABEL_STAMPS
 
 
-def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
+def tracklets_of(source_files: SourceFiles) -> dict[int, list[Cuboid]]:
     """Return the boxes of a raw drive by frame, from the tracklets in its bag; {} if invalid."""
-    for path, text in blueprint.texts.items():
+    for path, text in source_files.texts.items():
         if path.name == names.RAW_TRACKLETS:
             try:
                 return cuboids_by_frame(parse_tracklets(text.encode(), Path(path)))
@@ -112,13 +112,13 @@ def tracklets_of(blueprint: Blueprint) -> dict[int, list[Cuboid]]:
     return {}
 
 
-def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, Cuboid]]:
+def tracklets_by_stamp(recordings: Iterable[SourceFiles]) -> dict[int, dict[int, Cuboid]]:
     """Return the boxes of raw drives by the stamp of their frame's message, and by track."""
     by_stamp: dict[int, dict[int, Cuboid]] = {}
-    for blueprint in blueprints:
-        boxes = tracklets_of(blueprint)
+    for source_files in recordings:
+        boxes = tracklets_of(source_files)
         if boxes:
-            stamps, numbers = StampNumbers(blueprint).pairs(Stream.LABELS)
+            stamps, numbers = StampNumbers(source_files).pairs(Stream.LABELS)
             for stamp_ns, number in zip(stamps.tolist(), numbers.tolist(), strict=True):
                 by_stamp[stamp_ns] = {
                     box.track_id: box for box in boxes[number] if box.track_id is not None
@@ -126,24 +126,24 @@ def tracklets_by_stamp(blueprints: Iterable[Blueprint]) -> dict[int, dict[int, C
     return by_stamp
 
 
-def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
+def absent_frames(source_files: SourceFiles) -> tuple[Loss, ...]:
     """Return the frames that the recording has no file of, as its folder reports them.
 
     They are those that the stream's file of stamps lists, or without one those that other streams
     have. Of a bag of a part of the recording they are those within that part.
     """
-    folders = blueprint.folders
+    folders = source_files.folders
     carried = [number for folder in folders.values() for number in folder.carried]
-    if blueprint.times is not None or not carried:
+    if source_files.times is not None or not carried:
         return ()
     partial = any(folder.carried != folder.numbers for folder in folders.values())
     span = {*range(min(carried), max(carried) + 1)} if partial else None
-    lines = blueprint.layout.traits.line_streams - {Stream.LABELS}
-    common = {n for stream in lines for n in _lines(blueprint, stream)}
+    lines = source_files.layout.traits.line_streams - {Stream.LABELS}
+    common = {n for stream in lines for n in _lines(source_files, stream)}
     common.update(*(folder.numbers for folder in folders.values()))
     losses = []
     for stream, folder in folders.items():
-        listed = _listed(blueprint, stream)
+        listed = _listed(source_files, stream)
         gaps = sorted((common if listed is None else listed).difference(folder.numbers))
         absent = tuple(gaps if span is None else (number for number in gaps if number in span))
         # A stream that has files here, and none in the bag, was not selected.
@@ -151,24 +151,24 @@ def absent_frames(blueprint: Blueprint) -> tuple[Loss, ...]:
         if absent and (folder.carried or has_no_file):
             text = f'{folder.path}: no {stream.value} for frames {{}}, which other streams have'
             if listed is not None:
-                name = blueprint.stamps_path(stream).name
+                name = source_files.stamps_path(stream).name
                 text = f'{folder.path}: no file for frames {{}}, which {name} lists'
             losses.append(Loss(stream.value, len(absent), text, absent))
     return tuple(losses)
 
 
-def _listed(blueprint: Blueprint, stream: Stream) -> set[int] | None:
+def _listed(source_files: SourceFiles, stream: Stream) -> set[int] | None:
     """Return the numbers that a stream's file of stamps lists; None without the file."""
-    path = blueprint.stamps_path(stream)
-    if blueprint.layout.traits.clock is Clock.NOMINAL or path not in blueprint.texts:
+    path = source_files.stamps_path(stream)
+    if source_files.layout.traits.clock is Clock.NOMINAL or path not in source_files.texts:
         return None
-    return {*(blueprint.file_stamps(stream) or ())}
+    return {*(source_files.file_stamps(stream) or ())}
 
 
-def _lines(blueprint: Blueprint, stream: Stream) -> Iterable[int]:
+def _lines(source_files: SourceFiles, stream: Stream) -> Iterable[int]:
     """Return the frames with lines in the common file of a stream, ascending."""
-    folder = LAYOUTS[blueprint.layout].line_folders.get(stream)
-    for path, text in blueprint.texts.items():
+    folder = LAYOUTS[source_files.layout].line_folders.get(stream)
+    for path, text in source_files.texts.items():
         if folder in {path.parent.name, path.stem}:
             lines = text.splitlines()
             return sorted({*row_frames(lines)}) if stream is Stream.LABELS else range(len(lines))
@@ -214,11 +214,11 @@ class NumberedBag(NamedTuple):
     """The messages of a bag written by to-bag with KITTI's numbers.
 
     Attributes:
-        blueprint: The layout of the recording.
+        source_files: The layout of the recording.
         topics: By name; topics of the recording as a whole are absent.
     """
 
-    blueprint: Blueprint
+    source_files: SourceFiles
     topics: Mapping[str, NumberedTopic]
 
     @property
@@ -229,12 +229,12 @@ class NumberedBag(NamedTuple):
     @property
     def common(self) -> bool:
         """Whether a number is the same moment in all streams; not in a raw extract."""
-        return has_common_numbers(self.blueprint)
+        return has_common_numbers(self.source_files)
 
     @property
     def clock(self) -> Clock:
         """The meaning of its stamps."""
-        return clock_of(self.blueprint)
+        return clock_of(self.source_files)
 
     def frames_at(self, stamps_ns: Int64Array, topics: Collection[str]) -> Int64Array:
         """Return (N,) the frame of each of (N,) messages.
@@ -263,9 +263,9 @@ class NumberedBag(NamedTuple):
         topic = next(t for t in self.topics.values() if t.stream is stream and t.is_numbered)
         is_known = topic.numbers != UNKNOWN
         log_ns = topic.log_ns[is_known]
-        if stream is Stream.SCAN and self.blueprint.scan_stamp is ScanStamp.START:
+        if stream is Stream.SCAN and self.source_files.scan_stamp is ScanStamp.START:
             # Images come after facing forward: between both is the middle of a frame.
-            log_ns = log_ns + self.blueprint.period_ns // 4
+            log_ns = log_ns + self.source_files.period_ns // 4
         return log_ns, frame_runs(topic.numbers[is_known])
 
     def by_stream(self) -> dict[Stream, Int64Array]:
@@ -276,25 +276,25 @@ class NumberedBag(NamedTuple):
         return {stream: np.unique(np.concatenate(parts)) for stream, parts in numbers.items()}
 
 
-def has_common_numbers(blueprint: Blueprint) -> bool:
+def has_common_numbers(source_files: SourceFiles) -> bool:
     """Whether a file number is the same moment in all streams of a recording."""
-    return not blueprint.layout.traits.is_extract(blueprint.name)
+    return not source_files.layout.traits.is_extract(source_files.name)
 
 
-def clock_of(blueprint: Blueprint) -> Clock:
+def clock_of(source_files: SourceFiles) -> Clock:
     """Return the meaning of a recording's stamps, by the time files in its bag."""
-    if blueprint.times is not None:
+    if source_files.times is not None:
         return Clock.UTC
-    files = {path.name for path in blueprint.texts}
-    is_stamped = LAYOUTS[blueprint.layout].stamps in files
-    return blueprint.layout.traits.clock if is_stamped else Clock.NOMINAL
+    files = {path.name for path in source_files.texts}
+    is_stamped = LAYOUTS[source_files.layout].stamps in files
+    return source_files.layout.traits.clock if is_stamped else Clock.NOMINAL
 
 
 def number_bag(
     bag: BagSource,
     log_ns: Mapping[str, Int64Array],
     *,
-    blueprint: Blueprint | None = None,
+    source_files: SourceFiles | None = None,
     by_header: bool = True,
 ) -> NumberedBag | None:
     """Map the messages of a bag to KITTI's numbers.
@@ -302,7 +302,7 @@ def number_bag(
     Args:
         bag: Any bag.
         log_ns: Log times by topic, (N,) nanoseconds, ascending.
-        blueprint: Its layout, if already read.
+        source_files: Its layout, if already read.
         by_header: Whether a bag with other log times is read to get the stamps in its headers.
 
     Returns:
@@ -313,15 +313,15 @@ def number_bag(
         OSError: It cannot be read.
     """
     try:
-        blueprint = blueprint or find_blueprint(bag)
-        if blueprint is None:
+        source_files = source_files or find_source_files(bag)
+        if source_files is None:
             return None
         streams = {
             row.topic: row.stream
             for row in own_topics().values()
-            if row.stream in FRAME_STREAMS or row.stream in blueprint.folders
+            if row.stream in FRAME_STREAMS or row.stream in source_files.folders
         }
-        mapped = StampNumbers(blueprint)
+        mapped = StampNumbers(source_files)
         topics = _by_log(mapped, {t: (streams[t], log_ns[t]) for t in streams if t in log_ns})
         if by_header and not _is_numbered(topics):
             topics = _by_header(bag, mapped, streams)
@@ -329,7 +329,7 @@ def number_bag(
         raise
     except Exception:  # noqa: BLE001 - a description may hold anything; reading the bag names damage
         return None
-    return NumberedBag(blueprint, topics) if _is_numbered(topics) else None
+    return NumberedBag(source_files, topics) if _is_numbered(topics) else None
 
 
 def _is_numbered(topics: Mapping[str, NumberedTopic]) -> bool:
@@ -358,7 +358,7 @@ def _by_header(
                 if own_topics()[message.topic].is_frame_text:
                     decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
                     text = decoders()[message.topic](decoded, BagContext(path_of(bag)))
-                    number = _named(text, mapped.blueprint, streams[message.topic])
+                    number = _named(text, mapped.source_files, streams[message.topic])
                 elif message.msgtype not in _HEADLESS:
                     stamp_ns, _ = peek_header(message.data)
                 else:
@@ -377,38 +377,40 @@ def _by_header(
     return topics
 
 
-def _named(text: TextFile, blueprint: Blueprint, stream: Stream) -> int:
+def _named(text: TextFile, source_files: SourceFiles, stream: Stream) -> int:
     """Return the frame of a text, by the name of its file or by its first column."""
-    if stream in blueprint.layout.traits.line_streams:
+    if stream in source_files.layout.traits.line_streams:
         return (
             next(row_frames(text.text.splitlines()), UNKNOWN)
             if stream is Stream.LABELS
             else UNKNOWN
         )
-    owner = owner_of(PurePosixPath(text.name), blueprint.folders)
+    owner = owner_of(PurePosixPath(text.name), source_files.folders)
     return UNKNOWN if owner is None else owner[1]
 
 
 # Part of the recording in a bag written by to-bag, from a first to a last frame.
 
 
-def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOptions) -> Blueprint:
+def select_part(
+    source: BagSource, source_files: SourceFiles, selection: SelectionOptions
+) -> SourceFiles:
     """Return a layout whose selected files are those that to-bag writes for a selection.
 
     Raises:
         UsageError: The selection contains none of its frames.
     """
     if selection.is_whole:
-        return blueprint
-    mapped = StampNumbers(blueprint)
+        return source_files
+    mapped = StampNumbers(source_files)
     streams = {}
-    for stream in dict.fromkeys((*FRAME_STREAMS, *blueprint.folders)):
+    for stream in dict.fromkeys((*FRAME_STREAMS, *source_files.folders)):
         stamps_ns, numbers = mapped.pairs(stream)
         if len(numbers):
             streams[stream] = StreamIndex(numbers, stamps_ns)
     if not streams:
         raise nothing_selected(source, np.empty(0, np.int64))
-    window = select_window(streams, selection, common=has_common_numbers(blueprint))
+    window = select_window(streams, selection, common=has_common_numbers(source_files))
     selected = {
         stream: frozenset(index.numbers[window.takes(index)].tolist())
         for stream, index in streams.items()
@@ -417,23 +419,23 @@ def select_part(source: BagSource, blueprint: Blueprint, selection: SelectionOpt
     if not any(selected[stream] for stream in frames):
         numbers = np.concatenate([np.empty(0, np.int64), *(streams[s].numbers for s in frames)])
         raise nothing_selected(source, numbers)
-    calibrations = blueprint.calibrations
-    folder = blueprint.folders.get(Stream.CALIBRATION)
+    calibrations = source_files.calibrations
+    folder = source_files.folders.get(Stream.CALIBRATION)
     if folder is not None:
         paths = {folder.file(number) for number in selected.get(Stream.CALIBRATION, ())}
         calibrations = {path: text for path, text in calibrations.items() if path in paths}
-    return replace(blueprint, selected=selected, calibrations=calibrations)
+    return replace(source_files, selected=selected, calibrations=calibrations)
 
 
 def select_times(
-    source: BagSource, blueprint: Blueprint, topic: str, selection: SelectionOptions
+    source: BagSource, source_files: SourceFiles, topic: str, selection: SelectionOptions
 ) -> SelectionOptions:
     """Return a selection with the stamps of a topic's samples in place of KITTI's file numbers.
 
     Raises:
         UsageError: The topic has no sample of these numbers.
     """
-    numbered = number_bag(source, bag_stamps(source), blueprint=blueprint)
+    numbered = number_bag(source, bag_stamps(source), source_files=source_files)
     samples = None if numbered is None else numbered.topics.get(topic)
     if samples is None or not samples.is_numbered:
         return selection

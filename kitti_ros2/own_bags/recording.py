@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from ..model.samples import Pose, Sample, Turn
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
-    from .recorded_layout import Blueprint
+    from .source_files import SourceFiles
 
 
 class BagRecording:
@@ -68,22 +68,22 @@ class BagRecording:
     def __init__(self, source: BagSource, bag: NumberedBag, survey: Survey) -> None:
         self._source = source
         self._bag = bag
-        self._blueprint = bag.blueprint
+        self._source_files = bag.source_files
         self.root = path_of(source)
-        self.layout = bag.blueprint.layout
-        self.name = bag.blueprint.name
+        self.layout = bag.source_files.layout
+        self.name = bag.source_files.name
         self.common_numbers = bag.common
         self.clock: Clock = bag.clock
-        times = bag.blueprint.times
+        times = bag.source_files.times
         self.origins: Mapping[int, FrameOrigin] = {} if times is None else times.origins
-        self.deskew = bag.blueprint.deskew
-        self.period_ns = bag.blueprint.period_ns
+        self.deskew = bag.source_files.deskew
+        self.period_ns = bag.source_files.period_ns
         self.start: Start | None = None  # poses are in the bag's map as they are
         damaged = damage(survey.losses, self.root.name)
-        self.losses: tuple[Loss, ...] = (*damaged, *absent_frames(bag.blueprint))
+        self.losses: tuple[Loss, ...] = (*damaged, *absent_frames(bag.source_files))
         self.notes: tuple[str, ...] = tuple(survey.notes)
         self._survey = survey
-        folders = [*self._blueprint.folders.values()]
+        folders = [*self._source_files.folders.values()]
         self.file_names = folders[0].names if folders else names.SIX_DIGITS
         self._topics = self._choose()
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
@@ -104,17 +104,17 @@ class BagRecording:
     def _face_forward(self) -> None:
         """Give scans that are stamped at the start of their turn the stamps of their files."""
         scans = self.streams.get(Stream.SCAN)
-        if scans is None or self._blueprint.scan_stamp is ScanStamp.FORWARD:
+        if scans is None or self._source_files.scan_stamp is ScanStamp.FORWARD:
             return
-        stamps = self._blueprint.file_stamps(Stream.SCAN) or {}
+        stamps = self._source_files.file_stamps(Stream.SCAN) or {}
         forward = [stamps[number] for number in scans.numbers.tolist()]
         self.streams[Stream.SCAN] = StreamIndex(scans.numbers, np.array(forward, dtype=np.int64))
 
     def _unpair(self) -> None:
         """Give right images that are stamped as their left ones the stamps of their files."""
         for stream, index in self.streams.items():
-            if self._blueprint.stamped_as(stream) is not stream:
-                own = self._blueprint.file_stamps(stream) or {}
+            if self._source_files.stamped_as(stream) is not stream:
+                own = self._source_files.file_stamps(stream) or {}
                 stamps = [own[number] for number in index.numbers.tolist()]
                 self.streams[stream] = StreamIndex(index.numbers, np.array(stamps, dtype=np.int64))
 
@@ -155,7 +155,7 @@ class BagRecording:
     @cached_property
     def turns(self) -> Mapping[int, Turn]:
         """The turn of each scan, by file number; empty if its stamps are missing."""
-        return self._blueprint.turns() or {}
+        return self._source_files.turns() or {}
 
     def readable_poses(
         self,
@@ -192,7 +192,7 @@ class BagRecording:
 
     @cached_property
     def _tracklets(self) -> Mapping[int, list[Cuboid]]:
-        return tracklets_of(self._blueprint)
+        return tracklets_of(self._source_files)
 
     @cached_property
     def _small(self) -> dict[Stream, dict[int, Any]]:
@@ -232,13 +232,13 @@ class BagRecording:
         return base_t_imu(MessageOptions())
 
     def _calibration(self, number: int) -> Calibration:
-        files = self._blueprint.calibrations
+        files = self._source_files.calibrations
         if self.layout.traits.dated:
             texts = {path.name: text for path, text in files.items()}
             return parse_raw_calibration(texts, self.root, rectified=self.common_numbers)
         pairs = [*files.items()]
         if self.layout.traits.calibration_per_frame:
-            folder = self._blueprint.folders.get(Stream.CALIBRATION)
+            folder = self._source_files.folders.get(Stream.CALIBRATION)
             # A file equal to the one before it is not repeated in the bag.
             listed = folder is not None and number in folder.numbers
             pairs = [pair for pair in pairs if listed and self._number(pair[0]) <= number]
@@ -252,7 +252,7 @@ class BagRecording:
 
     def _number(self, path: PurePosixPath) -> int:
         """Return the frame of a calibration file, if frames have their own."""
-        folder = self._blueprint.folders.get(Stream.CALIBRATION)
+        folder = self._source_files.folders.get(Stream.CALIBRATION)
         number = None if folder is None else folder.names.number(names.split_name(path.name)[0])
         return UNKNOWN if number is None else number
 
@@ -298,14 +298,14 @@ def _camera_name(topic: str, index: int) -> str:
 
 
 def open_own_recording(
-    bag: OpenBag, survey: Survey, blueprint: Blueprint | None = None
+    bag: OpenBag, survey: Survey, source_files: SourceFiles | None = None
 ) -> BagRecording | None:
     """Open the recording in a bag written by to-bag; None if frames have no KITTI numbers.
 
     Args:
         bag: The bag.
         survey: The survey of the bag.
-        blueprint: The layout of the recording, if already read.
+        source_files: The layout of the recording, if already read.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -315,7 +315,7 @@ def open_own_recording(
         for name, topic in survey.topics.items()
         if topic.count
     }
-    numbered = number_bag(bag, log_ns, blueprint=blueprint)
+    numbered = number_bag(bag, log_ns, source_files=source_files)
     if numbered is None:
         return None
     recording = BagRecording(bag, numbered, survey)

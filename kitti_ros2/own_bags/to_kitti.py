@@ -46,16 +46,16 @@ from ..model.errors import (
 from ..model.samples import Image
 from ..model.streams import Layout, LayoutTraits, Stream
 from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp
-from .recorded_layout import (
+from .schedule import frames_of
+from .source_files import (
     EarlierVersionError,
     UndescribedError,
-    find_blueprint,
+    find_source_files,
     owner_of,
     shown,
     write_new,
     write_texts,
 )
-from .schedule import frames_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from ..model.streams import ScanColumns
     from ..options.outputs import ImportOptions
     from ..options.read import SelectionOptions
-    from .recorded_layout import Blueprint
+    from .source_files import SourceFiles
     from .to_bag import ShowProgress
 
 
@@ -152,7 +152,7 @@ def _topics(present: Collection[str]) -> set[str]:
 
 
 def restore(
-    recordings: Sequence[tuple[BagSource, Blueprint]],
+    recordings: Sequence[tuple[BagSource, SourceFiles]],
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
     *,
@@ -175,55 +175,57 @@ def restore(
         OutputError: It cannot be written.
     """
     paths: dict[tuple[Layout, str], Path] = {}
-    for bag, blueprint in recordings:
+    for bag, source_files in recordings:
         path = path_of(bag)
-        other = paths.setdefault((blueprint.layout, blueprint.name), path)
+        other = paths.setdefault((source_files.layout, source_files.name), path)
         if other is not path:
-            raise UsageError(f'{path}: holds {blueprint.name}, as {other} does; give one of them')
+            name = source_files.name
+            raise UsageError(f'{path}: holds {name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
     with staged(out, refusal, fsync=fsync) as stage:
-        return [_restore(bag, blueprint, stage, progress) for bag, blueprint in recordings]
+        return [_restore(bag, source_files, stage, progress) for bag, source_files in recordings]
 
 
 def _restore(
-    source: BagSource, blueprint: Blueprint, stage: Path, progress: Callable[[int, int], None]
+    source: BagSource, source_files: SourceFiles, stage: Path, progress: Callable[[int, int], None]
 ) -> ImportReport:
-    texts = (*blueprint.texts.items(), *blueprint.calibrations.items())
-    refused = write_texts(stage / blueprint.root, texts, path_of(source))
+    texts = (*source_files.texts.items(), *source_files.calibrations.items())
+    refused = write_texts(stage / source_files.root, texts, path_of(source))
     with (
         opened(source) as bag,
-        open_messages(bag, _topics(blueprint.topics), must_read=False) as messages,
+        open_messages(bag, _topics(source_files.topics), must_read=False) as messages,
     ):
-        writer = _Writer(messages, blueprint, stage / blueprint.root, bag)
+        writer = _Writer(messages, source_files, stage / source_files.root, bag)
         files = ordered_map(writer.write, writer.files(), worker_count())
         with closing(files):
             for done, written in enumerate(files, 1):
                 writer.take(written)
                 progress(done, writer.size_bytes)
         report = writer.report()
-        damaged = damage(merged(blueprint.damage, messages.losses), bag.path.name)
-    return replace(report, losses=(*damaged, *blueprint.losses, *refused, *report.losses))
+        damaged = damage(merged(source_files.damage, messages.losses), bag.path.name)
+    return replace(report, losses=(*damaged, *source_files.losses, *refused, *report.losses))
 
 
 class _Writer:
     def __init__(
-        self, messages: BagMessages, blueprint: Blueprint, root: Path, bag: OpenBag
+        self, messages: BagMessages, source_files: SourceFiles, root: Path, bag: OpenBag
     ) -> None:
         self._bag = bag
         self._messages = messages
-        self._blueprint = blueprint
+        self._source_files = source_files
         self._root = root
-        self._numbers = {stream: blueprint.numbers_by_stamp(stream) for stream in blueprint.folders}
-        self._written: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
-        self._lost: dict[Stream, set[int]] = {stream: set() for stream in blueprint.folders}
+        streams = source_files.folders.keys()
+        self._numbers = {stream: source_files.numbers_by_stamp(stream) for stream in streams}
+        self._written: dict[Stream, set[int]] = {stream: set() for stream in streams}
+        self._lost: dict[Stream, set[int]] = {stream: set() for stream in streams}
         self._left_out = {
-            stream: frozenset(folder.carried) - blueprint.requested(stream)
-            for stream, folder in blueprint.folders.items()
+            stream: frozenset(folder.carried) - source_files.requested(stream)
+            for stream, folder in source_files.folders.items()
         }
         self._grey: dict[Stream, set[int]] = {}
         self._as_png: dict[Stream, set[int]] = {}
         self._unplaced: Counter[Stream] = Counter()
-        self._counts = Counter({Stream.CALIBRATION.value: len(blueprint.calibrations)})
+        self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
         self._differences: dict[str, set[int]] = {}
         self.size_bytes = 0
@@ -261,15 +263,15 @@ class _Writer:
         stream = own_topics()[message.topic].stream
         text = decoders()[message.topic](decoded, BagContext(self._bag.path))
         path = PurePosixPath(text.name)
-        if path in self._blueprint.texts and stream not in self._blueprint.folders:
+        if path in self._source_files.texts and stream not in self._source_files.folders:
             self._counts[stream.value] += 1
             return None
-        if path in self._blueprint.missing:
+        if path in self._source_files.missing:
             self._lose(message, f'a part of {path}, which the bag does not hold')
             return None
-        owner = owner_of(path, self._blueprint.folders)
+        owner = owner_of(path, self._source_files.folders)
         if owner is None or owner[0] is not stream:
-            what = f'no {stream.value} file of {self._blueprint.name}'
+            what = f'no {stream.value} file of {self._source_files.name}'
             self._lose(message, f'names a file {shown(text.name)}, which is {what}')
             return None
         # The log times of another recorder are not the samples' stamps, and map to no number.
@@ -287,24 +289,24 @@ class _Writer:
             self._lose(message, self._why_unplaced(stream))
             return None
         number = numbers.pop(0)
-        path = self._blueprint.folders[stream].file(number)
+        path = self._source_files.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, BagContext(path))
         if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
             self._as_png.setdefault(stream, set()).add(number)
-        columns = self._blueprint.columns
+        columns = self._source_files.columns
         content = partial(format_sample, sample, self._root / path, columns)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
     def _why_unplaced(self, stream: Stream) -> str:
-        folder = self._blueprint.folders.get(stream)
+        folder = self._source_files.folders.get(stream)
         if folder is not None and self._numbers[stream] is None:
-            streams = (self._blueprint.stamped_as(stream), stream)
-            paths = [self._blueprint.stamps_path(stream) for stream in streams]
-            path = next((path for path in paths if path in self._blueprint.missing), paths[0])
+            streams = (self._source_files.stamped_as(stream), stream)
+            paths = [self._source_files.stamps_path(stream) for stream in streams]
+            path = next((path for path in paths if path in self._source_files.missing), paths[0])
             return f'its file number is unknown, for the bag does not hold {path}'
-        return f'no file of {self._blueprint.name} has this stamp'
+        return f'no file of {self._source_files.name} has this stamp'
 
     def write(self, file: _File) -> _Written:
         """Write a file; thread-safe for different paths."""
@@ -326,19 +328,19 @@ class _Writer:
         if written.difference:
             self._differences.setdefault(written.difference, set()).add(written.file.number)
         self._written.setdefault(stream, set()).add(written.file.number)
-        if stream in self._blueprint.grey and not written.file.topic.endswith('/compressed'):
+        if stream in self._source_files.grey and not written.file.topic.endswith('/compressed'):
             self._grey.setdefault(stream, set()).add(written.file.number)
         self.size_bytes += written.size_bytes
 
     def report(self) -> ImportReport:
         """Report the written files, and those missing in the bag."""
         missing, notes = [], []
-        for stream, folder in self._blueprint.folders.items():
+        for stream, folder in self._source_files.folders.items():
             written = self._written[stream]
             if stream is Stream.CALIBRATION:
-                files = self._blueprint.calibrations
+                files = self._source_files.calibrations
                 written = {number for number in folder.carried if folder.file(number) in files}
-            requested = self._blueprint.requested(stream)
+            requested = self._source_files.requested(stream)
             absent = sorted(requested - written - self._lost[stream])
             if len(absent) > self._unplaced[stream]:
                 text = f'the bag does not hold {stream.value} of frames {{}}'
@@ -347,7 +349,7 @@ class _Writer:
             if others:
                 numbers = format_numbers(others)
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
-        scans, deskew = self._written.get(Stream.SCAN), self._blueprint.deskew
+        scans, deskew = self._written.get(Stream.SCAN), self._source_files.deskew
         if scans and deskew is not None:
             text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
             missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
@@ -364,8 +366,8 @@ class _Writer:
             text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
             missing.append(Loss(stream.value, len(frames), text, tuple(sorted(frames))))
         return ImportReport(
-            layout=self._blueprint.layout,
-            name=self._blueprint.name,
+            layout=self._source_files.layout,
+            name=self._source_files.name,
             counts=dict(self._counts),
             frames=self._count_frames(),
             size_bytes=self.size_bytes,
@@ -375,7 +377,7 @@ class _Writer:
 
     def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
         """Return the loss of the columns that to-bag was told to skip."""
-        columns = self._blueprint.columns
+        columns = self._source_files.columns
         if columns is None or not columns.skipped or not scans:
             return []
         text = f'scans {{}} are written without {columns.describe_skipped()}, which to-bag left out'
@@ -384,16 +386,16 @@ class _Writer:
     def _count_frames(self) -> int:
         """Count the written frames, in files of their own or in a common one."""
         stamps = bag_stamps(self._bag)
-        numbered = number_bag(self._bag, stamps, blueprint=self._blueprint)
+        numbered = number_bag(self._bag, stamps, source_files=self._source_files)
         common = numbered.by_stream() if numbered is not None else {}
         written = {s: np.array([*frames]) for s, frames in self._written.items() if frames}
         numbers = {s: frames for s, frames in common.items() if s in _IN_COMMON_FILES}
-        selected = self._blueprint.selected
+        selected = self._source_files.selected
         if selected is not None:
             numbers = {
                 s: frames[np.isin(frames, [*selected.get(s, ())])] for s, frames in numbers.items()
             }
-        return len(frames_of(numbers | written, common=has_common_numbers(self._blueprint)))
+        return len(frames_of(numbers | written, common=has_common_numbers(self._source_files)))
 
 
 # Conversion of bags to KITTI: the files byte for byte if to-bag wrote them, else by a plan.
@@ -438,16 +440,16 @@ class Conversion:
                 '--origin is for oxts that are made of poses; to-bag wrote this bag, and its files'
                 ' come back as they were: leave it out, or give a plan with --plan-file'
             )
-        selected = [(bag, select_part(bag, blueprint, options.selection)) for bag, blueprint in own]
-        files = sum(blueprint.files for _, blueprint in selected)
+        selected = [(bag, select_part(bag, files, options.selection)) for bag, files in own]
+        count = sum(files.files for _, files in selected)
         frames = sum(_count_frames(*pair) for pair in selected)
-        with self.progress(files, frames) as show:
+        with self.progress(count, frames) as show:
             return restore(
                 selected, self.out, show, overwrite=options.overwrite, fsync=options.fsync
             )
 
     def _convert_by_plan(
-        self, recordings: Sequence[tuple[OpenBag, Blueprint]], losses: tuple[Loss, ...]
+        self, recordings: Sequence[tuple[OpenBag, SourceFiles]], losses: tuple[Loss, ...]
     ) -> list[ImportReport]:
         """Convert by a plan.
 
@@ -465,10 +467,10 @@ class Conversion:
 
         survey = with_tracklets(self.survey or survey_bags(self.bags), recordings)
         counts = {topic.name: topic.count for topic in survey.topics.values()}
-        for _, blueprint in recordings:
-            losses += (*blueprint.losses, *blueprint.shortfall(counts))
-            if blueprint.columns is not None and blueprint.columns.extra:
-                extra = ', '.join(blueprint.columns.extra)
+        for _, source_files in recordings:
+            losses += (*source_files.losses, *source_files.shortfall(counts))
+            if source_files.columns is not None and source_files.columns.extra:
+                extra = ', '.join(source_files.columns.extra)
                 self.note(f'scans of a plan have x y z reflectance; left out: {extra}')
         reported = set[str]()
         if self.plan_file is not None:
@@ -498,20 +500,20 @@ class Conversion:
         return reports
 
 
-def _count_frames(bag: OpenBag, blueprint: Blueprint) -> int:
-    if blueprint.selected is not None:
-        return len(frozenset().union(*map(blueprint.requested, blueprint.folders)))
-    numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
+def _count_frames(bag: OpenBag, source_files: SourceFiles) -> int:
+    if source_files.selected is not None:
+        return len(frozenset().union(*map(source_files.requested, source_files.folders)))
+    numbered = number_bag(bag, bag_stamps(bag), source_files=source_files, by_header=False)
     return 0 if numbered is None else len(numbered.frames)
 
 
-def is_restored(recordings: Sequence[tuple[OpenBag, Blueprint]], options: ImportOptions) -> bool:
+def is_restored(recordings: Sequence[tuple[OpenBag, SourceFiles]], options: ImportOptions) -> bool:
     """Whether the original files of bags written by to-bag come back, without a plan."""
-    return bool(recordings) and all(options.keeps(blueprint.layout) for _, blueprint in recordings)
+    return bool(recordings) and all(options.keeps(files.layout) for _, files in recordings)
 
 
 def selected(
-    recordings: Sequence[tuple[OpenBag, Blueprint]], plan: Plan, options: ImportOptions
+    recordings: Sequence[tuple[OpenBag, SourceFiles]], plan: Plan, options: ImportOptions
 ) -> SelectionOptions:
     """Return the selection of a conversion by a plan; KITTI's file numbers become stamps.
 
@@ -532,15 +534,15 @@ def selected(
     return select_times(*recordings[0], reference, options.selection)
 
 
-def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, Blueprint]]) -> Survey:
+def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, SourceFiles]]) -> Survey:
     """Add the tracklets of raw drives to the survey of their bags."""
-    tracklets = tracklets_by_stamp(blueprint for _, blueprint in recordings)
+    tracklets = tracklets_by_stamp(source_files for _, source_files in recordings)
     return replace(survey, tracklets=tracklets) if tracklets else survey
 
 
 def own_bags(
     bags: Sequence[OpenBag], options: ImportOptions, *, planned: bool = False
-) -> tuple[list[tuple[OpenBag, Blueprint]], tuple[Loss, ...]]:
+) -> tuple[list[tuple[OpenBag, SourceFiles]], tuple[Loss, ...]]:
     """Return bags written by to-bag with their original layouts, and damaged descriptions.
 
     Args:
@@ -558,15 +560,15 @@ def own_bags(
     recordings, losses = [], []
     for bag in bags:
         try:
-            blueprint = find_blueprint(bag)
+            source_files = find_source_files(bag)
         except UndescribedError as error:
             if options.layout is None and not planned:
                 raise
             if not isinstance(error, EarlierVersionError):
                 losses.append(Loss(RECORDING, 1, str(error)))
             continue
-        if blueprint is not None:
-            recordings.append((bag, blueprint))
+        if source_files is not None:
+            recordings.append((bag, source_files))
     return recordings if len(recordings) == len(bags) else [], tuple(losses)
 
 
@@ -641,13 +643,13 @@ def make_outlook(
 
 
 def _as_recorded(
-    blueprint: Blueprint, options: ImportOptions
+    source_files: SourceFiles, options: ImportOptions
 ) -> tuple[ImportOptions, tuple[str, ...]]:
     """Return the options with layout and name of a bag written by to-bag, and a note about it."""
-    if options.layout in (None, blueprint.layout):
-        named = options.name or blueprint.name
-        options = replace(options, layout=blueprint.layout, name=named)
-    name = blueprint.name
+    if options.layout in (None, source_files.layout):
+        named = options.name or source_files.name
+        options = replace(options, layout=source_files.layout, name=named)
+    name = source_files.name
     return options, (f'made by to-bag: without a plan every file of {name} comes back as it was',)
 
 

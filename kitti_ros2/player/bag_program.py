@@ -222,7 +222,7 @@ class BagProgram:
             self._numbered = number_bag(bag, stamps)
             self.stamps_ns, self.frames = self._select(bag, selection, stamps)
             own = self._numbered
-            self.longest_gap_ns = own and longest_gap_ns(own.blueprint.layout, own.clock)
+            self.longest_gap_ns = own and longest_gap_ns(own.source_files.layout, own.clock)
             self._latched = self._read_latched(bag)
             self._messages: BagMessages = open_messages(bag, self._topics)
         self._by_index = MessagesByIndex(self._messages, self.stamps_ns)
@@ -296,7 +296,8 @@ class BagProgram:
         """
         bounds = (selection.start, selection.end)
         by_frame = any(bound is not None and bound.frame is not None for bound in bounds)
-        if by_frame and self._numbered is not None and self._numbered.blueprint.times is not None:
+        numbered = self._numbered
+        if by_frame and numbered is not None and numbered.source_files.times is not None:
             raise UsageError(
                 f'{self._path}: its frames are in order of time, not of number; give start and end'
                 f" as seconds (3.5s) or times ('2011-09-26 13:02:26')"

@@ -471,7 +471,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     from ..importer.survey import survey_bags  # noqa: PLC0415
     from ..own_bags.recording import open_own_recording  # noqa: PLC0415
 
-    overview, blueprint = inspect_bag(bag)
+    overview, source_files = inspect_bag(bag)
     issues: list[Issue] = []
     if not any(series.count for series in overview.series):
         issues.append(Issue(Severity.WARNING, '', 'the bag holds no messages'))
@@ -480,14 +480,14 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
     steps.expect(2)
     survey = survey_bags([bag])
     steps.step()
-    own = None if blueprint is None else open_own_recording(bag, survey, blueprint)
+    own = None if source_files is None else open_own_recording(bag, survey, source_files)
     streams = bag_streams(
         overview.series,
         bag_stamps(bag),
         survey,
         overview.clock,
         issues,
-        independent=blueprint is not None and blueprint.layout.traits.frame_set,
+        independent=source_files is not None and source_files.layout.traits.frame_set,
     )
     report = Report(overview, streams)
     steps.step()

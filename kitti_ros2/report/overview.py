@@ -26,8 +26,8 @@ from ..model.geometry import rotation_to_rpy
 from ..model.streams import Clock
 from ..options.messages import MessageOptions
 from ..own_bags.numbering import absent_frames, number_bag
-from ..own_bags.recorded_layout import read_blueprint
 from ..own_bags.schedule import frames_of
+from ..own_bags.source_files import read_source_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Transform
     from ..model.recording import FrameOrigin
     from ..own_bags.numbering import NumberedBag
-    from ..own_bags.recorded_layout import Blueprint
+    from ..own_bags.source_files import SourceFiles
 
 
 # The cameras and static transforms of a recording or a bag.
@@ -259,7 +259,7 @@ def inspect_recording(recording: KittiRecording, path: Path) -> Overview:
     )
 
 
-def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
+def inspect_bag(bag: OpenBag) -> tuple[Overview, SourceFiles | None]:
     """Inspect a bag: its index, description, and the first camera_info and static transforms.
 
     Returns:
@@ -270,17 +270,17 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
     """
     summary = summarize_bag(bag)
     counts = {topic.name: topic.count for topic in summary.topics}
-    blueprint, losses = read_blueprint(bag, counts)
+    source_files, losses = read_source_files(bag, counts)
     numbered = None
-    if blueprint is not None:
-        losses += absent_frames(blueprint)
-        numbered = number_bag(bag, bag_stamps(bag), blueprint=blueprint, by_header=False)
+    if source_files is not None:
+        losses += absent_frames(source_files)
+        numbered = number_bag(bag, bag_stamps(bag), source_files=source_files, by_header=False)
     cameras, links, notes = bag_calibration(bag, summary)
     clock = Clock.UTC if numbered is None else numbered.clock
     start_ns, end_ns, duration_ns = _times(summary.topics, clock)
     damaged = 'parts of the bag are missing or damaged; whole messages are counted'
     cut = () if summary.complete else (damaged,)
-    deskew = None if blueprint is None else blueprint.deskew
+    deskew = None if source_files is None else source_files.deskew
     deskewed = () if deskew is None else (f'scans are {deskew.state}',)
     overview = Overview(
         path=bag.path,
@@ -302,12 +302,12 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, Blueprint | None]:
         complete=summary.complete,
         origins={} if numbered is None else _origins(numbered),
     )
-    return overview, blueprint
+    return overview, source_files
 
 
 def _origins(bag: NumberedBag) -> Mapping[int, FrameOrigin]:
     """Return the raw drives' frames of the frames in a bag."""
-    times = bag.blueprint.times
+    times = bag.source_files.times
     origins = {} if times is None else times.origins
     return {n: origins[n] for n in bag.frames.tolist() if n in origins}
 

@@ -24,7 +24,7 @@ from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.own_bags import recorded_layout
+from kitti_ros2.own_bags import source_files
 from kitti_ros2.player.bag_program import open_program
 
 import foreign  # isort: skip
@@ -88,7 +88,7 @@ def passes(monkeypatch):
 
     count('survey', survey, '_Pass')
     count('plan', guess, 'guess_cameras')
-    count('description', recorded_layout, 'parse_description')
+    count('description', source_files, 'parse_description')
     return found
 
 

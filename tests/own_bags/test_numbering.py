@@ -29,8 +29,8 @@ from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.outputs import BagOptions, PlaybackOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
 from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
-from kitti_ros2.own_bags.recorded_layout import UndescribedError, parse_description
 from kitti_ros2.own_bags.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
+from kitti_ros2.own_bags.source_files import UndescribedError, parse_description
 from kitti_ros2.pictures.recording_frames import open_frames
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.playback import Playback, Send

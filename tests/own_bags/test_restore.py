@@ -26,7 +26,7 @@ from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
-from kitti_ros2.own_bags.recorded_layout import find_blueprint
+from kitti_ros2.own_bags.source_files import find_source_files
 from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording  # isort: skip
@@ -48,9 +48,9 @@ def to_bag(source, folder, storage='mcap', messages=None, selection=None, read=N
 
 def back(bag, out):
     """The bag as KITTI again."""
-    blueprint = find_blueprint(bag)
-    assert blueprint is not None
-    (report,) = restore([(bag, blueprint)], out)
+    source_files = find_source_files(bag)
+    assert source_files is not None
+    (report,) = restore([(bag, source_files)], out)
     return report
 
 
@@ -263,14 +263,14 @@ def test_a_description_that_cannot_be_meant_is_refused(change, tmp_path):
     path = tmp_path / 'bag.mcap'
     write_strings(path, [(RECORDING, json.dumps({**DESCRIPTION, **change}))])
     with pytest.raises(BadBagError):
-        find_blueprint(path)
+        find_source_files(path)
 
 
 @pytest.mark.parametrize('text', ['layout: object', '[' * 100_000, '[1, 2]', ''])
 def test_a_description_that_is_no_json_is_refused(text, tmp_path):
     write_strings(tmp_path / 'bag.mcap', [(RECORDING, text)])
     with pytest.raises(BadBagError, match='not what kitti-ros2 writes'):
-        find_blueprint(tmp_path / 'bag.mcap')
+        find_source_files(tmp_path / 'bag.mcap')
 
 
 def test_a_bag_of_an_earlier_version_says_so_and_goes_by_a_plan(recordings, tmp_path, capsys):
@@ -353,14 +353,14 @@ def with_texts(bag, change):
 
 def test_a_bag_of_others_has_no_blueprint(tmp_path):
     write_strings(tmp_path / 'bag.mcap', [('/chatter', 'hello')])
-    assert find_blueprint(tmp_path / 'bag.mcap') is None
+    assert find_source_files(tmp_path / 'bag.mcap') is None
 
 
 def test_samples_without_a_file_are_named_and_counted(recordings, tmp_path):
     bag = to_bag(recordings[Layout.OBJECT], tmp_path)
-    blueprint = find_blueprint(bag)
-    assert blueprint is not None
-    later = replace(blueprint, epoch_ns=blueprint.epoch_ns + 7)
+    source_files = find_source_files(bag)
+    assert source_files is not None
+    later = replace(source_files, epoch_ns=source_files.epoch_ns + 7)
     (report,) = restore([(bag, later)], tmp_path / 'out')
     assert {loss.stream: loss.count for loss in report.losses}['/kitti/velo/points'] == 5
     assert 'no file of training has this stamp' in report.losses[0].text()
@@ -450,7 +450,7 @@ def test_several_recordings_make_one_data_set(recordings, tmp_path):
         drive = next(date.glob('*_sync'))
         drives.append(drive.rename(drive.with_name(drive.name.replace('0001', f'000{number}'))))
     bags = [to_bag(drive, tmp_path / f'bag{place}') for place, drive in enumerate(drives)]
-    found = [(bag, find_blueprint(bag)) for bag in bags]
+    found = [(bag, find_source_files(bag)) for bag in bags]
     reports = restore(found, tmp_path / 'out')
     assert [report.name for report in reports] == [drive.name for drive in drives]
     whole = files_of(drives[0].parent.parent) | files_of(drives[1].parent.parent)
@@ -461,5 +461,5 @@ def test_several_recordings_make_one_data_set(recordings, tmp_path):
     calib.write_text(calib.read_text() + '\n')
     other = to_bag(drives[1], tmp_path / 'other')
     with pytest.raises(UsageError, match='differs from that of another bag'):
-        restore([found[0], (other, find_blueprint(other))], tmp_path / 'differing')
+        restore([found[0], (other, find_source_files(other))], tmp_path / 'differing')
     assert not (tmp_path / 'differing').exists()

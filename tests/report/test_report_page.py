@@ -27,7 +27,7 @@ from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.streams import Clock, Layout
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.own_bags import recorded_layout
+from kitti_ros2.own_bags import source_files
 from kitti_ros2.pictures.recording_frames import RecordingFrames
 from kitti_ros2.report.contents import Issue, Report, Severity
 from kitti_ros2.report.gather import draw_projections, gather
@@ -84,9 +84,9 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
 def test_the_description_of_a_bag_is_read_once(recordings, tmp_path, monkeypatch):
     path = tmp_path / 'bag.mcap'
     convert_recording(recordings[Layout.RAW], path)
-    parse, read = recorded_layout.parse_description, []
+    parse, read = source_files.parse_description, []
     monkeypatch.setattr(
-        recorded_layout,
+        source_files,
         'parse_description',
         lambda text, bag: read.append(bag) or parse(text, bag),
     )

@@ -51,7 +51,7 @@ from kitti_ros2.messages.scan_sources import (
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform
-from kitti_ros2.own_bags.recorded_layout import parse_description
+from kitti_ros2.own_bags.source_files import parse_description
 
 from .message_inputs import SIZE
 

@@ -94,7 +94,7 @@ _MODULES = (
     'messages/oxts.py',
     'messages/scan.py',
     'messages/naming.py',
-    'own_bags/recorded_layout.py',
+    'own_bags/source_files.py',
 )
 _WORDS = (
     *(b'rgb8', b'bgra8', b'mono16', b'16UC1', b'32FC1', b'bayer_rggb8', b'yuv422', b'png', b'jpeg'),

@@ -17,8 +17,8 @@ from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ValidateOptions
 from kitti_ros2.own_bags.numbering import number_bag
-from kitti_ros2.own_bags.recorded_layout import read_blueprint
 from kitti_ros2.own_bags.recording import open_own_recording
+from kitti_ros2.own_bags.source_files import read_source_files
 from kitti_ros2.validation.bag_checks import check_bag
 from kitti_ros2.validation.rule import FindingTally
 from kitti_ros2.validation.validate import rules_by_id
@@ -43,14 +43,14 @@ def _numbers(data: bytes) -> None:
     with OpenBag(path) as bag:
         log_ns = bag_stamps(bag)
         counts = {topic: len(stamps) for topic, stamps in log_ns.items()}
-        blueprint, _ = read_blueprint(bag, counts)
+        source_files, _ = read_source_files(bag, counts)
         numbered = number_bag(bag, log_ns)
         if numbered is not None:
             _ = numbered.frames, numbered.clock
             for topic, stamps in log_ns.items():
                 numbered.frames_at(stamps, {topic})
-        if blueprint is not None and Stream.SCAN in blueprint.folders:
-            blueprint.turns()
+        if source_files is not None and Stream.SCAN in source_files.folders:
+            source_files.turns()
         read_lead_ns(bag)
         _ = summarize_bag(bag).message_count
 
@@ -81,7 +81,7 @@ def _to_check() -> list[bytes]:
     return [*own_bags(), *odd_bags()[-14:], b'', b'no bag']
 
 
-_MODULES = ('own_bags/recorded_layout.py', 'own_bags/numbering.py')  # fmt: skip
+_MODULES = ('own_bags/source_files.py', 'own_bags/numbering.py')  # fmt: skip
 _WORDS = (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null')
 
 TARGETS = (

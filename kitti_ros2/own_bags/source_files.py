@@ -270,7 +270,7 @@ def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Blueprint(DescribedRecording):
+class SourceFiles(DescribedRecording):
     """The layout of one recording.
 
     Attributes:
@@ -633,12 +633,12 @@ def write_new(target: Path, content: bytes | memoryview) -> str:
 __all__ = [
     'EarlierVersionError',
     'UndescribedError',
-    'find_blueprint',
-    'read_blueprint',
+    'find_source_files',
+    'read_source_files',
 ]
 
 
-def find_blueprint(source: BagSource) -> Blueprint | None:
+def find_source_files(source: BagSource) -> SourceFiles | None:
     """Read the layout of the recording in a bag; None unless to-bag wrote the bag.
 
     Raises:
@@ -656,14 +656,14 @@ def find_blueprint(source: BagSource) -> Blueprint | None:
         with open_messages(bag, {RECORDING, FILES, CALIBRATION} & topics) as messages:
             texts = _Source(messages, bag.path)
             damaged |= messages.losses
-    source_files = texts.blueprint(topics, damaged)
+    source_files = texts.make(topics, damaged)
     return replace(source_files, losses=(*unread, *source_files.losses))
 
 
-def read_blueprint(
+def read_source_files(
     bag: BagSource, counts: Mapping[str, int]
-) -> tuple[Blueprint | None, tuple[Loss, ...]]:
-    """Read the layout of the recording in a bag, as find_blueprint; also return its missing data.
+) -> tuple[SourceFiles | None, tuple[Loss, ...]]:
+    """Read the source files of the recording in a bag, as find_source_files, and its missing data.
 
     An unusable description is a loss, and not an error; one of an earlier version is neither.
 
@@ -674,7 +674,7 @@ def read_blueprint(
     if RECORDING not in counts:
         return None, ()
     try:
-        source_files = find_blueprint(bag)
+        source_files = find_source_files(bag)
     except EarlierVersionError:
         return None, ()
     except BadBagError as error:
@@ -706,7 +706,7 @@ class _Source:
                 text = decoders()[message.topic](decoded, BagContext(path))
                 self._found.append((message.topic, message.stamp_ns, text))
 
-    def blueprint(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> Blueprint:
+    def make(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> SourceFiles:
         """Make the layout and its text files; invalid or missing ones are losses."""
         description = self._description
         if description is None:
@@ -723,7 +723,7 @@ class _Source:
             listed = (*description.texts, *description.calibrations)
         missing = [path for path in dict.fromkeys(listed) if path not in present]
         absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
-        return Blueprint(
+        return SourceFiles(
             texts=texts,
             calibrations=calibrations,
             topics=topics,
