@@ -17,7 +17,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from ..files.remote import is_remote
-from .container_file import BagFile, FetchedPiece, FileBytes, Piece
+from .container_file import BagFile, Chunk, FetchedChunk, FileBytes
 from .decompression import LimitError, Search
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ class RecordFormat(Protocol[Head]):
         ...
 
     def unpacked_size(self, data: Buffer) -> int:
-        """Return the most bytes that unpack makes of a piece.
+        """Return the most bytes that unpack makes of a chunk.
 
         Raises:
             ValueError: The head of the chunk is damaged.
@@ -128,7 +128,7 @@ class RecordFormat(Protocol[Head]):
         ...
 
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
-        """Return the records of a piece, and whether it is whole; the first ones if truncated.
+        """Return the records of a chunk, and whether it is whole; the first ones if truncated.
 
         Raises:
             DamagedHeadError: The head of the chunk is damaged.
@@ -252,7 +252,7 @@ def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int
 # Damaged bytes are skipped and entered as losses.
 
 _LARGEST_RUN = 2**20
-_NO_PIECE = -1  # in place of a position
+_NO_CHUNK = -1  # in place of a position
 _COST_OF_CHUNK = 5  # in messages; it has 50 bytes at least
 
 
@@ -262,21 +262,21 @@ class FileContents:
 
     Attributes:
         channels: By id.
-        pieces: Chunks, and runs of records outside of chunks.
+        chunks: Chunks, and runs of records outside of chunks.
         compressions: Names of the compressions found so far.
         stamps: Nanoseconds by channel id; None if they are in the indexes of the chunks only.
-        index_lengths: Bytes of the indexes behind the piece at a position, in MCAP.
+        index_lengths: Bytes of the indexes behind the chunk at a position, in MCAP.
     """
 
     channels: Mapping[int, StoredChannel] = field(default_factory=dict)
-    pieces: list[Piece] = field(default_factory=list)
+    chunks: list[Chunk] = field(default_factory=list)
     compressions: set[str] = field(default_factory=set)
     stamps: dict[int, array[int]] | None = None
     index_lengths: dict[int, int] = field(default_factory=dict)
 
 
 class Run:
-    """A piece that grows while records are scanned: its byte range and message counts."""
+    """A chunk that grows while records are scanned: its byte range and message counts."""
 
     def __init__(self, start: int, end: int | None = None) -> None:
         self.end = start if end is None else end
@@ -286,7 +286,7 @@ class Run:
         self._end_ns = 0
 
     def takes(self, record: Record) -> bool:
-        """Whether a record follows directly and the piece stays small enough."""
+        """Whether a record follows directly and the chunk stays small enough."""
         return record.position == self.end and record.end - self._start <= _LARGEST_RUN
 
     def add(self, channel_id: int, stamp_ns: int) -> None:
@@ -295,20 +295,20 @@ class Run:
         self._start_ns = min(self._start_ns, stamp_ns)
         self._end_ns = max(self._end_ns, stamp_ns)
 
-    def end_in(self, pieces: list[Piece], limits: FileLimits) -> None:
-        """Append it to the pieces, unless it has no messages.
+    def end_in(self, chunks: list[Chunk], limits: FileLimits) -> None:
+        """Append it to the chunks, unless it has no messages.
 
         Raises:
-            LimitError: The pieces have too many.
+            LimitError: The chunks have too many.
         """
         if self._counts:
             limits.add_records(self._start, sum(self._counts.values()))
             length = self.end - self._start
             times = self._start_ns, self._end_ns
-            pieces.append(Piece(*times, self._start, length, self._counts))
+            chunks.append(Chunk(*times, self._start, length, self._counts))
 
 
-class HeldBytes:
+class MemoryBytes:
     """Bytes in memory, by position."""
 
     def __init__(self, view: memoryview) -> None:
@@ -343,7 +343,7 @@ class ChunkScan(ABC, Generic[Head]):
         self._file = file
         self._problems = problems
         self._form = form
-        self._pieces: list[Piece] = []
+        self._pieces: list[Chunk] = []
         self._compressions: set[str] = set()
         self._stamps: dict[int, array[int]] = {}
         self._run = Run(0)
@@ -387,7 +387,7 @@ class ChunkScan(ABC, Generic[Head]):
             LimitError: There are too many.
         """
         file, others = self._file, 0
-        search = Search(file.limits, _NO_PIECE)
+        search = Search(file.limits, _NO_CHUNK)
         for record in walk(self._form, file, self._form.start, file.size, self._lose_bytes, search):
             if record.opcode == self.footer and record.end <= file.size:
                 self._check_end(record.end)
@@ -395,7 +395,7 @@ class ChunkScan(ABC, Generic[Head]):
                 return True
             if record.opcode != self._form.message:
                 others += _COST_OF_CHUNK if record.opcode == self._form.chunk else 1
-                file.limits.add_records(_NO_PIECE, others)
+                file.limits.add_records(_NO_CHUNK, others)
             self._enter(record)
         self._end_run()
         return False
@@ -443,7 +443,7 @@ class ChunkScan(ABC, Generic[Head]):
         if cut and self._form.inside(self._file, record.position) is not None:
             return  # its records follow, one by one
         run = Run(record.position, record.position + len(data))
-        for head, body in piece_records(
+        for head, body in chunk_records(
             self._form, self._file, record.position, data, self._problems
         ):
             self._enter_record(head, body, run)
@@ -465,7 +465,7 @@ class ChunkScan(ABC, Generic[Head]):
 def unpack(
     form: RecordFormat[Any], file: FileBytes, position: int, data: Buffer
 ) -> tuple[Buffer, bool]:
-    """Unpack a piece as RecordFormat.unpack does, within the limits of its file.
+    """Unpack a chunk as RecordFormat.unpack does, within the limits of its file.
 
     Raises:
         DamagedHeadError: The head of the chunk is damaged.
@@ -475,7 +475,7 @@ def unpack(
     return form.unpack(data)
 
 
-def piece_records(
+def chunk_records(
     form: RecordFormat[Head],
     file: FileBytes,
     position: int,
@@ -483,11 +483,11 @@ def piece_records(
     problems: Problems,
     cost: int | None = None,
 ) -> Iterator[tuple[Head, memoryview]]:
-    """Yield the records of a piece, head and body; skip damaged bytes.
+    """Yield the records of a chunk, head and body; skip damaged bytes.
 
     Args:
         form: The format of the records.
-        file: The file of the piece.
+        file: The file of the chunk.
         position: Of its first byte.
         data: A chunk, or records outside of chunks.
         problems: Collects notes and losses.
@@ -513,7 +513,7 @@ def piece_records(
     if whole:
         search = Search(file.limits, position)
         try:
-            for record in walk(form, HeldBytes(view), done, len(view), lose, search):
+            for record in walk(form, MemoryBytes(view), done, len(view), lose, search):
                 if record.end <= len(view):
                     head, start, end = form.split_record(view, record.position)
                     yield head, view[start:end]
@@ -589,7 +589,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         self, file: FileBytes, problems: Problems, contents: FileContents, form: RecordFormat[Head]
     ) -> None:
         self.channels = contents.channels
-        self.pieces = contents.pieces
+        self.chunks = contents.chunks
         self.compressions: set[str] = contents.compressions
         self._stamps = contents.stamps
         self._file = file
@@ -597,69 +597,69 @@ class ChunkedFile(BagFile, Generic[Head]):
         self._form = form
         self.fetches = not file.waits
 
-    def fetch(self, piece: Piece) -> FetchedPiece:
-        """Read a piece, and unpack it unless it is large, on any thread."""
-        data = self._file.read(piece.position, piece.length)
+    def fetch(self, chunk: Chunk) -> FetchedChunk:
+        """Read a chunk, and unpack it unless it is large, on any thread."""
+        data = self._file.read(chunk.position, chunk.length)
         with suppress(ValueError):  # read finds the damage again
             if self._form.unpacked_size(data) <= _MOST_UNPACKED:
-                return FetchedPiece(data, unpack(self._form, self._file, piece.position, data))
-        return FetchedPiece(data, None)
+                return FetchedChunk(data, unpack(self._form, self._file, chunk.position, data))
+        return FetchedChunk(data, None)
 
     def read(
         self,
-        piece: Piece,
+        chunk: Chunk,
         channel_ids: Collection[int],
         since_ns: int,
-        fetched: FetchedPiece | None = None,
+        fetched: FetchedChunk | None = None,
     ) -> Iterator[StoredMessage]:
-        """Return the messages of some channels in a piece from a stamp on, in time order."""
+        """Return the messages of some channels in a chunk from a stamp on, in time order."""
         if fetched is None:
-            fetched = FetchedPiece(self._file.read(piece.position, piece.length), None)
+            fetched = FetchedChunk(self._file.read(chunk.position, chunk.length), None)
         data, unpacked = fetched
-        end = piece.position + len(data)
+        end = chunk.position + len(data)
         try:
-            records, whole = unpacked or unpack(self._form, self._file, piece.position, data)
+            records, whole = unpacked or unpack(self._form, self._file, chunk.position, data)
             messages, done = self._messages_in(records, channel_ids, since_ns)
-            self._file.limits.add_records(piece.position, len(messages))
+            self._file.limits.add_records(chunk.position, len(messages))
             sound = whole and done == len(records)
         except ValueError:
             messages, sound = [], False
         messages.sort(key=itemgetter(0))  # costs little if it is sorted already
-        if len(data) < piece.length:
+        if len(data) < chunk.length:
             self._problems.lose(f'{self._file.name}: cut off at byte {end} while it was read')
-        elif sound and since_ns <= piece.start_ns:
-            self._compare(piece, channel_ids, messages)
-        if not sound or len(data) < piece.length:
-            cost = sum(piece.counts[key] for key in piece.counts.keys() & set(channel_ids))
+        elif sound and since_ns <= chunk.start_ns:
+            self._compare(chunk, channel_ids, messages)
+        if not sound or len(data) < chunk.length:
+            cost = sum(chunk.counts[key] for key in chunk.counts.keys() & set(channel_ids))
             messages = [
                 message
-                for message in self._salvaged(piece.position, data, cost)
+                for message in self._salvaged(chunk.position, data, cost)
                 if message[1] in channel_ids and message[0] >= since_ns
             ]
             messages.sort(key=itemgetter(0))
         return iter(messages)
 
     def _compare(
-        self, piece: Piece, channel_ids: Collection[int], stored: Sequence[StoredMessage]
+        self, chunk: Chunk, channel_ids: Collection[int], stored: Sequence[StoredMessage]
     ) -> None:
-        """Enter a loss if a piece and its index list different messages: one of them is damaged.
+        """Enter a loss if a chunk and its index list different messages: one of them is damaged.
 
         Args:
-            piece: As the index lists it.
+            chunk: As the index lists it.
             channel_ids: Ids of the requested channels.
-            stored: Their messages in the piece, by time.
+            stored: Their messages in the chunk, by time.
         """
-        listed = {key: count for key, count in piece.counts.items() if count and key in channel_ids}
+        listed = {key: count for key, count in chunk.counts.items() if count and key in channel_ids}
         there = Counter(map(itemgetter(1), stored))
-        outside = stored and not piece.start_ns <= stored[0][0] <= stored[-1][0] <= piece.end_ns
+        outside = stored and not chunk.start_ns <= stored[0][0] <= stored[-1][0] <= chunk.end_ns
         if listed != there or outside:
             lost = sum((Counter(listed) - there).values())
-            place = f'{self._file.name}: the chunk at byte {piece.position}'
+            place = f'{self._file.name}: the chunk at byte {chunk.position}'
             self._problems.lose(f'{place} has other messages than its index lists', lost)
 
-    def expect(self, piece: Piece) -> None:
-        """Ask the system to read a piece ahead of its turn."""
-        self._file.expect(piece.position, piece.length)
+    def expect(self, chunk: Chunk) -> None:
+        """Ask the system to read a chunk ahead of its turn."""
+        self._file.expect(chunk.position, chunk.length)
 
     def close(self) -> None:
         """Close the file."""
@@ -670,23 +670,23 @@ class ChunkedFile(BagFile, Generic[Head]):
         if self._stamps is not None:
             return self._stamps.items()
         joined: dict[int, array[int]] = {}  # thousands of chunks have one or two of a channel
-        for number, piece in enumerate(self.pieces):
+        for number, chunk in enumerate(self.chunks):
             if self._file.waits:
-                self._expect_indexes(self.pieces[number : number + _INDEXES_AHEAD])
+                self._expect_indexes(self.chunks[number : number + _INDEXES_AHEAD])
             try:
-                stamps = self._indexed(piece)
+                stamps = self._indexed(chunk)
             except ValueError:
                 stamps = {}
-            if piece.counts != {channel_id: len(times) for channel_id, times in stamps.items()}:
+            if chunk.counts != {channel_id: len(times) for channel_id, times in stamps.items()}:
                 return self._scanned().items()
             for channel_id, times in stamps.items():
                 joined.setdefault(channel_id, array('Q')).frombytes(times.astype('u8').tobytes())
         return joined.items()
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
-        """Yield the recoverable messages of a damaged piece in file order; enter the losses."""
+        """Yield the recoverable messages of a damaged chunk in file order; enter the losses."""
         problems = self._problems
-        for head, body in piece_records(self._form, self._file, position, data, problems, cost):
+        for head, body in chunk_records(self._form, self._file, position, data, problems, cost):
             message = self._form.stored_message(head, body)
             if message is not None:
                 yield message
@@ -697,12 +697,12 @@ class ChunkedFile(BagFile, Generic[Head]):
     ) -> tuple[list[StoredMessage], int]:
         """Return the messages among records, and the end of the last record that can be split."""
 
-    def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
-        """Request the indexes of pieces from a store."""
+    def _expect_indexes(self, chunks: Sequence[Chunk]) -> None:
+        """Request the indexes of chunks from a store."""
 
     @abstractmethod
-    def _indexed(self, piece: Piece) -> Mapping[int, npt.NDArray[np.integer[Any]]]:
-        """Return the stamps of a piece by channel id, from its index.
+    def _indexed(self, chunk: Chunk) -> Mapping[int, npt.NDArray[np.integer[Any]]]:
+        """Return the stamps of a chunk by channel id, from its index.
 
         Raises:
             ValueError: The index is damaged.

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A file of a bag open for reading, of any container, and what its readers share.
 
-It is read in pieces: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs its own
-piece.
+It is read in chunks, those of MCAP or ROS 1, or all rows of a database. Damage costs its own chunk.
 """
 
 from __future__ import annotations
@@ -195,7 +194,7 @@ class BagIndex:
     """The stamps of a bag's messages, as its container stores them.
 
     Attributes:
-        stamps: Nanoseconds by topic and type, in any order, in any number of pieces.
+        stamps: Nanoseconds by topic and type, in any order, in any number of arrays.
         compressions: Names of the compressions found.
         complete: Whether no file is truncated or damaged.
         problems: Notes and losses, one line each.
@@ -215,8 +214,8 @@ class BagIndex:
 
     def merge(self, other: BagIndex) -> None:
         """Add the index of another file of the same bag."""
-        for key, pieces in other.stamps.items():
-            self.stamps.setdefault(key, []).extend(pieces)
+        for key, arrays in other.stamps.items():
+            self.stamps.setdefault(key, []).extend(arrays)
         self.compressions |= other.compressions
         self.complete = self.complete and other.complete
         self.problems += other.problems
@@ -231,7 +230,7 @@ class BagIndex:
     @property
     def total(self) -> int:
         """Number of all messages."""
-        return sum(len(piece) for pieces in self.stamps.values() for piece in pieces)
+        return sum(len(array) for arrays in self.stamps.values() for array in arrays)
 
 
 @dataclass(frozen=True)
@@ -294,8 +293,8 @@ class BagSummary:
 def summarize(container: str, files: tuple[Path, ...], index: BagIndex) -> BagSummary:
     """Summarize an index."""
     topics = tuple(
-        summarize_topic(*key, np.concatenate(pieces))
-        for key, pieces in sorted(index.stamps.items())
+        summarize_topic(*key, np.concatenate(arrays))
+        for key, arrays in sorted(index.stamps.items())
     )
     starts = [topic.start_ns for topic in topics if topic.start_ns is not None]
     ends = [topic.end_ns for topic in topics if topic.end_ns is not None]
@@ -335,10 +334,9 @@ def summarize_topic(name: str, msgtype: str, stamps: StampArray) -> TopicSummary
     )
 
 
-# The files of a bag as pieces with a time span each.
+# The files of a bag as chunks with a time span each.
 #
-# A piece is read at once: a chunk of MCAP or ROS 1, or all rows of a database. Damage costs at most
-# its own piece.
+# Each is read at once: one of MCAP or ROS 1, or all rows of a database. Damage costs its own chunk.
 
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""
@@ -359,8 +357,8 @@ def size_of(data: Buffer) -> int:
     return data.size if isinstance(data, MessageStart) else len(data)
 
 
-_ADVICE_BYTES = 2**18
-"""Linux reads no more for one piece of advice than the disk takes in one request."""
+_READAHEAD_BYTES = 2**18
+"""Linux reads no more for one call of posix_fadvise than the disk takes in one request."""
 
 
 @dataclass(frozen=True)
@@ -382,7 +380,7 @@ class StoredChannel(Channel):
     schema: bytes = field(default=b'', kw_only=True, repr=False)
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """A part of a file that is read at once.
 
     Attributes:
@@ -398,8 +396,8 @@ class Piece(NamedTuple):
     counts: Mapping[int, int]
 
 
-class FetchedPiece(NamedTuple):
-    """The bytes of a piece, read before its messages are asked for.
+class FetchedChunk(NamedTuple):
+    """The bytes of a chunk, read before its messages are asked for.
 
     Attributes:
         data: As stored, fewer than its length if the file was cut off.
@@ -416,15 +414,15 @@ class BagFile(ABC):
 
     Attributes:
         channels: By id.
-        pieces: In any order.
+        chunks: In any order.
         compressions: Names of the compressions of chunks found so far, including none.
         is_start_enough: Asked with the id of a channel before a large message is read: whether its
             MessageStart is enough. A file may give the whole message all the same.
-        fetches: Whether any thread may fetch pieces.
+        fetches: Whether any thread may fetch chunks.
     """
 
     channels: Mapping[int, StoredChannel]
-    pieces: Sequence[Piece]
+    chunks: Sequence[Chunk]
     compressions: Collection[str] = ()
     is_start_enough: Callable[[int], bool] | None = None
     fetches: bool = False
@@ -433,24 +431,24 @@ class BagFile(ABC):
     @abstractmethod
     def read(
         self,
-        piece: Piece,
+        chunk: Chunk,
         channel_ids: Collection[int],
         since_ns: int,
-        fetched: FetchedPiece | None = None,
+        fetched: FetchedChunk | None = None,
     ) -> Iterable[StoredMessage]:
-        """Return the messages of some channels in a piece from a stamp on, in time order.
+        """Return the messages of some channels in a chunk from a stamp on, in time order.
 
         Unreadable messages are skipped and entered as losses.
 
         Args:
-            piece: One of pieces.
+            chunk: One of chunks.
             channel_ids: Ids of the requested channels.
             since_ns: The first requested stamp.
-            fetched: What fetch returned for the piece; without it the file is read now.
+            fetched: What fetch returned for the chunk; without it the file is read now.
         """
 
-    def fetch(self, piece: Piece) -> FetchedPiece:
-        """Read the bytes of a piece for read, on any thread, where the file fetches.
+    def fetch(self, chunk: Chunk) -> FetchedChunk:
+        """Read the bytes of a chunk for read, on any thread, where the file fetches.
 
         Raises:
             OSError: The disk refuses.
@@ -473,8 +471,8 @@ class BagFile(ABC):
         index.compressions.update(self.compressions)
         return index
 
-    def expect(self, piece: Piece) -> None:  # noqa: B027 - a database reads as it is asked
-        """Ask the system to read a piece ahead of its turn; it is only advice."""
+    def expect(self, chunk: Chunk) -> None:  # noqa: B027 - a database reads as it is asked
+        """Ask the system to read a chunk ahead of its turn; it is only advice."""
 
     def reporting_to(self, problems: Problems) -> Self:
         """Return the same open file, which enters its problems elsewhere."""
@@ -565,8 +563,8 @@ class FileBytes:
         if hasattr(os, 'posix_fadvise'):
             with suppress(OSError):  # of a file system without a page cache
                 file, end = self._file.fileno(), min(position + length, self.size)
-                for start in range(position, end, _ADVICE_BYTES):
-                    os.posix_fadvise(file, start, _ADVICE_BYTES, os.POSIX_FADV_WILLNEED)
+                for start in range(position, end, _READAHEAD_BYTES):
+                    os.posix_fadvise(file, start, _READAHEAD_BYTES, os.POSIX_FADV_WILLNEED)
 
     def is_cut(self) -> bool:
         """Whether it has become shorter since it was opened."""

@@ -28,7 +28,7 @@ from .chunked_file import (
     Record,
     open_bytes,
 )
-from .container_file import Piece, StoredChannel, offered_qos, ros2_spelling
+from .container_file import Chunk, StoredChannel, offered_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning
 from .mcap_writer import MAGIC
 
@@ -116,7 +116,7 @@ def parse_chunk_head(record: Buffer) -> ChunkHead:
     return ChunkHead(size, crc, name, at + name_length + _LENGTH.size, stored)
 
 
-def parse_chunk_index(body: Buffer) -> tuple[Piece, str, int]:
+def parse_chunk_index(body: Buffer) -> tuple[Chunk, str, int]:
     """Parse a Chunk Index record: the chunk, its compression, the bytes of its message indexes.
 
     Raises:
@@ -135,7 +135,7 @@ def parse_chunk_index(body: Buffer) -> tuple[Piece, str, int]:
     for start, key in reversed(starts):
         counts[key] = (end - start - head) // _ENTRY_SIZE
         end = start
-    return Piece(start_ns, end_ns, position, length, counts), name, index_length
+    return Chunk(start_ns, end_ns, position, length, counts), name, index_length
 
 
 def agrees(data: Buffer, crc: int) -> bool:
@@ -231,11 +231,11 @@ class McapFormat:
         return parse_chunk_head(record).compression
 
     def unpacked_size(self, data: Buffer) -> int:
-        """Return the most bytes that unpack makes of a piece."""
+        """Return the most bytes that unpack makes of a chunk."""
         return parse_chunk_head(data).size if data[:1] == _CHUNK_OPCODE else len(data)
 
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
-        """Return the records of a piece, and whether it is whole."""
+        """Return the records of a chunk, and whether it is whole."""
         if data[:1] != _CHUNK_OPCODE:
             return data, True
         head = parse_chunk_head(data)
@@ -481,14 +481,14 @@ class McapFile(ChunkedFile[int]):
         except RECORD_ERRORS:
             return ''  # the summary has it
 
-    def _expect_indexes(self, pieces: Sequence[Piece]) -> None:
-        for piece in pieces:
-            start = piece.position + piece.length
-            self._file.expect(start, self._index_lengths[piece.position])
+    def _expect_indexes(self, chunks: Sequence[Chunk]) -> None:
+        for chunk in chunks:
+            start = chunk.position + chunk.length
+            self._file.expect(start, self._index_lengths[chunk.position])
 
-    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.uint64]]:
-        start = piece.position + piece.length
-        block = self._file.read(start, self._index_lengths[piece.position])
+    def _indexed(self, chunk: Chunk) -> dict[int, npt.NDArray[np.uint64]]:
+        start = chunk.position + chunk.length
+        block = self._file.read(start, self._index_lengths[chunk.position])
         stamps = {}
         for opcode, at, end in split_records(block):
             if opcode == Opcode.MESSAGE_INDEX:
@@ -537,18 +537,18 @@ def _summarized(
         if opcode == Opcode.STATISTICS:
             message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count
         elif opcode == Opcode.CHUNK_INDEX:
-            piece, compression, index_length = parse_chunk_index(body)
+            chunk, compression, index_length = parse_chunk_index(body)
             contents.compressions.add(compression)
-            contents.pieces.append(piece)
-            contents.index_lengths[piece.position] = index_length
+            contents.chunks.append(chunk)
+            contents.index_lengths[chunk.position] = index_length
         elif described.enter(opcode, body):
             return None  # the scan tells where it contradicts itself
     contents.channels = described.channels()
-    indexed = sum(sum(piece.counts.values()) for piece in contents.pieces)
-    has_channels = all(contents.channels.keys() >= piece.counts.keys() for piece in contents.pieces)
+    indexed = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
+    has_channels = all(contents.channels.keys() >= chunk.counts.keys() for chunk in contents.chunks)
     places = sorted(
-        (piece.position, piece.position + piece.length + contents.index_lengths[piece.position])
-        for piece in contents.pieces
+        (chunk.position, chunk.position + chunk.length + contents.index_lengths[chunk.position])
+        for chunk in contents.chunks
     )
     starts = [*(position for position, _ in places[1:]), start]
     # Chunks and their indexes; each of those may otherwise be all of the file.

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..files.threads import ThreadTask
     from ..messages.ros_types import String
     from ..model.samples import Int64Array
-    from .container_file import BagFile, FetchedPiece, Piece, StoredChannel, StoredMessage
+    from .container_file import BagFile, Chunk, FetchedChunk, StoredChannel, StoredMessage
 
 
 # A message read from a bag, and a channel that messages are read from.
@@ -86,13 +86,13 @@ class Reading(NamedTuple):
 
 # The merge of the messages of a bag's files by time.
 #
-# A piece is read when its time comes and dropped after its last message, so merging a bag of any
-# size takes the memory of the pieces that overlap, and of a few that threads read ahead of their
+# A chunk is read when its time comes and dropped after its last message, so merging a bag of any
+# size takes the memory of the chunks that overlap, and of a few that threads read ahead of their
 # turn.
 
 _AHEAD = 4
-_LEAST_FETCHED = 2**16  # handing over a smaller piece costs as much as reading it
-_MOST_FETCHED = 2**23  # bytes of all pieces ahead: they are the larger part of the memory
+_LEAST_FETCHED = 2**16  # handing over a smaller chunk costs as much as reading it
+_MOST_FETCHED = 2**23  # bytes of all chunks ahead: they are the larger part of the memory
 
 
 def in_time_order(
@@ -126,9 +126,9 @@ def in_time_order(
 
 
 class _Turns:
-    """The pieces in the order of their first stamps; those that are next are read in threads.
+    """The chunks in the order of their first stamps; those that are next are read in threads.
 
-    Their number grows with the number of pieces taken: who wants the first message only does not
+    Their number grows with the number of chunks taken: who wants the first message only does not
     wait for others.
     """
 
@@ -136,41 +136,41 @@ class _Turns:
         self._files = files
         self._since_ns = since_ns
         waiting = [
-            (number, piece)
+            (number, chunk)
             for number, (file, channel_ids) in enumerate(files)
-            for piece in file.pieces
-            if piece.end_ns >= since_ns and not piece.counts.keys().isdisjoint(channel_ids)
+            for chunk in file.chunks
+            if chunk.end_ns >= since_ns and not chunk.counts.keys().isdisjoint(channel_ids)
         ]
         waiting.sort(key=lambda pair: (pair[1].start_ns, pair[0], pair[1].position))
         self._waiting = deque(waiting)
-        self._ahead: deque[ThreadTask[FetchedPiece] | None] = deque()
+        self._ahead: deque[ThreadTask[FetchedChunk] | None] = deque()
         self._most_ahead = 0
         self._threads = SpareThreads()
 
     @property
     def start_ns(self) -> int | None:
-        """The first stamp of the next piece; None after the last one."""
+        """The first stamp of the next chunk; None after the last one."""
         return self._waiting[0][1].start_ns if self._waiting else None
 
     def take(self) -> tuple[int, int, Iterable[StoredMessage]]:
-        """Read the next piece: the number of its file, its position, and its messages."""
-        number, piece = self._waiting.popleft()
+        """Read the next chunk: the number of its file, its position, and its messages."""
+        number, chunk = self._waiting.popleft()
         ahead = self._ahead.popleft() if self._ahead else None
-        fitting = max(1, _MOST_FETCHED // max(1, piece.length))
+        fitting = max(1, _MOST_FETCHED // max(1, chunk.length))
         self._most_ahead = min(self._most_ahead + 1, _AHEAD, fitting)
         while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
         file, channel_ids = self._files[number]
         # What a thread could not read is tried again here, where errors are handled.
         fetched = None if ahead is None or ahead.error() else ahead.result()
-        return number, piece.position, file.read(piece, channel_ids, self._since_ns, fetched)
+        return number, chunk.position, file.read(chunk, channel_ids, self._since_ns, fetched)
 
-    def _request(self, number: int, piece: Piece) -> ThreadTask[FetchedPiece] | None:
+    def _request(self, number: int, chunk: Chunk) -> ThreadTask[FetchedChunk] | None:
         file = self._files[number][0]
-        can_fetch = file.fetches and _LEAST_FETCHED <= piece.length <= _MOST_FETCHED
-        ahead = self._threads.submit(file.fetch, piece) if can_fetch else None
+        can_fetch = file.fetches and _LEAST_FETCHED <= chunk.length <= _MOST_FETCHED
+        ahead = self._threads.submit(file.fetch, chunk) if can_fetch else None
         if ahead is None:
-            file.expect(piece)
+            file.expect(chunk)
         return ahead
 
     def __enter__(self) -> Self:
@@ -289,7 +289,7 @@ class BagMessages:
 
     @property
     def expected(self) -> int:
-        """Number of messages listed in the files, including those in damaged pieces."""
+        """Number of messages listed in the files, including those in damaged chunks."""
         return sum(map(self._count, self._readings.values()))
 
     @property
@@ -462,11 +462,11 @@ class BagMessages:
 
     @cached_property
     def _counts(self) -> list[Counter[int]]:
-        """Messages by file and channel id: a sum for each channel would take channels x pieces."""
+        """Messages by file and channel id: a sum for each channel would take channels x chunks."""
         by_file: list[Counter[int]] = [Counter() for _ in self._files]
         for file, counts in zip(self._files, by_file, strict=True):
-            for piece in file.pieces:
-                counts.update(piece.counts)
+            for chunk in file.chunks:
+                counts.update(chunk.counts)
         return by_file
 
 

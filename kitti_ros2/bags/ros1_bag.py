@@ -31,7 +31,7 @@ from ..messages.type_definitions import closure, nested_type
 from ..model.bag_formats import HEADER
 from ..model.errors import BadBagError
 from .chunked_file import ChunkedFile, ChunkScan, FileContents, Kind, Record, open_bytes
-from .container_file import FileBytes, Piece, StoredChannel, latched_qos, ros2_spelling
+from .container_file import Chunk, FileBytes, StoredChannel, latched_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning, largest_block
 from .segment_writer import ros1_lz4
 
@@ -211,7 +211,7 @@ def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | Non
     return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
 
 
-class _Chunk(NamedTuple):
+class _ChunkHead(NamedTuple):
     """A chunk: the size of its records, and where they are stored in it."""
 
     compression: str
@@ -220,7 +220,7 @@ class _Chunk(NamedTuple):
     end: int
 
 
-def _parse_chunk(data: Buffer) -> _Chunk | None:
+def _parse_chunk(data: Buffer) -> _ChunkHead | None:
     """Parse the head of a chunk; None if data begin with another record."""
     try:
         fields, start, end = split_record(data, 0)
@@ -229,7 +229,7 @@ def _parse_chunk(data: Buffer) -> _Chunk | None:
     if opcode_of(fields) != CHUNK:
         return None
     compression = fields[b'compression'].decode('ascii', 'replace')
-    return _Chunk(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
+    return _ChunkHead(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
 
 
 def parse_message(fields: Fields) -> tuple[int, int]:
@@ -286,7 +286,7 @@ class Ros1Format:
         return split_record(record, 0)[0][b'compression'].decode('ascii', 'replace')
 
     def unpacked_size(self, data: Buffer) -> int:
-        """Return the most bytes that unpack makes of a piece."""
+        """Return the most bytes that unpack makes of a chunk."""
         chunk = _parse_chunk(data)
         if chunk is None:
             return len(data)
@@ -294,7 +294,7 @@ class Ros1Format:
         return chunk.size or largest_block(len(data))
 
     def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
-        """Return the records of a piece, and whether it is whole."""
+        """Return the records of a chunk, and whether it is whole."""
         chunk = _parse_chunk(data)
         if chunk is None:
             return data, True
@@ -466,9 +466,9 @@ class Ros1File(ChunkedFile[Fields]):
             raise BadBagError(file.name, 'does not begin as a ROS 1 bag of format 2.0 does')
         contents = _read_index(data, problems) or Ros1Scan(data, problems).run()
         super().__init__(data, problems, contents, ROS1)
-        if self.pieces:
+        if self.chunks:
             with suppress(ValueError):
-                self._chunk_end(self.pieces[0])
+                self._chunk_end(self.chunks[0])
 
     def _messages_in(
         self, records: Buffer, channel_ids: Collection[int], since_ns: int
@@ -488,9 +488,9 @@ class Ros1File(ChunkedFile[Fields]):
             text = f'connection {channel_id} is described in two ways, {both}; the first counts'
             self._problems.lose(f'{self._file.name}: {text}', 0)
 
-    def _indexed(self, piece: Piece) -> dict[int, npt.NDArray[np.int64]]:
-        end = self._chunk_end(piece)
-        block = self._file.read(piece.position + end, piece.length - end)
+    def _indexed(self, chunk: Chunk) -> dict[int, npt.NDArray[np.int64]]:
+        end = self._chunk_end(chunk)
+        block = self._file.read(chunk.position + end, chunk.length - end)
         stamps = {}
         position = 0
         while position < len(block):
@@ -501,13 +501,13 @@ class Ros1File(ChunkedFile[Fields]):
                 stamps[int.from_bytes(fields[b'conn'], 'little')] = times
         return stamps
 
-    def _chunk_end(self, piece: Piece) -> int:
-        """Return the offset in the piece of the indexes behind its chunk.
+    def _chunk_end(self, chunk: Chunk) -> int:
+        """Return the offset of the indexes behind the record of a chunk.
 
         Raises:
             ValueError: The chunk is damaged.
         """
-        fields, _, end = split_record(self._file.read(piece.position, _CHUNK_HEAD_READ), 0)
+        fields, _, end = split_record(self._file.read(chunk.position, _CHUNK_HEAD_READ), 0)
         if opcode_of(fields) == CHUNK:
             self.compressions.add(fields[b'compression'].decode('ascii', 'replace'))
         return end
@@ -570,11 +570,11 @@ def _indexed_contents(
         raise ValueError('a connection is missing')
     infos.sort(key=itemgetter(0))
     ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
-    pieces = [
-        Piece(start_ns, end_ns, place, end - place, counts)
+    chunks = [
+        Chunk(start_ns, end_ns, place, end - place, counts)
         for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
     ]
-    return FileContents(connections.by_id, pieces)
+    return FileContents(connections.by_id, chunks)
 
 
 # Conversion of ROS 2 messages to ROS 1: definitions, md5 sums and bytes.

@@ -20,9 +20,9 @@ from ..files.remote import is_remote
 from ..model.errors import BadBagError, one_line
 from .container_file import (
     BagFile,
+    Chunk,
     FileBytes,
     MessageStart,
-    Piece,
     StoredChannel,
     offered_qos,
     ros2_spelling,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from .container_file import FetchedPiece, NamedFile, Problems, StoredMessage
+    from .container_file import FetchedChunk, NamedFile, Problems, StoredMessage
     from .decompression import DescriptionLimits
     from .sqlite_pages import MessageRow
 
@@ -194,7 +194,7 @@ class SqliteFile(BagFile):
 
     Attributes:
         channels: By the id of their row.
-        pieces: All rows are one piece.
+        chunks: All rows are one chunk.
         compressions: Empty; rosbag2 compresses messages or whole files.
 
     Raises:
@@ -233,17 +233,17 @@ class SqliteFile(BagFile):
             rows = rows[described]
         # Stable: equal stamps stay in the order of ids.
         self._rows = rows[np.argsort(rows['stamp_ns'], kind='stable')]
-        self.pieces = [self._piece()] if len(rows) else []
+        self.chunks = [self._chunk()] if len(rows) else []
 
     def read(
         self,
-        piece: Piece,
+        chunk: Chunk,
         channel_ids: Collection[int],
         since_ns: int,
-        fetched: FetchedPiece | None = None,
+        fetched: FetchedChunk | None = None,
     ) -> Iterator[StoredMessage]:
         """Yield the messages of some topics from a stamp on, in time order."""
-        del piece, fetched  # there is only one piece, which is read row by row
+        del chunk, fetched  # there is only one chunk, which is read row by row
         rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
         rows = rows[np.isin(rows['topic_id'], list(channel_ids))]
         done = 0
@@ -274,11 +274,11 @@ class SqliteFile(BagFile):
     def _lose(self, text: str, messages: int | None) -> None:
         self._problems.lose(f'{self._name}: {text}', messages)
 
-    def _piece(self) -> Piece:
+    def _chunk(self) -> Chunk:
         stamps = self._rows['stamp_ns']
         ids, counts = np.unique(self._rows['topic_id'], return_counts=True)
         by_topic = dict(zip(ids.tolist(), counts.tolist(), strict=True))
-        return Piece(int(stamps[0]), int(stamps[-1]), 0, len(stamps), by_topic)
+        return Chunk(int(stamps[0]), int(stamps[-1]), 0, len(stamps), by_topic)
 
     def _open(self, path: Path) -> npt.NDArray[np.void]:
         """Read id, topic and stamp of every readable row, by id; set the channels.

@@ -85,12 +85,12 @@ def read(bag, monkeypatch, workers, since_ns=None):
 
 @pytest.fixture
 def fetches(monkeypatch):
-    """The threads that fetched, and whether each piece was unpacked there."""
+    """The threads that fetched, and whether each chunk was unpacked there."""
     seen = []
     fetch = ChunkedFile.fetch
 
-    def spy(self, piece):
-        found = fetch(self, piece)
+    def spy(self, chunk):
+        found = fetch(self, chunk)
         seen.append((threading.current_thread().name, found.unpacked is not None))
         return found
 
