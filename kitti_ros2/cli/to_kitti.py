@@ -70,7 +70,7 @@ def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
     console = Console(highlight=False, soft_wrap=True)
     console.print(one_line(f'{names}: {_head(outlook, overview)}'), style='bold', markup=False)
     console.print(_topic_table(overview), soft_wrap=False)
-    if overview.passed_over:
+    if overview.unused:
         say(f'{_UNUSED}: passed over in this layout')
 
 
@@ -92,9 +92,9 @@ def _topic_table(overview: PlanOverview) -> Table:
     table.add_column('frame', overflow='fold')
     for topic in overview.used:
         _add(table, ' '.join(_SHORT.get(name, name) for name in topic.streams), topic)
-    for topic in overview.passed_over[:_MOST_UNUSED]:
+    for topic in overview.unused[:_MOST_UNUSED]:
         _add(table, _UNUSED, topic)
-    rest = len(overview.passed_over) - _MOST_UNUSED
+    rest = len(overview.unused) - _MOST_UNUSED
     if rest > 0:
         table.add_row(_UNUSED, f'{rest} more; all with --json', '', '', '', '')
     return table
@@ -155,7 +155,7 @@ def plan_values(
         'layout': overview.plan.layout.value,
         'frames': overview.frames,
         'topics': [asdict(topic) for topic in overview.used],
-        'passed_over': [asdict(topic) for topic in overview.passed_over],
+        'passed_over': [asdict(topic) for topic in overview.unused],
         'faults': overview.faults,
         'notes': tuple(dict.fromkeys((*outlook.notes, *overview.notes))),
         'layouts': _by_name(outlook),
@@ -279,9 +279,9 @@ def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
 
 
 def _plan_overview(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
-    from ..importer.apply_plan import overlook_plan
+    from ..importer.apply_plan import make_plan_overview
 
-    return overlook_plan(bags, outlook.plan, outlook.survey, outlook.options.selection)
+    return make_plan_overview(bags, outlook.plan, outlook.survey, outlook.options.selection)
 
 
 def show_plan(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:

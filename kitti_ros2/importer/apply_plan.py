@@ -29,7 +29,7 @@ from .bag_calibration import CAMERA, LEVEL, PlannedRig, optical_axis
 from .bag_poses import PlannedMotion, read_motion
 from .box_labels import is_own
 from .clocks import clock_notes, clocked
-from .guess import Guess, guess_plan, passed_over
+from .guess import Guess, guess_plan, unused_notes
 from .kitti_frames import choose_frames, pick_frames, select_frames
 from .plan import NONE, SOURCE, TF, topic_uses
 from .rigging import Rigging
@@ -331,7 +331,7 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
     notes += (*clock_notes(clocked(survey, plan), plan), *loader_notes(plan, survey))
-    return replace(guessed, plan=plan, notes=(*notes, *passed_over(survey, plan, notes)))
+    return replace(guessed, plan=plan, notes=(*notes, *unused_notes(survey, plan, notes)))
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:
@@ -466,7 +466,7 @@ class PlanOverview:
     Attributes:
         plan: The plan.
         used: The topics that become KITTI's streams, by stream.
-        passed_over: The others that have messages, by name.
+        unused: The others that have messages, by name.
         frames: Number of frames of the conversion, None if it would fail.
         faults: Why it would fail, a line each.
         notes: Non-fatal remarks about the frames, a line each.
@@ -474,13 +474,13 @@ class PlanOverview:
 
     plan: Plan
     used: tuple[PlannedTopic, ...]
-    passed_over: tuple[PlannedTopic, ...]
+    unused: tuple[PlannedTopic, ...]
     frames: int | None
     faults: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def overlook_plan(
+def make_plan_overview(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, selection: SelectionOptions
 ) -> PlanOverview:
     """Return what a plan makes of bags; of their messages the poses alone are read.

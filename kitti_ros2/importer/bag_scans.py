@@ -559,9 +559,9 @@ class ScanConversion:
         """Return what should be known of the scans."""
         if self._plan is None:
             return []
-        topic, hint = self._plan.topic, self._source.advice
+        topic, source_note = self._plan.topic, self._source.note
         others = set(np.flatnonzero(self._classes).tolist()) - SEMANTIC_NAMES.keys()
-        notes = [*self._notes, *([f'{topic}: {hint}'] if hint else [])]
+        notes = [*self._notes, *([f'{topic}: {source_note}'] if source_note else [])]
         if others:
             shown = some_of([str(other) for other in sorted(others)], _SHOWN)
             notes.append(

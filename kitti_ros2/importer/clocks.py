@@ -13,7 +13,7 @@ from ..messages.clouds import tells_another_time, time_field
 from ..model.errors import Loss
 from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, Stream
-from .plan import BOXES_2D, INFO, UNIT, StampSource, topic_uses
+from .plan import BOXES_2D, INFO, OXTS_ROLES, StampSource, topic_uses
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -149,7 +149,7 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         if topic is None or topic.name in seen:
             continue
         seen.add(topic.name)
-        yield from topic.oddities()
+        yield from topic.stamp_notes()
     scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
     turns = None if scan is None else scan.turns_ns()
     if scan is not None and not scan.turn_ns and any(map(tells_another_time, scan.samples)):
@@ -421,7 +421,7 @@ def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss
     """
     losses = []
     for name, stream in planned_streams(plan).items():
-        topic = survey.topics.get(stream.topic) if stream.role in UNIT else None
+        topic = survey.topics.get(stream.topic) if stream.role in OXTS_ROLES else None
         if topic is None or not topic.count or not len(frames_ns):
             continue
         stamps = topic.stamps()[0]

@@ -538,8 +538,8 @@ _NO_CAMERA = 'boxes: labels are of a camera with a camera_info, which the plan h
 _MAP = 'KITTI has no maps'
 _STATE = 'KITTI has no place for it'
 
-_ADVICE = {
-    **{msgtype.replace('/msg/', '/'): role.advice for role in ROLES for msgtype in role.msgtypes},
+_HINTS = {
+    **{msgtype.replace('/msg/', '/'): role.hint for role in ROLES for msgtype in role.msgtypes},
     'sensor_msgs/PointCloud': 'scans of an old type: convert them to PointCloud2',
     'sensor_msgs/LaserScan': 'one ring: name the topic in scan.topic, with scan.from: laser_scan',
     'sensor_msgs/MultiEchoLaserScan': 'one ring: record a LaserScan of it',
@@ -591,13 +591,13 @@ _ADVICE = {
     'ackermann_msgs/AckermannDriveStamped': _STATE,
     'std_msgs/String': _STATE,
 }
-"""What can be done with messages of a type that a plan does not use."""
+"""By type: how to use messages that a plan does not use."""
 
-_DEPTH_ADVICE = 'depth images: name the topic in scan.topic, with scan.from: depth'
-_ANY_ADVICE = 'no stream of KITTI is made of this type'
+_DEPTH_HINT = 'depth images: name the topic in scan.topic, with scan.from: depth'
+_ANY_HINT = 'no stream of KITTI is made of this type'
 
 _NOT_READ = 'its messages cannot be read, for the reason in another note'
-"""Advice where the survey notes the reason."""
+"""The hint where the survey notes the reason."""
 
 _BACKGROUND = frozenset(
     {
@@ -629,25 +629,25 @@ class Unused:
     """Topics of one type that a plan does not use.
 
     Attributes:
-        msgtype: Their type, such as sensor_msgs/LaserScan; of topics with one advice their types.
+        msgtype: Their type, such as sensor_msgs/LaserScan; of topics with one hint their types.
         counts: Number of messages by topic.
-        advice: What can be done with them; empty for what nodes publish about themselves.
+        hint: How to use them; empty for what nodes publish about themselves.
     """
 
     msgtype: str
     counts: tuple[tuple[str, int], ...]
-    advice: str
+    hint: str
 
     def note(self) -> str:
         """Return one line."""
         topics = some_of(
             [f'{one_line(name)} ({count})' for name, count in self.counts], _MOST_TOPICS
         )
-        return f'not used: {topics}, {one_line(self.msgtype)}; {self.advice}'
+        return f'not used: {topics}, {one_line(self.msgtype)}; {self.hint}'
 
 
 def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list[Unused]:
-    """Return the topics with messages that a plan does not use, by advice and type.
+    """Return the topics with messages that a plan does not use, by hint and type.
 
     Args:
         survey: Of the bags.
@@ -662,17 +662,17 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
     groups: dict[tuple[str, str], list[tuple[str, int]]] = defaultdict(list)
     for topic in sorted(survey.topics.values(), key=lambda surveyed: surveyed.name):
         if topic.count and topic.name not in left_out and topic.msgtype not in types.TF_TYPES:
-            hint = _advice(topic, survey, plan, pixels)
+            hint = _hint(topic, survey, plan, pixels)
             groups[_short(topic.msgtype), hint].append((topic.name, topic.count))
     for channel, loss in survey.left_out:
         if loss.count and channel.topic not in left_out:
             kind = _short(channel.msgtype)
-            hint = _ADVICE.get(kind, _NOT_READ)
+            hint = _HINTS.get(kind, _NOT_READ)
             groups[kind, hint].append((channel.topic, loss.count))
     return [Unused(kind, tuple(counts), hint) for (kind, hint), counts in groups.items()]
 
 
-def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[str]:
+def unused_notes(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[str]:
     """Return notes on the topics that a plan does not use.
 
     Args:
@@ -684,8 +684,8 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
         name for note in notes if note.startswith('passed over') for name in _NAMED.findall(note)
     ]
     groups = unused_topics(survey, plan, named)
-    background = [pair for group in groups if not group.advice for pair in group.counts]
-    lines = [group.note() for group in _by_advice(groups) if group.advice]
+    background = [pair for group in groups if not group.hint for pair in group.counts]
+    lines = [group.note() for group in _by_hint(groups) if group.hint]
     if background:
         topics = some_of(
             [f'{one_line(name)} ({count})' for name, count in background], _MOST_TOPICS
@@ -694,11 +694,11 @@ def passed_over(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[s
     return lines
 
 
-def _by_advice(unused: Iterable[Unused]) -> list[Unused]:
-    """Join topics with one advice, for which their types are listed."""
+def _by_hint(unused: Iterable[Unused]) -> list[Unused]:
+    """Join topics with one hint, for which their types are listed."""
     groups: dict[str, list[Unused]] = defaultdict(list)
     for group in unused:
-        groups[group.advice].append(group)
+        groups[group.hint].append(group)
     return [
         Unused(
             ', '.join(group.msgtype for group in same),
@@ -716,7 +716,7 @@ def _planned_links(survey: Survey, plan: Plan) -> set[str]:
         return set()
 
 
-def _advice(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
+def _hint(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     kind = _short(topic.msgtype)
     if kind in _BACKGROUND:
         return ''
@@ -725,10 +725,10 @@ def _advice(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames 
     if topic.msgtype in LABELS.every_type and plan.calibration == NONE:
         return _NO_CALIBRATION
     if topic.msgtype == types.DETECTIONS_2D:
-        return _advice_2d(topic, survey, plan, pixels)
+        return _hint_2d(topic, survey, plan, pixels)
     if topic.msgtype == types.MARKERS and not has_cubes(topic):
         return _NO_CUBES
-    return _DEPTH_ADVICE if _is_depth(topic) else _ADVICE.get(kind, _ANY_ADVICE)
+    return _DEPTH_HINT if _is_depth(topic) else _HINTS.get(kind, _ANY_HINT)
 
 
 def _label_camera(plan: Plan) -> int:
@@ -747,7 +747,7 @@ def _pixel_frames(survey: Survey, plan: Plan) -> PixelFrames | None:
         return None
 
 
-def _advice_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
+def _hint_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     labels = plan.labels
     if pixels is not None and topic.frame not in pixels:
         return (

@@ -19,7 +19,7 @@ from ..model.errors import Loss, UnsynchronisedError, UsageError
 from ..model.samples import NONE, match_frames
 from ..model.streams import NS_PER_S, Stream
 from .clocks import clock_notes, clocked, describe_gap
-from .plan import IMAGES, LABELS, UNIT, Incomplete, topic_uses
+from .plan import IMAGES, LABELS, OXTS_ROLES, Incomplete, topic_uses
 from .survey import topic_of
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def span_of(
 
 # Check of the message types of the topics that a plan names.
 
-_CHECKED = (IMAGES, LABELS, *UNIT)
+_CHECKED = (IMAGES, LABELS, *OXTS_ROLES)
 
 
 def check_types(plan: Plan, survey: Survey) -> None:

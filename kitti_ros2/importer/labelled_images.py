@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .survey import Survey
 
-_ADVICE = re.compile(r' \([^()]*--calib\)')
+_OPTION_HINT = re.compile(r' \([^()]*--calib\)')
 """The part of an error that advises on options of the conversion."""
 
 _KEPT = 4  # of the labels that were decoded last: several cameras show the same
@@ -210,7 +210,7 @@ def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan
             _try_labels(rigging, topic_of(survey, labels).samples)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
-            raise _impossible(bag.path, _ADVICE.sub('', str(error))) from None
+            raise _impossible(bag.path, _OPTION_HINT.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
         return plan, Rigging(plan, survey)
     return plan, rigging

@@ -249,14 +249,14 @@ class Role:
         stream: KITTI's stream that is made of it; of a camera that of its number.
         msgtypes: The types that a plan is guessed from, the preferred ones first.
         more_types: Others that a plan may name.
-        advice: What can be done with a topic of these types that a plan does not use.
+        hint: How to use a topic of these types that a plan does not use.
     """
 
     key: str
     stream: Stream
     msgtypes: tuple[str, ...] = ()
     more_types: tuple[str, ...] = ()
-    advice: str = ''
+    hint: str = ''
 
     @property
     def every_type(self) -> tuple[str, ...]:
@@ -264,7 +264,7 @@ class Role:
         return (*self.msgtypes, *self.more_types)
 
 
-_UNIT_ADVICE = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
+_OXTS_HINT = 'for oxts of the layouts raw and tracking: name the topic in imu, fix or velocity'
 
 SCAN = Role(
     'scan',
@@ -277,19 +277,19 @@ IMAGES = Role(
     'cameras',
     Stream.IMAGE_2,
     (types.IMAGE, types.COMPRESSED),
-    advice='images: name the topic in cameras',
+    hint='images: name the topic in cameras',
 )
 INFO = Role(
     'info',
     Stream.CALIBRATION,
     (types.CAMERA_INFO,),
-    advice='calibration of images that are not used',
+    hint='calibration of images that are not used',
 )
 POSES = Role(
     'pose',
     Stream.POSE,
     (types.ODOMETRY, types.POSE, types.PATH),
-    advice='poses: for the layouts odometry, raw and tracking: name the topic in pose.topic',
+    hint='poses: for the layouts odometry, raw and tracking: name the topic in pose.topic',
 )
 LABELS = Role(
     'labels',
@@ -299,13 +299,13 @@ LABELS = Role(
     '3D boxes: for labels of the layouts object, raw and tracking: name the topic in labels.topic',
 )
 BOXES_2D = Role('boxes_2d', Stream.LABELS, more_types=(types.DETECTIONS_2D,))
-IMU = Role('imu', Stream.OXTS, (types.IMU,), advice=_UNIT_ADVICE)
-FIX = Role('fix', Stream.OXTS, (types.FIX,), advice=_UNIT_ADVICE)
-VELOCITY = Role('velocity', Stream.OXTS, (types.TWIST,), (types.ODOMETRY,), _UNIT_ADVICE)
+IMU = Role('imu', Stream.OXTS, (types.IMU,), hint=_OXTS_HINT)
+FIX = Role('fix', Stream.OXTS, (types.FIX,), hint=_OXTS_HINT)
+VELOCITY = Role('velocity', Stream.OXTS, (types.TWIST,), (types.ODOMETRY,), _OXTS_HINT)
 
-UNIT = (IMU, FIX, VELOCITY)
+OXTS_ROLES = (IMU, FIX, VELOCITY)
 """Roles of the GPS/IMU unit, which have no part in the plan: the key is the topic's."""
-ROLES = (SCAN, IMAGES, INFO, POSES, LABELS, BOXES_2D, *UNIT)
+ROLES = (SCAN, IMAGES, INFO, POSES, LABELS, BOXES_2D, *OXTS_ROLES)
 """The table; transforms have no row, for a plan uses all of them."""
 
 
@@ -362,7 +362,7 @@ def topic_uses(plan: Plan) -> Iterator[TopicUse]:
             if topic:
                 key_of = f'{key}.{more.key}'
                 yield TopicUse(name, key_of, topic, more, more.stream, part.offset_s)
-    for role in UNIT:
+    for role in OXTS_ROLES:
         topic, offset_s = getattr(plan, role.key), getattr(plan, f'{role.key}_offset_s')
         if topic:
             yield TopicUse(role.key, role.key, topic, role, role.stream, offset_s)

@@ -330,7 +330,7 @@ class TopicSurvey:
         groups = group_messages(stamps_ns, self.log_ns)
         return groups if len(groups) < self.count else None
 
-    def oddities(self) -> Iterator[str]:
+    def stamp_notes(self) -> Iterator[str]:
         """Yield notes where header stamps are not used, and where they repeat."""
         _, reason = self.stamps()
         if reason is not None:

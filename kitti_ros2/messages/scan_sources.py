@@ -635,7 +635,7 @@ class ScanSource:
         scale: Estimates the divisor of intensities from some messages.
         needs_info: Whether it needs a CameraInfo.
         has_model: Whether it needs the model of the scanner, or the calibration of a unit.
-        advice: What should be known of such scans, empty for nothing.
+        note: A line for the user of such scans, empty for none.
     """
 
     word: str
@@ -645,7 +645,7 @@ class ScanSource:
     scale: Callable[[Sequence[Any]], float]
     needs_info: bool = False
     has_model: bool = False
-    advice: str = ''
+    note: str = ''
 
 
 def _decode_cloud(message: Any, needs: ScanNeeds) -> ScanPoints:  # noqa: ANN401 - as the table
@@ -709,7 +709,7 @@ SCAN_SOURCES = (
         _decode_laser_scan,
         lambda message: len(message.ranges) > 0,
         _laser_scale,
-        advice='one ring of points in a plane: detectors of cars expect many',
+        note='one ring of points in a plane: detectors of cars expect many',
     ),
     ScanSource(
         'depth',
@@ -718,7 +718,7 @@ SCAN_SOURCES = (
         is_depth,
         lambda _messages: 1.0,
         needs_info=True,
-        advice='points of a depth image have no reflectance, and the field of view of its camera',
+        note='points of a depth image have no reflectance, and the field of view of its camera',
     ),
 )
 """The table, best first."""

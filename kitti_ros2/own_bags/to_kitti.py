@@ -458,7 +458,7 @@ class Conversion:
             losses: Their damaged descriptions.
         """
         from ..importer.apply_plan import adapt, convert, guess, plans_of  # noqa: PLC0415
-        from ..importer.guess import passed_over  # noqa: PLC0415
+        from ..importer.guess import unused_notes  # noqa: PLC0415
         from ..importer.kitti_frames import frame_topics  # noqa: PLC0415
         from ..importer.plan import parse_plan  # noqa: PLC0415
         from ..importer.survey import survey_bags, topic_of  # noqa: PLC0415
@@ -475,7 +475,7 @@ class Conversion:
         reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
-            for remark in passed_over(survey, plan):
+            for remark in unused_notes(survey, plan):
                 self.note(remark)
         else:
             guessed = guess(self.bags, survey, self.options)

@@ -13,7 +13,7 @@ import pytest
 from surveyed import at, cloud, compressed, image, info, topic
 
 from kitti_ros2.importer import apply_plan
-from kitti_ros2.importer.guess import guess_plan, passed_over
+from kitti_ros2.importer.guess import guess_plan, unused_notes
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.messages.camera_info import make_transform
@@ -432,11 +432,11 @@ def test_boxes_that_are_no_labels_are_named_with_the_reason():
     ]
     survey = Survey({each.name: each for each in topics}, [], [])
     plan = guess(*topics).plan
-    (alone,) = passed_over(survey, plan)
+    (alone,) = unused_notes(survey, plan)
     assert 'labels are of a camera with a camera_info, which the plan has not' in alone
     topics += [image('/c/image_raw', frame='c'), info('/c/camera_info', 'c')]
     survey = Survey({each.name: each for each in topics}, [], [])
-    notes = passed_over(survey, guess(*topics).plan)
+    notes = unused_notes(survey, guess(*topics).plan)
     assert any('not used: /lines (5)' in note and 'without a cube' in note for note in notes)
     assert any('2D boxes whose frame is lens; those of camera 2 have c' in note for note in notes)
 

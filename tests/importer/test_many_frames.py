@@ -17,7 +17,7 @@ import pytest
 from counted_calls import calls_of
 from surveyed import at, cloud, image, info, topic
 
-from kitti_ros2.importer.guess import guess_plan, passed_over
+from kitti_ros2.importer.guess import guess_plan, unused_notes
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
@@ -83,7 +83,7 @@ def calls_for(survey: Survey) -> int:
 
     def plan() -> None:
         with suppress(KittiRos2Error):
-            passed_over(survey, guess_plan(survey, Layout.RAW, Path('bag.mcap')).plan)
+            unused_notes(survey, guess_plan(survey, Layout.RAW, Path('bag.mcap')).plan)
 
     return calls_of(plan)
 

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from kitti_ros2.importer.apply_plan import adapt, convert, guess
-from kitti_ros2.importer.guess import passed_over
+from kitti_ros2.importer.guess import unused_notes
 from kitti_ros2.importer.plan import format_plan, parse_plan
 from kitti_ros2.importer.survey import survey_bags, survey_sensors
 from kitti_ros2.kitti.store import decode_text
@@ -50,7 +50,7 @@ def _survey(data: bytes) -> None:
     survey_sensors(path)
     survey = survey_bags([path])
     for topic in survey.topics.values():
-        [*topic.oddities()]
+        [*topic.stamp_notes()]
         _ = topic.has_own_stamps, topic.frame
     options = [ImportOptions(layout=layout) for layout in (*Layout, None)]
     options += [ImportOptions(layout=Layout.OBJECT, all_cameras=True)]
@@ -123,7 +123,7 @@ def _plan_applied(data: bytes) -> None:
     path, survey = _bag()
     options = ImportOptions(overwrite=True, fsync=False)
     plan = adapt(plan, options)
-    passed_over(survey, plan)
+    unused_notes(survey, plan)
     out = place('planned')
     rmtree(out, ignore_errors=True)
     convert([path], plan, survey, out, options)
