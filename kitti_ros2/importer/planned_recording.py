@@ -103,7 +103,7 @@ class PlannedRecording:
         streams: Index by stream, of frames that have a sample, with the stamps of the frames.
         base_t_imu: imu_link in the body that the poses are of.
         no_calibration: Why there is none, by part; empty for a plan without.
-        assumptions: Those that may make pictures wrong, such as guessed axes; one line each.
+        picture_notes: On what may make pictures wrong, such as guessed axes; one line each.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -125,10 +125,10 @@ class PlannedRecording:
         survey = clocked(survey, plan)
         moving = read_moving([source], plan, survey, losses)
         notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-        self.assumptions: list[str] = []
-        self._plan, self.no_calibration = _rigged(plan, survey, moving, self.assumptions)
+        self.picture_notes: list[str] = []
+        self._plan, self.no_calibration = _rigged(plan, survey, moving, self.picture_notes)
         if self._plan.calibration == NO_CALIBRATION:
-            self.assumptions += _turned(self._plan.scan)
+            self.picture_notes += _turned(self._plan.scan)
         self._topics = frame_topics(self._plan)
         self._track = ego_track(source, survey, notes)
         self.origins: Mapping[int, FrameOrigin] = {}
@@ -257,20 +257,20 @@ def _to_look_at(plan: Plan) -> Plan:
 
 
 def _rigged(
-    plan: Plan, survey: Survey, moving: MovingTree | None, assumptions: list[str]
+    plan: Plan, survey: Survey, moving: MovingTree | None, picture_notes: list[str]
 ) -> tuple[Plan, dict[str, str]]:
     """Return the plan, without calibration and labels if it is missing, and the reason."""
     try:
         Rigging(plan, survey, moving)
     except KittiRos2Error as error:
-        assumptions.append(f'no calibration: {error}')
+        picture_notes.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
         return replace(plan, calibration=NO_CALIBRATION, labels=None), missing
     return plan, {}
 
 
 def _turned(scan: ScanPlan | None) -> list[str]:
-    """Return the assumption that makes the points of a depth camera look ahead."""
+    """Return a note where the z axis of a depth camera is taken as forward."""
     if scan is None or scan.forward != _OPTICAL:
         return []
     return [f'{scan.topic} is in {scan.frame}: its z axis is taken as forward']
