@@ -27,7 +27,7 @@ from mcap.records import (
 
 from ..files.local_files import VectoredFile, crc32
 from ..files.threads import OrderedPool
-from .segment_writer import POOL_AHEAD, compressor, qos_text
+from .file_writer import POOL_AHEAD, compressor, qos_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from ..model.bag_formats import Channel
     from ..options.outputs import BagOptions
-    from .segment_writer import Parts, SegmentContext
+    from .file_writer import Parts, WriterContext
 
 
 # The chunks of an MCAP file being written: messages, their CRC and their indexes.
@@ -360,10 +360,10 @@ def _assemble(position: int, groups: Sequence[tuple[Opcode, bytes]]) -> list[byt
     return [*body, crc.to_bytes(4, 'little'), MAGIC]
 
 
-class McapSegment:
+class McapFileWriter:
     """The writer of one MCAP file."""
 
-    def __init__(self, path: Path, context: SegmentContext) -> None:
+    def __init__(self, path: Path, context: WriterContext) -> None:
         self._typestore = context.typestore
         self._schemas: dict[str, Schema] = {}
         self._hashes: dict[str, str] = {}

@@ -33,7 +33,7 @@ from ..model.errors import BadBagError
 from .chunked_file import ChunkedFile, ChunkScan, FileContents, Kind, Record, open_bytes
 from .container_file import Chunk, FileBytes, StoredChannel, latched_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning, largest_block
-from .segment_writer import ros1_lz4
+from .file_writer import ros1_lz4
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from .chunked_file import Run, Source
     from .container_file import NamedFile, Problems, StoredMessage
     from .decompression import Buffer, DescriptionLimits, FileLimits
-    from .segment_writer import Parts, SegmentContext
+    from .file_writer import Parts, WriterContext
 
 
 # Parsers of the records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
@@ -735,10 +735,10 @@ def _lengthen_header(path: Path) -> None:
         file.write(_NUMBER.pack(padding_bytes) + b' ' * padding_bytes)
 
 
-class Ros1Segment:
+class Ros1FileWriter:
     """The writer of one .bag file."""
 
-    def __init__(self, path: Path, context: SegmentContext) -> None:
+    def __init__(self, path: Path, context: WriterContext) -> None:
         self._types = Ros1Types(context.typestore)
         self._writer = Ros1Writer(path, context.options.compression)
         self._channels: list[tuple[Connection, _Convert]] = []

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ..files.local_files import WritingOut
 from ..files.threads import OrderedPool
-from .segment_writer import POOL_AHEAD, ROS_DISTRO, VERSION, compressor, qos_text
+from .file_writer import POOL_AHEAD, ROS_DISTRO, VERSION, compressor, qos_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.bag_formats import Channel
-    from .segment_writer import Parts, SegmentContext
+    from .file_writer import Parts, WriterContext
 
 _SCHEMA_VERSION = 4
 
@@ -53,10 +53,10 @@ CREATE TABLE messages(
 _Row: TypeAlias = 'tuple[int, int, bytes | memoryview]'
 
 
-class SqliteSegment:
+class SqliteFileWriter:
     """The writer of one .db3 file; compression is rosbag2's message mode."""
 
-    def __init__(self, path: Path, context: SegmentContext) -> None:
+    def __init__(self, path: Path, context: WriterContext) -> None:
         self._typestore = context.typestore
         self._types: set[str] = set()
         options = context.options

@@ -30,10 +30,10 @@ from ..files.staging import open_staging
 from ..files.threads import SignalHold, worker_count
 from ..model.bag_formats import CONTAINERS, container_of
 from ..model.errors import OutputError, UsageError, add_note, format_count, not_one_of
-from .segment_writer import (
+from .file_writer import (
     Parts,
-    SegmentContext,
     Tally,
+    WriterContext,
     bag_information,
     information_text,
     metadata_yaml,
@@ -49,22 +49,22 @@ if TYPE_CHECKING:
     from ..files.uploads import UploadStaging
     from ..model.bag_formats import Channel
     from ..options.outputs import BagOptions
-    from .segment_writer import SegmentWriter
+    from .file_writer import FileWriter
 
 
-# What is kept of a bag whose writing was interrupted: its path, and the words about it.
+# A partial bag: what remains of one whose writing was interrupted.
 
 _PARTIAL = 'partial'
 
 
 @dataclass(frozen=True)
-class KeptBag:
-    """What is kept of a bag.
+class PartialBag:
+    """The remains of a bag whose writing was interrupted.
 
     Attributes:
-        path: Where it is.
-        messages: Number of messages that were written.
-        whole: Whether it is a valid bag of these messages, not one that breaks off.
+        path: The bag.
+        messages: Number of written messages.
+        whole: Whether the bag is valid, not truncated.
     """
 
     path: Path
@@ -78,7 +78,7 @@ class KeptBag:
         return text if self.whole else f'{text}, which kitti-ros2 recover repairs'
 
     def name_in(self, error: BaseException) -> None:
-        """Let an error name what is kept."""
+        """Add the path of the partial bag to an error."""
         if isinstance(error, OutputError):
             error.leave(self.text)
         else:
@@ -120,20 +120,20 @@ def _free_path(path: Path, *, single_file: bool) -> Path:
 _UNFINISHED = '.unfinished'
 
 
-def _open_segment(path: Path, context: SegmentContext) -> SegmentWriter:
+def _open_file(path: Path, context: WriterContext) -> FileWriter:
     """Make a file of the container, and open it for writing; its writer is imported here."""
     storage = context.options.storage
     if storage == 'mcap':
-        from .mcap_writer import McapSegment  # noqa: PLC0415 - most runs write one container
+        from .mcap_writer import McapFileWriter  # noqa: PLC0415 - most runs write one container
 
-        return McapSegment(path, context)
+        return McapFileWriter(path, context)
     if storage == 'sqlite3':
-        from .sqlite_writer import SqliteSegment  # noqa: PLC0415 - as above
+        from .sqlite_writer import SqliteFileWriter  # noqa: PLC0415 - as above
 
-        return SqliteSegment(path, context)
-    from .ros1_bag import Ros1Segment  # noqa: PLC0415 - as above
+        return SqliteFileWriter(path, context)
+    from .ros1_bag import Ros1FileWriter  # noqa: PLC0415 - as above
 
-    return Ros1Segment(path, context)
+    return Ros1FileWriter(path, context)
 
 
 def _write_errors(storage: str) -> tuple[type[Exception], ...]:
@@ -161,7 +161,7 @@ class BagWriter:
         OutputError: Another run is writing there, or the disk refuses.
     """
 
-    def __init__(self, path: Path, context: SegmentContext, *, single_file: bool) -> None:
+    def __init__(self, path: Path, context: WriterContext, *, single_file: bool) -> None:
         self._context = context
         self._container = CONTAINERS[context.options.storage]
         self._hold: SignalHold | nullcontext[None] = nullcontext()
@@ -174,7 +174,7 @@ class BagWriter:
         self._channels: list[Channel] = []
         self._topics: set[str] = set()
         self._tallies: list[Tally] = []
-        self._segment: SegmentWriter | None = None
+        self._file: FileWriter | None = None
         self._size = 0
         self._done = False
         self._failure: OutputError | None = None
@@ -187,7 +187,7 @@ class BagWriter:
             with self._reported():
                 if not single_file:
                     self._staging.content.mkdir()
-                self._next_segment()
+                self._next_file()
             if context.options.keep_partial:
                 # A message that is cut in two could not be told from a damaged bag.
                 self._hold = SignalHold()
@@ -205,10 +205,10 @@ class BagWriter:
         """
         if channel.topic in self._topics:
             raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
-        segment = self._opened()
+        file = self._opened()
         channel_id = len(self._channels)
         with self._reported(), self._hold:
-            segment.add_channel(channel_id, channel)
+            file.add_channel(channel_id, channel)
             self._channels.append(channel)
             self._topics.add(channel.topic)
             self._tallies[-1].counts.append(0)
@@ -255,7 +255,7 @@ class BagWriter:
             return
         try:
             with self._reported(), self._hold:
-                self._close_segment()
+                self._close_file()
                 self._finish_names()
             self._staging.publish()
             self._done = True
@@ -270,11 +270,11 @@ class BagWriter:
         if self._done:
             return
         self._done = True
-        segment, self._segment = self._segment, None
+        file, self._file = self._file, None
         try:
-            if segment is not None:
+            if file is not None:
                 with suppress(*self._errors):
-                    segment.abort()
+                    file.abort()
         finally:
             self._staging.discard()
             self._release()
@@ -289,7 +289,7 @@ class BagWriter:
         self._give_up(error)
 
     def _give_up(self, error: BaseException) -> None:
-        """Abort; if that is wanted, keep what was written, and name it in the error."""
+        """Abort; with keep_partial, keep the written messages and name their bag in the error."""
         broken = isinstance(error, (OSError, OutputError))
         partial_bag = self._keep(broken=broken) if is_interruption(error) else None
         self.abort()
@@ -297,8 +297,8 @@ class BagWriter:
         if partial_bag is not None:
             partial_bag.name_in(error)
 
-    def _keep(self, *, broken: bool) -> KeptBag | None:
-        """Keep what was written under another name.
+    def _keep(self, *, broken: bool) -> PartialBag | None:
+        """Keep the written messages as a partial bag.
 
         Args:
             broken: Whether the disk has refused a part of the file being written.
@@ -308,31 +308,31 @@ class BagWriter:
             return None
         whole = not broken
         with self._hold:
-            if whole and self._segment is not None:
+            if whole and self._file is not None:
                 try:
-                    self._close_segment()
+                    self._close_file()
                 except self._errors:
                     whole = False
-            segment, self._segment = self._segment, None
+            file, self._file = self._file, None
             with suppress(*self._errors):
-                if segment is not None:
-                    segment.abort()
+                if file is not None:
+                    file.abort()
             with suppress(OSError):
                 self._finish_names()
             path = move_aside(self._staging, single_file=self._single_file)
-        return None if path is None else KeptBag(path, messages, whole)
+        return None if path is None else PartialBag(path, messages, whole)
 
     def _release(self) -> None:
         hold, self._hold = self._hold, nullcontext()
         if isinstance(hold, SignalHold):
             hold.close()
 
-    def _opened(self) -> SegmentWriter:
+    def _opened(self) -> FileWriter:
         if self._failure is not None:
             raise self._failure
-        if self._segment is None:
+        if self._file is None:
             raise ValueError(f'{self.path}: the bag is closed')
-        return self._segment
+        return self._file
 
     def _name(self, index: int) -> str:
         name, suffix = self.path.name, self._container.suffix
@@ -342,13 +342,13 @@ class BagWriter:
         content = self._staging.content
         return content if self._single_file else content / (self._name(index) + _UNFINISHED)
 
-    def _next_segment(self) -> None:
-        segment = _open_segment(self._built(len(self._tallies)), self._context)
-        self._segment = segment
+    def _next_file(self) -> None:
+        file = _open_file(self._built(len(self._tallies)), self._context)
+        self._file = file
         self._tallies.append(Tally([0] * len(self._channels)))
         self._size = 0
         for channel_id, channel in enumerate(self._channels):
-            segment.add_channel(channel_id, channel)
+            file.add_channel(channel_id, channel)
 
     def _make_room(self, stamp_ns: int, size: int) -> None:
         tally = self._tallies[-1]
@@ -359,15 +359,15 @@ class BagWriter:
         )
         # A message larger than the limit gets a file of its own, never an empty one before it.
         if (full or over) and tally.end_ns >= tally.start_ns:
-            self._close_segment()
-            self._next_segment()
+            self._close_file()
+            self._next_file()
         self._size += size
 
-    def _close_segment(self) -> None:
-        segment = self._opened()
+    def _close_file(self) -> None:
+        file = self._opened()
         in_rosbag2 = self._container.in_rosbag2
-        segment.close(information_text(self._information()) if in_rosbag2 else b'')
-        self._segment = None
+        file.close(information_text(self._information()) if in_rosbag2 else b'')
+        self._file = None
 
     def _information(self) -> dict[str, object]:
         return bag_information(
@@ -478,6 +478,6 @@ def open_bag(
         key: value.encode('utf-8', 'replace').decode()
         for key, value in (source_metadata or {}).items()
     }
-    context = SegmentContext(options, typestore, source, threads or worker_count())
+    context = WriterContext(options, typestore, source, threads or worker_count())
     target = output_path(path, options)
     return BagWriter(target, context, single_file=container_of(target.suffix) is not None)

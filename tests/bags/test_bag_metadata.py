@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rosbags.rosbag2.metadata import parse_qos
 from ruamel.yaml import YAML
 
-from kitti_ros2.bags.segment_writer import (
+from kitti_ros2.bags.file_writer import (
     Tally,
     bag_information,
     information_text,

@@ -131,8 +131,8 @@ def test_a_signal_does_not_cut_a_message_in_two(tmp_path, samples, case):
     signal.signal(signal.SIGTERM, stop)
     try:
         writer = open_bag(tmp_path / name, BagOptions(**options, keep_partial=True), jazzy())
-        segment = writer._segment
-        done = segment.write
+        file = writer._file
+        done = file.write
 
         def write_and_signal(*what):
             signal.raise_signal(signal.SIGTERM)
@@ -142,7 +142,7 @@ def test_a_signal_does_not_cut_a_message_in_two(tmp_path, samples, case):
         reached = []
         with writer:
             channel = writer.add_channel(samples[0].channel)
-            segment.write = write_and_signal
+            file.write = write_and_signal
             with pytest.raises(Stop):
                 writer.write(channel, samples[0].stamp_ns, samples[0].parts)
         assert len(reached) == 1

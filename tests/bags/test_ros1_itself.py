@@ -16,7 +16,7 @@ import pytest
 from lz4 import frame
 from rosbags.rosbag1 import Reader
 
-from kitti_ros2.bags.segment_writer import ros1_lz4
+from kitti_ros2.bags.file_writer import ros1_lz4
 from kitti_ros2.cli import main
 from kitti_ros2.model.streams import Layout
 

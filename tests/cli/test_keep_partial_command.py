@@ -20,10 +20,10 @@ STOPPED = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup ignores it
-from kitti_ros2.bags.mcap_writer import McapSegment
+from kitti_ros2.bags.mcap_writer import McapFileWriter
 from kitti_ros2.cli.boundary import main
 
-number, done = int(sys.argv.pop(1)), McapSegment.write
+number, done = int(sys.argv.pop(1)), McapFileWriter.write
 written = []
 
 def write(self, *what):
@@ -32,7 +32,7 @@ def write(self, *what):
         signal.raise_signal(number)
     done(self, *what)
 
-McapSegment.write = write
+McapFileWriter.write = write
 sys.exit(main())
 """
 

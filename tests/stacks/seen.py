@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 import yaml
 
+from kitti_ros2.bags.file_writer import qos_profile
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.bags.segment_writer import qos_profile
 from kitti_ros2.messages.cdr import deserialize, join
 from kitti_ros2.player.program import RecordingProgram
 

@@ -54,7 +54,7 @@ class Tally:
 
 
 @dataclass(frozen=True)
-class SegmentContext:
+class WriterContext:
     """Arguments of the writer of one file.
 
     Attributes:
@@ -70,7 +70,7 @@ class SegmentContext:
     threads: int = 1
 
 
-class SegmentWriter(Protocol):
+class FileWriter(Protocol):
     """The writer of one file of a container; it may raise OSError and errors of its library."""
 
     def add_channel(self, channel_id: int, channel: Channel) -> None:
