@@ -93,7 +93,7 @@ def fingerprint_paths(paths: Iterable[Path]) -> str:
     Raises:
         OSError: A folder cannot be read.
     """
-    return _digest(each for path in paths for each in _walk(path, path.parent))
+    return _digest(input_file for path in paths for input_file in _walk(path, path.parent))
 
 
 def _digest(files: Iterable[InputFile]) -> str:
@@ -112,7 +112,7 @@ def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[Input
         parts = parts_of(source, layout, sequence)
     except KittiRos2Error:
         parts = [source]  # its unit will fail with this error, until something there changes
-    return tuple(sorted({each for part in parts for each in _walk(part, source)}))
+    return tuple(sorted({input_file for part in parts for input_file in _walk(part, source)}))
 
 
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:
@@ -252,7 +252,7 @@ class Collection:
             finally:
                 manifest.release()
             names = {unit.name for unit in units}
-            records = [each for name, each in manifest.records().items() if name in names]
+            records = [record for name, record in manifest.records().items() if name in names]
         return CollectionReport(self.out, tuple(records), frozenset(queue.ran), jobs)
 
     def _check(self, command: str | None) -> None:
@@ -367,28 +367,28 @@ class _Queue:
 
     def _job(self, unit: WorkUnit) -> UnitJob | None:
         """Return the job of a unit; None if it is done or has failed, and is not to be retried."""
-        known = self._known[unit.name]
+        record = self._known[unit.name]
         try:
             files = fingerprint(unit)
         except OSError as error:  # its unit will fail with it
             files = describe_error(error)
         identity = Identity(unit.origin, files, self._options, self._collection.version)
         out = self._collection.output_of(unit.name)
-        if known.identity == identity:
-            is_done = known.state == DONE and self._place.has(out)
-            retry = self._collection.batch.retry and (known.state == FAILED or known.bad)
-            if (is_done or known.state == FAILED) and not retry:
+        if record.identity == identity:
+            is_done = record.state == DONE and self._place.has(out)
+            retry = self._collection.batch.retry and (record.state == FAILED or record.bad)
+            if (is_done or record.state == FAILED) and not retry:
                 self._place.sweep(out)
                 return None
         self._identities[unit.name] = identity
         options = self._collection.options
-        if self._is_ours(known, unit, out):
+        if self._is_ours(record, unit, out):
             options = {**options, 'overwrite': True}
         return UnitJob(unit, out, options)
 
-    def _is_ours(self, known: UnitRecord, unit: WorkUnit, out: Path) -> bool:
+    def _is_ours(self, record: UnitRecord, unit: WorkUnit, out: Path) -> bool:
         """Whether a unit may replace what is at its output: nothing, or its own."""
-        own = known.ours and known.identity.source == unit.origin
+        own = record.ours and record.identity.source == unit.origin
         return own or not self._place.has(out)
 
     def _begin(self, job: UnitJob) -> UnitJob:

@@ -95,8 +95,8 @@ def run_task(task: UnitTask) -> UnitResult | None:
         ClusterError: The worker has another version of this package.
     """
     worker = distributed().get_worker()
-    if (found := own_version()) != task.version:
-        raise ClusterError(wrong_version(worker.address, found, task.version))
+    if (version := own_version()) != task.version:
+        raise ClusterError(wrong_version(worker.address, version, task.version))
     unseen = _unseen(task)
     if unseen is not None:
         return UnitResult(
@@ -116,9 +116,9 @@ def run_task(task: UnitTask) -> UnitResult | None:
         reporter.report('end')
 
 
-def wrong_version(address: str, found: str | None, expected: str) -> str:
+def wrong_version(address: str, version: str | None, expected: str) -> str:
     """Describe a worker, or the scheduler, that cannot run units of this version."""
-    has = 'has no kitti_ros2' if found is None else f'has kitti_ros2 {found}'
+    has = 'has no kitti_ros2' if version is None else f'has kitti_ros2 {version}'
     return (
         f'{address} {has}, expected {expected}; install the same version on the scheduler and on'
         ' all workers'
@@ -450,8 +450,8 @@ class DaskCluster:
         """Refuse workers of another version; one that has gone meanwhile is ignored."""
         if not joined:
             return
-        found = self._client.run(pydoc.locate, _VERSION, workers=list(joined), on_error='return')
-        for address, version in found.items():
+        versions = self._client.run(pydoc.locate, _VERSION, workers=list(joined), on_error='return')
+        for address, version in versions.items():
             if not isinstance(version, OSError):
                 self._compare(f'the worker {address}', version)
                 self._checked.add(address)
@@ -459,17 +459,17 @@ class DaskCluster:
     def _check_scheduler(self) -> None:
         """Refuse a scheduler of another version: it reads the tasks, too."""
         try:
-            found = self._client.run_on_scheduler(pydoc.locate, _VERSION)
+            version = self._client.run_on_scheduler(pydoc.locate, _VERSION)
         except OSError as error:
             raise self._ended() from error
         except Exception:  # noqa: BLE001 - the package fails to import there
-            found = None
-        self._compare(f'the scheduler of {self._name}', found)
+            version = None
+        self._compare(f'the scheduler of {self._name}', version)
 
-    def _compare(self, name: str, found: object) -> None:
-        if found != self._version:
-            known = found if isinstance(found, str) else None
-            raise ClusterError(wrong_version(name, known, self._version))
+    def _compare(self, name: str, version: object) -> None:
+        if version != self._version:
+            version_text = version if isinstance(version, str) else None
+            raise ClusterError(wrong_version(name, version_text, self._version))
 
     def _ended(self) -> ClusterError:
         return ClusterError(

@@ -125,9 +125,9 @@ def manifest_errors(path: Path) -> Iterator[None]:
         raise _no_manifest(path, str(error)) from error
 
 
-def _no_manifest(path: Path, found: str) -> BadFileError:
+def _no_manifest(path: Path, reason: str) -> BadFileError:
     return BadFileError(
-        path, found, 'the manifest of a collection', remedy='choose another OUT, or move it away'
+        path, reason, 'the manifest of a collection', remedy='choose another OUT, or move it away'
     )
 
 
@@ -418,7 +418,7 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
     for record in records:
         totals.update(record.counts)
     recent = [record for record in records if run and record.run == run.number and record.ended]
-    ends = [each.ended for each in recent if each.ended is not None]
+    ends = [record.ended for record in recent if record.ended is not None]
     # A clock that was set back gives no rate.
     seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
     left = states[TODO] + states[RUNNING]
@@ -432,7 +432,7 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
         unit_seconds=sum(record.seconds for record in records),
         recent=len(recent),
         recent_seconds=seconds,
-        recent_bytes=sum(each.counts.get('bytes', 0) for each in recent),
+        recent_bytes=sum(record.counts.get('bytes', 0) for record in recent),
         seconds_left=left * seconds / len(recent) if recent and seconds else None,
     )
 
@@ -563,8 +563,8 @@ class StorePlace(LocalPlace):
         """Take the manifest from the store, unless this machine's is newer."""
         local, put_back = self.folder / MANIFEST, self.folder / _PUT_BACK
         data = read_object(self._out / MANIFEST)
-        known = put_back.read_text() if put_back.is_file() else ''
-        if data is not None and local.is_file() and hashlib.sha256(data).hexdigest() == known:
+        digest = put_back.read_text() if put_back.is_file() else ''
+        if data is not None and local.is_file() and hashlib.sha256(data).hexdigest() == digest:
             return
         for path in (local, local.with_name(f'{MANIFEST}-journal'), put_back):
             path.unlink(missing_ok=True)
@@ -632,7 +632,7 @@ def _complete_names(objects: Iterable[str]) -> set[str]:
         while name and name not in names:
             names.add(name)
             name = name.rpartition('/')[0]  # noqa: PLW2901 - up to the top
-    return {each for each in names if _marker_name(each) not in names}
+    return {name for name in names if _marker_name(name) not in names}
 
 
 def _marker_name(name: str) -> str:

@@ -209,7 +209,7 @@ def _busy(
     while len(pool) < workers and (job := queue.take()) is not None:
         pool.append(start())
         pool[-1].give(job)
-    return {each.connection: each for each in pool if each.job is not None}
+    return {worker.connection: worker for worker in pool if worker.job is not None}
 
 
 class _Worker:

@@ -237,12 +237,12 @@ def run_statistics_unit(job: UnitJob, advance: Advance) -> UnitResult:
     chosen = {name: value for name, value in job.options.items() if name != 'overwrite'}
     read, options = make_statistics_options(chosen)
     read = replace(read, layout=unit.layout, sequence=unit.sequence)
-    found = count_set(unit.source, find_sources(unit.source, read), options, advance)
-    write_unit_json(job, plain_values(found))
+    statistics = count_set(unit.source, find_sources(unit.source, read), options, advance)
+    write_unit_json(job, plain_values(statistics))
     return UnitResult(
-        counts={'frames': found.total.frames, 'objects': found.total.objects},
-        bad=sum(loss.count for loss in found.total.losses),
-        losses=loss_lines(found.total.losses),
+        counts={'frames': statistics.total.frames, 'objects': statistics.total.objects},
+        bad=sum(loss.count for loss in statistics.total.losses),
+        losses=loss_lines(statistics.total.losses),
     )
 
 

@@ -66,23 +66,23 @@ def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> l
     """
     noun = 'folder' if is_file is None else 'folder or file'
     if source.is_file() and source.suffix == _LIST:
-        found = list(_listed(source))
-        if not found:
+        paths = list(_listed(source))
+        if not paths:
             raise UsageError(f'{source}: names no {noun}; expected one path per line')
     elif source.exists() or not glob.has_magic(str(source)):
         return [source]
     else:
-        found = [
+        paths = [
             path
             for path in _matches(source)
             if path.is_dir() or (is_file is not None and is_file(path))
         ]
-        if not found:
+        if not paths:
             raise UsageError(f'{source}: no {noun} matches; quote the pattern, or give a root')
-    for path in found:
+    for path in paths:
         if not path.exists():
             raise MissingPathError(path)
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(paths))
 
 
 def find_all_roots(
@@ -110,8 +110,8 @@ def _matches(pattern: Path) -> list[Path]:
         from ..files.remote_reads import matches_of  # noqa: PLC0415 - for URLs only
 
         return [*matches_of(pattern)]
-    found = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - it may be absolute
-    return [Path(each) for each in sorted(found)]
+    matches = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - it may be absolute
+    return [Path(match) for match in sorted(matches)]
 
 
 def common_folder(roots: Sequence[Path]) -> Path:
@@ -164,7 +164,7 @@ class FolderSearch:
         Raises:
             OSError: The first folder cannot be read.
         """
-        excluded = {remote.real_place(each) for each in self.exclude}
+        excluded = {remote.real_place(path) for path in self.exclude}
         seen: set[str] = set()
         stack = [(root, 0)]
         while stack:
@@ -202,9 +202,9 @@ def _entries(folder: Path) -> tuple[list[str], list[str]]:
                 (folders if entry.is_folder else others).append(name)
         return folders, others
     with os.scandir(folder) as entries:
-        for each in entries:
-            if not each.name.startswith('.'):
-                (folders if _is_folder(each) else others).append(each.name)
+        for dir_entry in entries:
+            if not dir_entry.name.startswith('.'):
+                (folders if _is_folder(dir_entry) else others).append(dir_entry.name)
     return sorted(folders), sorted(others)
 
 
@@ -273,14 +273,14 @@ def find_units(
     """
     base = common_folder(roots)
     search = search or FolderSearch()
-    found: dict[tuple[Path, str | None], WorkUnit] = {}
+    unit_map: dict[tuple[Path, str | None], WorkUnit] = {}
     for root in roots:
         units = recordings_at(root, base, layout, search) if root.is_dir() else []
         if not units:
             raise search.nothing() or explain(root)
         for unit in units:
-            found.setdefault((unit.source, unit.sequence), unit)
-    units = in_order(found.values(), roots)
+            unit_map.setdefault((unit.source, unit.sequence), unit)
+    units = in_order(unit_map.values(), roots)
     if slice_frames is None:
         return units
     return [part for unit in units for part in _slices(unit, slice_frames)]
@@ -298,19 +298,19 @@ def recordings_at(
         search: As in find_units.
     """
     place = absolute(root)
-    found: list[WorkUnit] = []
+    units: list[WorkUnit] = []
 
     def visit(folder: Path, folders: Sequence[str], _: Sequence[str]) -> Sequence[str]:
         data_set = data_set_in(folder) if folder != place else _data_set_at(place, layout)
         if data_set is None:
             return folders
         if layout in {None, data_set.layout}:
-            found.extend(_unit(base, data_set, recording) for recording in data_set.recordings)
+            units.extend(_unit(base, data_set, recording) for recording in data_set.recordings)
         covered = _covered(folder, folders, data_set.recordings)
         return [name for name in folders if name not in covered]
 
     search.walk(place, visit)
-    return found
+    return units
 
 
 def in_order(units: Iterable[WorkUnit], roots: Sequence[Path]) -> list[WorkUnit]:
@@ -338,7 +338,7 @@ def refuse_within(units: Iterable[WorkUnit], out: Path) -> None:
         UsageError: It lies inside.
     """
     target = out.resolve() if is_remote(out) else Path(real_place(out))
-    around = {str(each) for each in (target, *target.parents)}
+    around = {str(folder) for folder in (target, *target.parents)}
     for unit in units:
         for source in filter(None, (unit.source, unit.result)):
             if real_place(source) in around:
@@ -356,10 +356,10 @@ def _unit(base: Path, data_set: DataSet, candidate: Candidate) -> WorkUnit:
 
 def _data_set_at(root: Path, layout: Layout | None) -> DataSet | None:
     try:
-        found = data_sets_at(root, ReadOptions(layout=layout))
+        data_sets = data_sets_at(root, ReadOptions(layout=layout))
     except PermissionError:  # of one of its recordings; the others are found in their folders
         return None
-    return found[0] if found else None
+    return data_sets[0] if data_sets else None
 
 
 def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidate]) -> set[str]:
@@ -401,7 +401,7 @@ def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
-    found: dict[Path, WorkUnit] = {}
+    unit_map: dict[Path, WorkUnit] = {}
     for root in roots:
         bags = list(bags_at(root, search)) if root.exists() else []
         if not bags:
@@ -414,8 +414,8 @@ def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit
         for bag in bags:
             name = stem_of(bag) if bag.is_file() else bag.name
             place = Path(relative_name(bag, base)).with_name(name)
-            found.setdefault(bag, WorkUnit(place.as_posix(), bag))
-    units = in_order(found.values(), roots)
+            unit_map.setdefault(bag, WorkUnit(place.as_posix(), bag))
+    units = in_order(unit_map.values(), roots)
     _refuse_nested(units)
     return units
 
@@ -448,7 +448,7 @@ def find_source_units(
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
-    found: dict[tuple[Path, str | None], WorkUnit] = {}
+    unit_map: dict[tuple[Path, str | None], WorkUnit] = {}
     for root in roots:
         units = recordings_at(root, base, layout, search) if root.is_dir() else []
         if layout is None and root.exists():
@@ -456,8 +456,8 @@ def find_source_units(
         if not units:
             raise search.nothing() or (explain_file(root) if root.is_file() else explain(root))
         for unit in units:
-            found.setdefault((unit.source, unit.sequence), unit)
-    return in_order(found.values(), roots)
+            unit_map.setdefault((unit.source, unit.sequence), unit)
+    return in_order(unit_map.values(), roots)
 
 
 def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
@@ -474,15 +474,15 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
     if place.is_file():
         yield place
         return
-    found: list[Path] = []
+    bag_paths: list[Path] = []
 
     def visit(folder: Path, folders: Sequence[str], others: Sequence[str]) -> Sequence[str]:
         bags = bags_among(folder, others)
-        found.extend(bags)
+        bag_paths.extend(bags)
         return () if bags == [folder] else folders
 
     search.walk(place, visit)
-    yield from found
+    yield from bag_paths
 
 
 # The units of evaluations: results, each with the ground truth that it is compared with.
@@ -537,34 +537,34 @@ def find_pairs(
         KittiRos2Error: There is no ground truth, no result, or no pair of both.
         OSError: A root cannot be read.
     """
-    found = dict(_results(results, kind, search))
-    if not found:
+    result_paths = dict(_results(results, kind, search))
+    if not result_paths:
         raise UsageError(f'{results}: has no result; see kitti-ros2 eval ... --help for its files')
-    known = list(_truths(truth, kind, layout, replace(search, exclude=[*search.exclude, results])))
+    truths = list(_truths(truth, kind, layout, replace(search, exclude=[*search.exclude, results])))
     units = []
-    for name, path in found.items():
-        chosen = known if len(known) == 1 else _closest(name, known)
+    for name, path in result_paths.items():
+        chosen = truths if len(truths) == 1 else _closest(name, truths)
         if len(chosen) == 1:
             units.append(replace(chosen[0], name=name, result=path))
         else:
-            several = some_of([each.name for each in chosen])
+            several = some_of([unit.name for unit in chosen])
             why = f'fits {several} in {truth}' if chosen else f'has no ground truth in {truth}'
             search.problems.append(f'{path}: {why}; not scored')
     if not units:
-        names = f'{some_of([*found])} and {some_of([each.name for each in known])}'
+        names = f'{some_of([*result_paths])} and {some_of([unit.name for unit in truths])}'
         raise UsageError(f'{results}: no result has the name of a ground truth: {names}')
     compared = {(unit.source, unit.sequence) for unit in units}
-    absent = [each.name for each in known if (each.source, each.sequence) not in compared]
+    absent = [unit.name for unit in truths if (unit.source, unit.sequence) not in compared]
     if absent:
         search.problems.append(f'{results}: no result for {some_of(absent, 6)}; not scored')
     return in_order(units, [results])
 
 
-def _closest(name: str, known: Iterable[WorkUnit]) -> list[WorkUnit]:
+def _closest(name: str, truths: Iterable[WorkUnit]) -> list[WorkUnit]:
     """Return the ground truths that share most last names with a result, at least one."""
-    lengths = [(_common_tail(name, each), each) for each in known]
+    lengths = [(_common_tail(name, truth), truth) for truth in truths]
     longest = max(length for length, _ in lengths)
-    return [each for length, each in lengths if length == longest] if longest else []
+    return [truth for length, truth in lengths if length == longest] if longest else []
 
 
 def _common_tail(name: str, truth: WorkUnit) -> int:
@@ -589,13 +589,13 @@ def _truths(
     for root in roots:
         if not root.exists():
             raise explain(root)
-        found = list(_truths_at(root, base, kind, layout, search))
-        if not found:
+        truths = list(_truths_at(root, base, kind, layout, search))
+        if not truths:
             raise search.nothing() or explain(root)
-        having = [each for each in found if _has(each, kind.stream)]
+        having = [unit for unit in truths if _has(unit, kind.stream)]
         if not having:
             raise UsageError(
-                f'{root}: {some_of([each.name for each in found])}: no {kind.stream.value} to'
+                f'{root}: {some_of([unit.name for unit in truths])}: no {kind.stream.value} to'
                 f' compare with; KITTI publishes none of its test data'
             )
         yield from having
@@ -608,9 +608,9 @@ def _truths_at(
     place = absolute(root)
     if place.is_dir():
         split = place.parent if kind.layout and place.name == TRACKING_LABELS else place
-        found = recordings_at(split, base, wanted, search)
-        yield from found
-        if wanted is None and not found:
+        recordings = recordings_at(split, base, wanted, search)
+        yield from recordings
+        if wanted is None and not recordings:
             if kind.frames and find_frame_files(place) is not None:
                 yield WorkUnit(relative_name(place, base), place)
             for path in sorted(place.iterdir()) if kind.texts else ():
@@ -639,37 +639,37 @@ def _results(source: Path, kind: PairKind, search: FolderSearch) -> Iterator[tup
     """
     roots = find_roots(source, Path.is_file)
     base = common_folder(roots)
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for root in roots:
         if not root.exists():
             raise MissingPathError(root)
         for path in [absolute(root)] if root.is_file() else _results_below(root, kind, search):
             name = _result_name(path, base)
-            if found.setdefault(name, path) != path:
+            if paths.setdefault(name, path) != path:
                 raise UsageError(
-                    f'{source}: {found[name]} and {path} have one name, {name}; choose among them'
+                    f'{source}: {paths[name]} and {path} have one name, {name}; choose among them'
                     f' with a glob or a list'
                 )
-    yield from found.items()
+    yield from paths.items()
 
 
 def _results_below(root: Path, kind: PairKind, search: FolderSearch) -> list[Path]:
-    found: list[Path] = []
+    paths: list[Path] = []
 
     def visit(folder: Path, folders: Sequence[str], others: Sequence[str]) -> Sequence[str]:
         bags = bags_among(folder, others)
-        found.extend(bags)
+        paths.extend(bags)
         if bags == [folder]:
             return ()
         if kind.frames and find_frame_files(folder) is not None:
-            found.append(folder)
+            paths.append(folder)
             return ()
         texts = [folder / name for name in others if _is_text(folder / name)]
-        found.extend(text for text in texts if kind.texts or _is_sequence(text))
+        paths.extend(text for text in texts if kind.texts or _is_sequence(text))
         return folders
 
     search.walk(absolute(root), visit)
-    return found
+    return paths
 
 
 def _is_text(path: Path) -> bool:
