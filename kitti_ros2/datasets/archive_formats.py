@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 class BadArchiveError(KittiRos2Error):
     """An archive that is refused as a whole: damaged, hostile, or without KITTI's folders."""
 
-    def __init__(self, path: Path, found: str, remedy: str) -> None:
+    def __init__(self, path: Path, reason: str, remedy: str) -> None:
         self.path = str(path)
-        super().__init__(f'{path}: {found}; nothing of it was extracted ({remedy})')
+        super().__init__(f'{path}: {reason}; nothing of it was extracted ({remedy})')
 
 
 class BadMemberError(KittiRos2Error):
@@ -182,11 +182,11 @@ def checked(packed: Packed, limits: Limits) -> Iterator[Member]:
             raise BadArchiveError(packed.path, f'has over {_MOST_MEMBERS:,} entries', _UNTRUSTED)
         if total > most:
             ratio = f'{total / archive_bytes:.0f} times its own size'
-            found = f'declares at least {format_bytes(total)} of content, {ratio}'
-            raise BadArchiveError(packed.path, found, 'allow more with --max-ratio')
+            content = f'declares at least {format_bytes(total)} of content, {ratio}'
+            raise BadArchiveError(packed.path, content, 'allow more with --max-ratio')
         if total > limits.size:
-            found = f'declares at least {format_bytes(total)} of content'
-            raise BadArchiveError(packed.path, found, 'allow more with --max-size')
+            content = f'declares at least {format_bytes(total)} of content'
+            raise BadArchiveError(packed.path, content, 'allow more with --max-size')
         yield member
 
 
@@ -361,9 +361,9 @@ class TarArchive:
         self.path = path
         with path.open('rb') as file:
             head = file.read(max(map(len, MAGICS)))
-        found = [opener for magic, opener in _OPENERS.items() if head.startswith(magic)]
+        openers = [opener for magic, opener in _OPENERS.items() if head.startswith(magic)]
         self._open: Callable[[Path], IO[bytes]] = (
-            found[0] if found else lambda path: path.open('rb')
+            openers[0] if openers else lambda path: path.open('rb')
         )
 
     def __enter__(self) -> Self:
@@ -398,8 +398,8 @@ class TarArchive:
             left -= len(piece)
 
     def _damaged(self, reason: str) -> BadArchiveError:
-        found = f'is a truncated or damaged tar archive ({reason})'
-        return BadArchiveError(self.path, found, 'download it again')
+        text = f'is a truncated or damaged tar archive ({reason})'
+        return BadArchiveError(self.path, text, 'download it again')
 
     def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
         """Yield some members with the pieces of their content, by a pass over the archive."""
@@ -593,6 +593,6 @@ def open_archive(path: Path) -> Packed:
     if not head:
         raise BadArchiveError(path, 'is empty', 'download it again')
     if head.lstrip().lower().startswith((b'<!doctype', b'<html', b'<?xml')):
-        found = 'is a web page, such as that of a login, in place of an archive'
-        raise BadArchiveError(path, found, 'download it again')
+        reason = 'is a web page, such as that of a login, in place of an archive'
+        raise BadArchiveError(path, reason, 'download it again')
     raise BadArchiveError(path, 'is neither a zip nor a tar archive', 'download it again')

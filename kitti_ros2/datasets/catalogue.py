@@ -188,15 +188,17 @@ class RawKinds:
             UsageError: None of them is of the categories.
         """
         given = list(drives)
-        chosen = [each for each in given if not self.categories or each.category in self.categories]
+        chosen = [
+            drive for drive in given if not self.categories or drive.category in self.categories
+        ]
         if given and not chosen:
             raise UsageError(f'none of these drives is of category {either(self.categories)}')
-        found = [calib_entry(date) for date in dict.fromkeys(each.date for each in chosen)]
+        entries = [calib_entry(date) for date in dict.fromkeys(drive.date for drive in chosen)]
         for drive in chosen:
             kinds = (kind,) if kind else self.kinds or ('sync', *self._labels(drive))
             sizes = {'sync': drive.sync_bytes}
-            found += [raw_entry(drive.name, each, sizes.get(each)) for each in kinds]
-        return found
+            entries += [raw_entry(drive.name, part, sizes.get(part)) for part in kinds]
+        return entries
 
     @staticmethod
     def _labels(drive: RawDrive) -> tuple[str, ...]:
@@ -209,22 +211,22 @@ def select(words: Sequence[str], raw: RawKinds) -> list[CatalogueEntry]:
     Raises:
         UsageError: A word is unknown, or nothing is selected.
     """
-    found: list[CatalogueEntry] = []
+    entries: list[CatalogueEntry] = []
     benchmark, chosen = '', False
     for word in words:
         if word in BENCHMARKS:
-            found += _close(benchmark, raw, chosen=chosen)
+            entries += _close(benchmark, raw, chosen=chosen)
             benchmark, chosen = word, False
             continue
-        found += _select_word(word, benchmark, raw)
+        entries += _select_word(word, benchmark, raw)
         chosen = True
-    found += _close(benchmark, raw, chosen=chosen)
-    if not found:
+    entries += _close(benchmark, raw, chosen=chosen)
+    if not entries:
         raise UsageError(
             f'nothing is selected; give {either(BENCHMARKS)} with parts, such as object calib'
             f' label_2, or raw 2011_09_26_drive_0005 (--list shows all)'
         )
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(entries))
 
 
 def _close(benchmark: str, raw: RawKinds, *, chosen: bool) -> list[CatalogueEntry]:
@@ -241,12 +243,12 @@ def _close(benchmark: str, raw: RawKinds, *, chosen: bool) -> list[CatalogueEntr
 
 
 def _parts(benchmark: str) -> dict[str, CatalogueEntry]:
-    return {each.part: each for each in ENTRIES if each.benchmark == benchmark}
+    return {entry.part: entry for entry in ENTRIES if entry.benchmark == benchmark}
 
 
 def _select_word(word: str, benchmark: str, raw: RawKinds) -> list[CatalogueEntry]:
     """Return the archives that a word names."""
-    by_name = {each.name: each for each in ENTRIES}
+    by_name = {entry.name: entry for entry in ENTRIES}
     if word in by_name:
         return [by_name[word]]
     parts = _parts(benchmark)
@@ -258,19 +260,19 @@ def _select_word(word: str, benchmark: str, raw: RawKinds) -> list[CatalogueEntr
     if word == _ALL and benchmark:
         return list(parts.values())
     if benchmark in {'', 'raw'}:
-        found = _select_raw(word, raw)
-        if found:
-            return found
-    known = [*parts, _ALL] if benchmark else [*BENCHMARKS, *by_name]
+        entries = _select_raw(word, raw)
+        if entries:
+            return entries
+    words = [*parts, _ALL] if benchmark else [*BENCHMARKS, *by_name]
     if benchmark == 'raw':
-        known += [*raw_drives()]
-    hint = did_you_mean(word, known) or f'; there are {either(known[:9])} (--list shows all)'
+        words += [*raw_drives()]
+    hint = did_you_mean(word, words) or f'; there are {either(words[:9])} (--list shows all)'
     raise UsageError(f'there is no {f"{benchmark} " if benchmark else ""}{word}{hint}')
 
 
 def _select_raw(word: str, raw: RawKinds) -> list[CatalogueEntry]:
     drives = raw_drives()
-    dates = {each.date for each in drives.values()}
+    dates = {drive.date for drive in drives.values()}
     drive, span, calib = _DRIVE.fullmatch(word), _RANGE.fullmatch(word), _CALIB.fullmatch(word)
     if drive is not None and drive[1] in drives:
         if word.endswith('.zip') and drive[2]:
@@ -280,9 +282,9 @@ def _select_raw(word: str, raw: RawKinds) -> list[CatalogueEntry]:
     if span is not None:
         first, last = int(span[2]), int(span[3])
         within = [
-            each
-            for each in drives.values()
-            if each.date == span[1] and first <= each.number <= last
+            drive
+            for drive in drives.values()
+            if drive.date == span[1] and first <= drive.number <= last
         ]
         if not within:
             raise UsageError(f'{word}: there is no drive between these; --list shows all')
@@ -290,5 +292,5 @@ def _select_raw(word: str, raw: RawKinds) -> list[CatalogueEntry]:
     if calib is not None and calib[1] in dates:
         return [calib_entry(calib[1])]
     if names.RAW_DATE.fullmatch(word) and word in dates:
-        return raw.entries([each for each in drives.values() if each.date == word])
+        return raw.entries([drive for drive in drives.values() if drive.date == word])
     return []

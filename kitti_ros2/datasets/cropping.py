@@ -302,7 +302,7 @@ def _run(jobs: list[RecordingCrop], root: Path, progress: Progress | None) -> No
 
 def _note_left_out(src: Path, tops: frozenset[Path]) -> list[str]:
     """Note the files and folders of a source that belong to no recording."""
-    found: list[str] = []
+    left_out: list[str] = []
     pending = [] if any(top in src.parents for top in tops) else [src]
     while pending:
         path = pending.pop()
@@ -310,8 +310,8 @@ def _note_left_out(src: Path, tops: frozenset[Path]) -> list[str]:
             names = reversed(STORE.names(path))
             pending += [path / name for name in names if not name.startswith('.')]
         elif path not in tops:
-            found.append(str(path.relative_to(src)))
-    return [f'{src}: {some_of(found)} left out, as part of no recording'] if found else []
+            left_out.append(str(path.relative_to(src)))
+    return [f'{src}: {some_of(left_out)} left out, as part of no recording'] if left_out else []
 
 
 def _check_places(src: Path, out: Path) -> None:

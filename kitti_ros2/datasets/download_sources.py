@@ -151,8 +151,8 @@ class _Connections:
         with self._lock:
             if number == self._number:
                 self._ended = True
-                for each in self._sockets:
-                    _shut_down(each)
+                for open_socket in self._sockets:
+                    _shut_down(open_socket)
 
 
 def _shut_down(connection: socket.socket) -> None:
@@ -364,8 +364,8 @@ class HttpSource:
         if code == 206:
             return _opened_part(response, validator, start)
         if code == 416:
-            found = _ALL_OF.fullmatch(headers.get('Content-Range', ''))
-            if found is not None and int(found[1]) == start:
+            match = _ALL_OF.fullmatch(headers.get('Content-Range', ''))
+            if match is not None and int(match[1]) == start:
                 return Opened(start, start, validator, iter(()))
             raise ChangedFileError('the server has less than before')
         _check_status(response, url)
@@ -378,10 +378,10 @@ def _declared_size(response: httpx.Response) -> int | None:
 
 
 def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened:
-    found = _CONTENT_RANGE.fullmatch(response.headers.get('Content-Range', ''))
-    if found is None or int(found[1]) != start:
+    match = _CONTENT_RANGE.fullmatch(response.headers.get('Content-Range', ''))
+    if match is None or int(match[1]) != start:
         raise BrokenTransferError('the server sent another part than was requested')
-    size = None if found[2] == '*' else int(found[2])
+    size = None if match[2] == '*' else int(match[2])
     return Opened(start, size, validator, response.iter_raw())
 
 

@@ -134,9 +134,9 @@ class FinishedArchives:
         self._path = folder / _NAME
         self._files: dict[str, list[str]] = {}
         with suppress(OSError, ValueError):
-            found = json.loads(self._path.read_text('utf-8'))
-            if isinstance(found, dict):
-                self._files = {str(name): [*map(str, files)] for name, files in found.items()}
+            record = json.loads(self._path.read_text('utf-8'))
+            if isinstance(record, dict):
+                self._files = {str(name): [*map(str, files)] for name, files in record.items()}
 
     def __contains__(self, name: str) -> bool:
         """Whether an archive was extracted, and its files are still there."""
@@ -167,11 +167,11 @@ def archive_sizes(
 ) -> dict[str, int]:
     """Return the sizes of archives by name: what the server says, else what the catalogue has."""
     from_kitti = base_url == KITTI_URL
-    sizes = {each.name: each.about_bytes or 0 if from_kitti else 0 for each in entries}
+    sizes = {entry.name: entry.about_bytes or 0 if from_kitti else 0 for entry in entries}
     with suppress(BrokenTransferError):  # that is for the transfers to report
         for entry in entries:
-            found = (source.size(url) for url in entry.urls(base_url))
-            sizes[entry.name] = next((size for size in found if size), sizes[entry.name])
+            url_sizes = (source.size(url) for url in entry.urls(base_url))
+            sizes[entry.name] = next((size for size in url_sizes if size), sizes[entry.name])
     return sizes
 
 
@@ -298,7 +298,7 @@ def download_all(
         run = _Download(root, options, extraction, progress)
         pending = run.leave_out_finished(entries)
         sizes = archive_sizes(pending, source, base_url)
-        present = sum(each.stat().st_size for each in (root / ARCHIVES).iterdir())
+        present = sum(path.stat().st_size for path in (root / ARCHIVES).iterdir())
         needed = needed_bytes(sizes.values(), present, options)
         require_space(root, needed, 'select less')
         run.fetch(pending, source, base_url, sizes, checksums if options.verify else {})
@@ -371,7 +371,7 @@ class _Download:
 
         ended: SimpleQueue[ThreadTask[bool]] = SimpleQueue()
         with Threads(self._options.jobs, 'download') as threads:
-            tasks = {threads.submit(partial(fetch_one, each), ended): each for each in entries}
+            tasks = {threads.submit(partial(fetch_one, entry), ended): entry for entry in entries}
             try:
                 for _ in entries:
                     task = ended.get()

@@ -140,8 +140,8 @@ class PendingFiles:
         """
         self.publish()
         if self._fsync:
-            folders = {each for folder in self._folders for each in (folder, *folder.parents)}
-            sync_folders(each for each in folders if self._root in (each, *each.parents))
+            folders = {parent for folder in self._folders for parent in (folder, *folder.parents)}
+            sync_folders(folder for folder in folders if self._root in (folder, *folder.parents))
         self._folders.clear()
 
     def drop(self) -> None:
@@ -309,11 +309,11 @@ def _equals(path: Path, size: int, crc: int) -> bool:
     """Whether a file has a size and CRC-32."""
     if path.stat().st_size != size:
         return False
-    found = 0
+    actual_crc = 0
     with path.open('rb') as file:
         while piece := file.read(PIECE_BYTES):
-            found = crc32(piece, found)
-    return found == crc
+            actual_crc = crc32(piece, actual_crc)
+    return actual_crc == crc
 
 
 def _may_differ(path: Path) -> bool:
@@ -363,14 +363,14 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
         UsageError: The root is a part of a data set.
     """
     with open_archive(path) as packed:
-        files = [each for each in checked(packed, limits) if not each.is_folder]
+        files = [member for member in checked(packed, limits) if not member.is_folder]
     chosen = [file for file in files if not _is_noise(file.name)]
-    found = [each.name for each in chosen]
-    known = [name for name in found if is_known(name, path.name)]
-    if not known:
-        what = f'contains no folder of KITTI in {format_count(len(found), "file")}'
+    file_names = [file.name for file in chosen]
+    kitti_names = [name for name in file_names if is_known(name, path.name)]
+    if not kitti_names:
+        what = f'contains no folder of KITTI in {format_count(len(file_names), "file")}'
         raise BadArchiveError(path, what, 'extract it with another program')
-    wanted = places_in(root, places(found, path.name))
+    wanted = places_in(root, places(file_names, path.name))
     if is_part_of_set(Path(os.path.realpath(root)).name) and any(
         _is_whole(place) for place in wanted
     ):
@@ -488,7 +488,7 @@ def extract(
         ExtractReport(...)
     """
     given = [archives] if isinstance(archives, (str, PathLike)) else archives
-    paths = [Path(each) for each in given]
+    paths = [Path(archive) for archive in given]
     chosen = make_extract_options(options)
     return extract_all(paths, Path(root), chosen, progress or (lambda _done, _total: None))
 
@@ -502,7 +502,7 @@ def extract_all(
     with locked_folder(root):
         _check_space(root, placements)
         extraction = _Extraction(
-            root, options, sum(each.size_bytes for each in placements), progress
+            root, options, sum(placement.size_bytes for placement in placements), progress
         )
         with closing(extraction):
             done = tuple(extraction.extract(placement) for placement in placements)

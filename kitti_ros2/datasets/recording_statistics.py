@@ -214,8 +214,8 @@ class ObjectStatistics:
         self.count += other.count
         self.frames += other.frames
         self.most = max(self.most, other.most)
-        for each in fields(self):
-            mine, theirs = getattr(self, each.name), getattr(other, each.name)
+        for own_field in fields(self):
+            mine, theirs = getattr(self, own_field.name), getattr(other, own_field.name)
             if isinstance(mine, Counter):
                 mine.update(theirs)
             elif isinstance(mine, Distribution):
@@ -244,10 +244,10 @@ class ObjectTally:
             by_class[label.class_name].append(label)
             if label.track_id is not None and label.track_id >= 0:
                 self._tracks[label.class_name, label.track_id] += 1
-        for class_name, found in by_class.items():
-            self.classes[class_name].add_frame(found)
+        for class_name, boxes in by_class.items():
+            self.classes[class_name].add_frame(boxes)
         self.a_frame.add(
-            sum(len(found) for class_name, found in by_class.items() if class_name != DONT_CARE)
+            sum(len(boxes) for class_name, boxes in by_class.items() if class_name != DONT_CARE)
         )
         for class_name, count in box_points:
             self.classes[class_name].points.add(count)
@@ -323,16 +323,16 @@ class RouteTrace:
         if route is None:
             return None
         length_m = route.ground_m if self._on_ground else route.length_m
-        found = RouteStatistics(len(route.positions), length_m, jumps=route.jumps)
+        statistics = RouteStatistics(len(route.positions), length_m, jumps=route.jumps)
         timed = self._clock is not Clock.NOMINAL
         if timed:
-            found.duration_s = route.duration_s
+            statistics.duration_s = route.duration_s
         if timed or route.measured:
             for speed in route.speeds_m_s.tolist():
-                found.speed_m_s.add(speed)
+                statistics.speed_m_s.add(speed)
             for rate in np.degrees(np.abs(route.turn_rates_rad_s)).tolist():
-                found.turn_rate_deg_s.add(rate)
-        return found
+                statistics.turn_rate_deg_s.add(rate)
+        return statistics
 
 
 # The facts of one frame that statistics use: labels, pose, and counts of points.
@@ -370,7 +370,7 @@ def read_facts(source: RecordingFrames, number: int, streams: Collection[Stream]
             samples[stream] = source.read(stream, number)
         except (KittiRos2Error, OSError) as error:
             facts.missing.append((stream.value, describe_error(error)))
-    labels, pose, scan = (samples.get(each) for each in (Stream.LABELS, Stream.POSE, Stream.SCAN))
+    labels, pose, scan = (samples.get(kind) for kind in (Stream.LABELS, Stream.POSE, Stream.SCAN))
     if isinstance(labels, FrameLabels):
         facts.labels = [*labels.cuboids, *(box for box in labels.boxes if box is not None)]
         facts.missing += [(Stream.LABELS.value, reason) for reason in labels.missing.values()]
@@ -388,8 +388,9 @@ def read_facts(source: RecordingFrames, number: int, streams: Collection[Stream]
 
 def _count_classes(labels: npt.NDArray[np.uint32]) -> Counter[str]:
     counts = np.bincount(labels & 0xFFFF)
-    found = np.flatnonzero(counts).tolist()
-    return Counter({SEMANTIC_NAMES.get(each, f'class {each}'): int(counts[each]) for each in found})
+    class_ids = np.flatnonzero(counts).tolist()
+    class_names = [SEMANTIC_NAMES.get(number, f'class {number}') for number in class_ids]
+    return Counter(dict(zip(class_names, counts[class_ids].tolist(), strict=True)))
 
 
 def _count_in_boxes(
@@ -406,7 +407,7 @@ def _count_in_boxes(
         return
     counts = count_points(cuboids, scan.points)
     facts.box_points = [
-        (each.class_name, count) for each, count in zip(cuboids, counts, strict=True)
+        (cuboid.class_name, count) for cuboid, count in zip(cuboids, counts, strict=True)
     ]
 
 
@@ -472,9 +473,9 @@ def merged(parts: Sequence[RecordingStatistics]) -> RecordingStatistics:
 def _finish(statistics: RecordingStatistics) -> None:
     """Put classes in order, the most frequent first, and add them up."""
     classes, points = statistics.classes.items(), statistics.point_classes.items()
-    statistics.classes = dict(sorted(classes, key=lambda each: (-each[1].count, each[0])))
-    statistics.point_classes = Counter(dict(sorted(points, key=lambda each: (-each[1], each[0]))))
-    statistics.objects = sum(each.count for class_name, each in classes if class_name != DONT_CARE)
+    statistics.classes = dict(sorted(classes, key=lambda pair: (-pair[1].count, pair[0])))
+    statistics.point_classes = Counter(dict(sorted(points, key=lambda pair: (-pair[1], pair[0]))))
+    statistics.objects = sum(objects.count for name, objects in classes if name != DONT_CARE)
 
 
 def count_recording(
@@ -495,7 +496,7 @@ def count_recording(
         step: Called after each frame.
     """
     wanted = [Stream.LABELS, Stream.POSE, *([Stream.SCAN] if scans else [])]
-    found = RecordingStatistics(
+    statistics = RecordingStatistics(
         name, kind, frames=len(source.numbers), samples=_samples(source), notes=(*source.notes,)
     )
     tally, losses = ObjectTally(), _Losses()
@@ -503,20 +504,20 @@ def count_recording(
     for facts in _facts(source, wanted):
         losses.add(facts)
         if facts.labels is not None or facts.number in source.without_objects:
-            found.labelled += 1
+            statistics.labelled += 1
             tally.add(facts.labels or (), facts.box_points)
         if facts.scan_points is not None:
-            found.points_a_scan.add(facts.scan_points)
-        found.point_classes.update(facts.point_classes)
+            statistics.points_a_scan.add(facts.scan_points)
+        statistics.point_classes.update(facts.point_classes)
         if facts.pose is not None:
             route.add(facts.number, facts.pose)
         step()
     tally.finish()
-    found.classes, found.objects_a_frame = tally.classes, tally.a_frame
-    found.route = route.statistics()
-    found.losses = (*source.losses, *losses.losses())
-    _finish(found)
-    return found
+    statistics.classes, statistics.objects_a_frame = tally.classes, tally.a_frame
+    statistics.route = route.statistics()
+    statistics.losses = (*source.losses, *losses.losses())
+    _finish(statistics)
+    return statistics
 
 
 def _facts(source: RecordingFrames, wanted: Collection[Stream]) -> Iterator[FrameFacts]:
@@ -531,10 +532,10 @@ def _facts(source: RecordingFrames, wanted: Collection[Stream]) -> Iterator[Fram
 
 def _samples(source: RecordingFrames) -> Counter[str]:
     """Return the number of samples of the sensors; poses count if they are not made from oxts."""
-    known = {stream.value: len(index) for stream, index in source.recording.streams.items()}
-    absent = {Stream.LABELS} | ({Stream.POSE} if Stream.OXTS.value in known else set())
-    sensors = [each.value for each in FRAME_STREAMS if each not in absent]
-    return Counter({stream: known[stream] for stream in sensors if stream in known})
+    counts = {stream.value: len(index) for stream, index in source.recording.streams.items()}
+    absent = {Stream.LABELS} | ({Stream.POSE} if Stream.OXTS.value in counts else set())
+    sensors = [stream.value for stream in FRAME_STREAMS if stream not in absent]
+    return Counter({stream: counts[stream] for stream in sensors if stream in counts})
 
 
 class _Losses:

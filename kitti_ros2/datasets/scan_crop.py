@@ -116,7 +116,7 @@ class CropPaths:
         for top, _ in self._tree.parts:
             if self._replaced in top.parents:
                 continue
-            for path in walk_files(top, lambda each: each == self._replaced, failed):
+            for path in walk_files(top, lambda folder: folder == self._replaced, failed):
                 if path not in made:
                     yield self._placed(path)
         if not self.in_place:
@@ -146,12 +146,12 @@ class CropPaths:
         tree = self._tree
         if not self.numbers:
             return [f'{tree.scans.folder}: no scans; the other files are unchanged']
-        known = {self._replaced, tree.scan_root}
+        expected = {self._replaced, tree.scan_root}
         beside = [tree.scan_root.with_name(name) for name in STORE.names(tree.scan_root.parent)]
         notes = [
             f'{path}: unchanged, since only {tree.scan_root.name} is cut'
             for path in beside
-            if path.name.startswith(names.SCANS) and path not in known
+            if path.name.startswith(names.SCANS) and path not in expected
         ]
         if not self.in_place and tree.point_labels:
             listed = ', '.join(folder.name for folder in tree.point_labels)
@@ -237,9 +237,9 @@ class CameraViews:
             projection = Projection.of(calibration, self._camera)
         except ValueError as error:
             parts = (f'P{self._camera}', 'R0_rect', 'Tr_velo_to_cam', 'file')
-            known = [calibration.missing[part] for part in parts if part in calibration.missing]
+            reasons = [calibration.missing[part] for part in parts if part in calibration.missing]
             raise MissingDataError(
-                known[0] if known else f'{self._recording.root}: {error}'
+                reasons[0] if reasons else f'{self._recording.root}: {error}'
             ) from None
         return CameraView(self._rule or View.REDUCED, projection, self._size_at(number))
 
@@ -312,21 +312,21 @@ def _every_nth_laser(points: Float32Array, lasers: int) -> Mask:
     if not len(points):
         return np.ones(0, bool)
     laser = rings(points)
-    found = int(laser.max()) + 1
-    if found not in {LASERS, lasers}:
+    count = int(laser.max()) + 1
+    if count not in {LASERS, lasers}:
         raise ValueError(
-            f'the azimuth wraps {found - 1} times, so {found} lasers are found instead of {LASERS};'
+            f'the azimuth wraps {count - 1} times, so {count} lasers are found instead of {LASERS};'
             f' lasers can be counted only in whole scans in their original order'
         )
-    every: Mask = laser % (found // lasers) == 0
+    every: Mask = laser % (count // lasers) == 0
     return every
 
 
 def _in_any_box(places: Float64Array, boxes: tuple[tuple[float, ...], ...]) -> Mask:
-    found = np.zeros(len(places), bool)
+    mask = np.zeros(len(places), bool)
     for box in boxes:
-        found |= _every_axis((places >= box[:3]) & (places <= box[3:]))
-    return found
+        mask |= _every_axis((places >= box[:3]) & (places <= box[3:]))
+    return mask
 
 
 def _every_axis(rows: Mask) -> Mask:

@@ -97,10 +97,10 @@ def statistics(
     """
     read, chosen = make_statistics_options(by_name(options, STATS))
     show = progress or (lambda _done, _total: None)
-    found = count_set(as_path(path), find_sources(as_path(path), read), chosen, show)
-    for loss in found.total.losses:
+    counts = count_set(as_path(path), find_sources(as_path(path), read), chosen, show)
+    for loss in counts.total.losses:
         warn(loss.text())
-    return found
+    return counts
 
 
 def count_set(
@@ -114,23 +114,21 @@ def count_set(
         KittiRos2Error: The only recording cannot be opened.
     """
     frames = _FrameCount(progress)
-    found = []
-    for each in sources:
+    recordings = []
+    for name, kind, semantic, open_source in sources:
         try:
-            source = each.open()
+            source = open_source()
         except (KittiRos2Error, OSError) as error:
             if len(sources) == 1:
                 raise
             loss = Loss(Stream.RECORDING.value, 1, describe_error(error))
-            found.append(RecordingStatistics(each.name, each.kind, losses=(loss,)))
+            recordings.append(RecordingStatistics(name, kind, losses=(loss,)))
             continue
         with closing(source):
             frames.total += len(source.numbers)
-            scans = options.points or each.semantic
-            found.append(
-                count_recording(source, each.name, each.kind, scans=scans, step=frames.step)
-            )
-    return SetStatistics(path, tuple(found))
+            scans = options.points or semantic
+            recordings.append(count_recording(source, name, kind, scans=scans, step=frames.step))
+    return SetStatistics(path, tuple(recordings))
 
 
 class _FrameCount:
@@ -175,7 +173,7 @@ def find_sources(path: Path, read: ReadOptions) -> list[SetSource]:
             data_sets = find_data_sets(path, read)
     except NotKittiError:
         inside = sorted(path.iterdir()) if path.is_dir() and read.layout is None else []
-        bags = [each for each in inside if each.is_dir() and looks_like_bag(each)]
+        bags = [entry for entry in inside if entry.is_dir() and looks_like_bag(entry)]
         if not bags:
             raise
         return [_bag(bag, read) for bag in bags]
@@ -237,12 +235,12 @@ class StatisticsRow(NamedTuple):
     value: object
 
 
-def plain_values(found: SetStatistics) -> dict[str, Any]:
+def plain_values(counts: SetStatistics) -> dict[str, Any]:
     """Return the statistics of a set as values of JSON."""
     return {
-        'path': str(found.path),
-        'total': _plain(found.total),
-        'recordings': [_plain(recording) for recording in found.recordings],
+        'path': str(counts.path),
+        'total': _plain(counts.total),
+        'recordings': [_plain(recording) for recording in counts.recordings],
     }
 
 
@@ -255,15 +253,15 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any part of the statistics
     if is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+        return {key: _plain(child) for key, child in value.items()}
+    return [_plain(child) for child in value] if isinstance(value, tuple) else value
 
 
-def _plain_distribution(found: Distribution) -> dict[str, Any] | None:
-    if not found.count:
+def _plain_distribution(distribution: Distribution) -> dict[str, Any] | None:
+    if not distribution.count:
         return None
-    bins = dict(zip(found.names, found.counts, strict=True))
-    return {name: getattr(found, name) for name in _MOMENTS} | {'bins': bins}
+    bins = dict(zip(distribution.names, distribution.counts, strict=True))
+    return {name: getattr(distribution, name) for name in _MOMENTS} | {'bins': bins}
 
 
 def read_values(values: Mapping[str, Any]) -> SetStatistics:
@@ -276,46 +274,46 @@ def read_values(values: Mapping[str, Any]) -> SetStatistics:
     """
     return SetStatistics(
         Path(values['path']),
-        tuple(_read_recording(each) for each in values['recordings']),
+        tuple(_read_recording(recording) for recording in values['recordings']),
     )
 
 
 def _read_recording(values: Mapping[str, Any]) -> RecordingStatistics:
-    found = RecordingStatistics(values['name'], values['kind'])
-    _fill(found, {key: values[key] for key in _PLAIN})
-    found.samples.update(values['samples'])
-    found.point_classes.update(values['point_classes'])
-    for name, each in values['classes'].items():
-        found.classes[name] = _fill(ObjectStatistics(), each)
+    recording = RecordingStatistics(values['name'], values['kind'])
+    _fill(recording, {key: values[key] for key in _PLAIN})
+    recording.samples.update(values['samples'])
+    recording.point_classes.update(values['point_classes'])
+    for name, fields_of_class in values['classes'].items():
+        recording.classes[name] = _fill(ObjectStatistics(), fields_of_class)
     if values['route'] is not None:
-        found.route = _fill(RouteStatistics(), values['route'])
-    found.losses = tuple(
-        Loss(each['stream'], each['count'], each['message']) for each in values['losses']
+        recording.route = _fill(RouteStatistics(), values['route'])
+    recording.losses = tuple(
+        Loss(loss['stream'], loss['count'], loss['message']) for loss in values['losses']
     )
-    found.notes = tuple(values['notes'])
-    return found
+    recording.notes = tuple(values['notes'])
+    return recording
 
 
 def _fill(into: T, values: Mapping[str, Any]) -> T:
     """Set the fields of statistics to values of JSON."""
     for name, value in values.items():
-        known = getattr(into, name)
-        if isinstance(known, Distribution):
+        current = getattr(into, name)
+        if isinstance(current, Distribution):
             if value is not None:
-                known.restore(value['bins'].values(), **{key: value[key] for key in _MOMENTS})
-        elif isinstance(known, Counter):
-            known.update(value)
+                current.restore(value['bins'].values(), **{key: value[key] for key in _MOMENTS})
+        elif isinstance(current, Counter):
+            current.update(value)
         else:
             setattr(into, name, value)
     return into
 
 
-def rows_of(found: SetStatistics) -> Iterator[StatisticsRow]:
+def rows_of(counts: SetStatistics) -> Iterator[StatisticsRow]:
     """Yield the rows of a set: all recordings together, then each of several."""
-    parts = [found.total, *(found.recordings if len(found.recordings) > 1 else ())]
+    parts = [counts.total, *(counts.recordings if len(counts.recordings) > 1 else ())]
     for part in parts:
         for group, name, quantity, value in _figures(part):
-            yield StatisticsRow(str(found.path), part.name, group, name, quantity, value)
+            yield StatisticsRow(str(counts.path), part.name, group, name, quantity, value)
 
 
 def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]]:
@@ -323,8 +321,8 @@ def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]
         if key in {'name', 'losses', 'notes'}:
             continue
         if key in _NAMED:
-            for name, each in value.items():
-                for quantity, figure in _flat(each):
+            for name, figures in value.items():
+                for quantity, figure in _flat(figures):
                     yield key, name, quantity or 'count', figure
         else:
             for quantity, figure in _flat(value):
@@ -335,8 +333,8 @@ def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]
 def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN401 - as above
     """Yield the figures of nested values, each with its names joined; those of bins alone."""
     if isinstance(value, dict):
-        for name, each in value.items():
-            yield from _flat(each, *names, *([] if name == 'bins' else [name]))
+        for name, child in value.items():
+            yield from _flat(child, *names, *([] if name == 'bins' else [name]))
     elif value is not None:
         yield ' '.join(names), value
 
@@ -350,5 +348,5 @@ def write_csv(path: Path, sets: Iterable[SetStatistics]) -> None:
     with path.open('w', encoding='utf-8', errors='backslashreplace', newline='') as file:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(StatisticsRow._fields)
-        for each in sets:
-            writer.writerows(rows_of(each))
+        for counts in sets:
+            writer.writerows(rows_of(counts))

@@ -135,12 +135,12 @@ def _pair(
 
 
 def _by_drive(entries: Iterable[str], units: Mapping[str, Unit]) -> dict[str, list[Unit]]:
-    found: dict[str, list[Unit]] = {}
+    units_by_drive: dict[str, list[Unit]] = {}
     for name in entries:
         unit = units.get(name)
         if unit is not None and unit.drive is not None:
-            found.setdefault(unit.drive, []).append(unit)
-    return found
+            units_by_drive.setdefault(unit.drive, []).append(unit)
+    return units_by_drive
 
 
 def _nearest(
@@ -149,14 +149,14 @@ def _nearest(
     """Return the least distance in frames of units of one drive on both sides, and their names."""
     best: tuple[int, tuple[str, str]] | None = None
     for first, second in sides:
-        known = sorted((unit.number, unit.name) for unit in second if unit.number is not None)
+        numbered = sorted((unit.number, unit.name) for unit in second if unit.number is not None)
         for unit in first:
-            if unit.number is None or not known:
+            if unit.number is None or not numbered:
                 continue
-            place = bisect_left(known, (unit.number, ''))
-            for number, name in known[max(0, place - 1) : place + 1]:
-                found = abs(number - unit.number), (unit.name, name)
-                best = found if best is None else min(best, found)
+            place = bisect_left(numbered, (unit.number, ''))
+            for number, name in numbered[max(0, place - 1) : place + 1]:
+                candidate = abs(number - unit.number), (unit.name, name)
+                best = candidate if best is None else min(best, candidate)
     return best
 
 
@@ -248,7 +248,7 @@ def _first_that_add_up(
 # Lists that a user gives, with their entries looked up in the data set.
 
 
-def read_lists(files: Sequence[Path], found: UnitSet) -> list[GivenList]:
+def read_lists(files: Sequence[Path], unit_set: UnitSet) -> list[GivenList]:
     """Read lists.
 
     Raises:
@@ -257,7 +257,7 @@ def read_lists(files: Sequence[Path], found: UnitSet) -> list[GivenList]:
     """
     lists: dict[str, GivenList] = {}
     for file in files:
-        given = GivenList(file, found)
+        given = GivenList(file, unit_set)
         if given.name in lists:
             raise UsageError(f'{lists[given.name].path} and {file} have the same name')
         lists[given.name] = given
@@ -273,18 +273,18 @@ class GivenList:
         entries: Those of the set, in the order of the file.
     """
 
-    def __init__(self, path: Path, found: UnitSet) -> None:
+    def __init__(self, path: Path, unit_set: UnitSet) -> None:
         if not path.is_file():
             raise MissingPathError(path)
         self.path = path
         self.name = path.name.removesuffix(names.TXT)
-        self._noun = found.noun
-        testing = found.is_of_testing(self.name)
-        known = found.testing_frames if testing else found.frames
+        self._noun = unit_set.noun
+        testing = unit_set.is_of_testing(self.name)
+        file_names = unit_set.testing_frames if testing else unit_set.frames
         self._parsed = parse_image_set(
-            STORE.read_text(path), path, frames=found.lists_frames, file_names=known
+            STORE.read_text(path), path, frames=unit_set.lists_frames, file_names=file_names
         )
-        units = found.testing if testing else found.units
+        units = unit_set.testing if testing else unit_set.units
         self._unchecked = units is None
         every = self._parsed.entries
         self.entries = [*every] if units is None else [name for name in every if name in units]
@@ -312,7 +312,7 @@ class GivenList:
 
     def notes(self, *, checked: bool) -> list[str]:
         """Return remarks."""
-        notes = [] if checked else [f'{each}; corrected' for each in self._parsed.repaired]
+        notes = [] if checked else [f'{line}; corrected' for line in self._parsed.repaired]
         if self._unchecked:
             notes.append(f'{self.path}: of testing frames, which are not there to compare')
         if not self._parsed.entries and not self._parsed.invalid:
@@ -435,8 +435,8 @@ def _frames(
     testing = units if is_testing else None if other is None else _units_of(other, None)
     frames = chosen.file_names
     others = frames if other is None else other.file_names
-    found = tuple(losses)
-    return UnitSet(layout, chosen.root, 'frame', units, testing, found, notes, frames, others)
+    all_losses = tuple(losses)
+    return UnitSet(layout, chosen.root, 'frame', units, testing, all_losses, notes, frames, others)
 
 
 def _beyond(
@@ -479,9 +479,9 @@ def _recordings(path: Path, layout: Layout, candidates: list[Candidate]) -> Unit
     """List the sequences or drives of a set, without those of testing."""
     training = [candidate for candidate in candidates if '/' not in candidate.name] or candidates
     units, losses = {}, []
-    for each in training:
-        recording = each.open(ReadOptions())
-        name = each.name.rpartition('/')[2]
+    for candidate in training:
+        recording = candidate.open(ReadOptions())
+        name = candidate.name.rpartition('/')[2]
         losses += recording.losses
         frames = len(_numbers(recording))
         if frames:
@@ -581,42 +581,42 @@ def split_set(path: Path, options: SplitOptions, layout: Layout | None = None) -
         KittiRos2Error: The set, an option or a list is invalid; nothing is left behind.
         OSError: A file cannot be read.
     """
-    found = find_units(path, layout, options.mapping, by_drive=options.by_drive)
+    unit_set = find_units(path, layout, options.mapping, by_drive=options.by_drive)
     if options.out is not None:
         refuse_link(options.out)
-    folder = options.out or found.folder / kitti_names.IMAGE_SETS
+    folder = options.out or unit_set.folder / kitti_names.IMAGE_SETS
     if not (options.lists or options.check):
-        return _divided(path, found, folder, options)
+        return _divided(path, unit_set, folder, options)
     checked = options.check
-    given = read_lists(options.lists or _existing(folder), found)
-    entries = {each.name: each.entries for each in given}
-    paths = {each.name: each.path for each in given}
+    given = read_lists(options.lists or _existing(folder), unit_set)
+    entries = {frame_list.name: frame_list.entries for frame_list in given}
+    paths = {frame_list.name: frame_list.path for frame_list in given}
     if not checked:
-        for each in given:
-            each.require_entries()
+        for frame_list in given:
+            frame_list.require_entries()
         paths = _write(folder, entries, overwrite=options.overwrite)
-    report = _report(found, folder, paths, entries, checked=checked)
-    losses = [loss for each in given for loss in each.losses(checked=checked)]
-    notes = [note for each in given for note in each.notes(checked=checked)]
+    report = _report(unit_set, folder, paths, entries, checked=checked)
+    losses = [loss for frame_list in given for loss in frame_list.losses(checked=checked)]
+    notes = [note for frame_list in given for note in frame_list.notes(checked=checked)]
     return replace(report, losses=(*report.losses, *losses), notes=(*report.notes, *notes))
 
 
-def _divided(path: Path, found: UnitSet, folder: Path, options: SplitOptions) -> SplitReport:
+def _divided(path: Path, unit_set: UnitSet, folder: Path, options: SplitOptions) -> SplitReport:
     """Make random lists."""
-    reserved = [name for name in options.list_names if found.is_of_testing(name)]
+    reserved = [name for name in options.list_names if unit_set.is_of_testing(name)]
     if reserved:
         raise UsageError(
             f'{reserved[0]} names a list of the testing frames; choose another name,'
-            f' such as holdout, or give {found.folder / kitti_names.SPLITS[1]}'
+            f' such as holdout, or give {unit_set.folder / kitti_names.SPLITS[1]}'
         )
-    whole = options.by_drive or not found.lists_frames
+    whole = options.by_drive or not unit_set.lists_frames
     groups: dict[str, list[Unit]] = {}
-    for unit in found.units.values():
+    for unit in unit_set.units.values():
         groups.setdefault((whole and unit.drive) or unit.name, []).append(unit)
     sizes = {name: sum(unit.frames for unit in units) for name, units in groups.items()}
     divided = divide(sizes, options.shares, options.seed or 0)
     if divided is None:
-        noun = 'drive' if options.by_drive else found.noun
+        noun = 'drive' if options.by_drive else unit_set.noun
         lists = format_count(len(options.shares), 'list')
         raise UsageError(f'{path}: {format_count(len(sizes), noun)}, too few for {lists}')
     entries = {
@@ -624,7 +624,7 @@ def _divided(path: Path, found: UnitSet, folder: Path, options: SplitOptions) ->
         for name, members in zip(options.list_names, divided, strict=True)
     }
     paths = _write(folder, entries, overwrite=options.overwrite)
-    return _report(found, folder, paths, entries, checked=False)
+    return _report(unit_set, folder, paths, entries, checked=False)
 
 
 def _existing(folder: Path) -> list[Path]:
@@ -667,7 +667,7 @@ def _write(folder: Path, lists: Mapping[str, Sequence[str]], *, overwrite: bool)
 
 
 def _report(
-    found: UnitSet,
+    unit_set: UnitSet,
     folder: Path,
     paths: Mapping[str, Path],
     lists: Mapping[str, Sequence[str]],
@@ -675,30 +675,30 @@ def _report(
     checked: bool,
 ) -> SplitReport:
     """Describe lists, and compare those of the same frames."""
-    of_testing = {name: each for name, each in lists.items() if found.is_of_testing(name)}
-    others = {name: each for name, each in lists.items() if name not in of_testing}
-    pairs = (*compare_lists(others, found.units), *compare_lists(of_testing, found.testing or {}))
+    test = {name: entries for name, entries in lists.items() if unit_set.is_of_testing(name)}
+    others = {name: entries for name, entries in lists.items() if name not in test}
+    pairs = (*compare_lists(others, unit_set.units), *compare_lists(test, unit_set.testing or {}))
     faults = [line for pair in pairs for line in pair.faults]
     leaks = [line for pair in pairs for line in pair.leaks]
     listed = {name for entries in others.values() for name in entries}
     return SplitReport(
         path=folder,
-        layout=found.layout.value,
-        noun=found.noun,
-        lists=tuple(_describe(found, name, paths[name], lists[name]) for name in lists),
+        layout=unit_set.layout.value,
+        noun=unit_set.noun,
+        lists=tuple(_describe(unit_set, name, paths[name], lists[name]) for name in lists),
         pairs=pairs,
-        unlisted=tuple(name for name in found.units if name not in listed) if others else (),
+        unlisted=tuple(name for name in unit_set.units if name not in listed) if others else (),
         faults=(*faults, *leaks) if checked else tuple(faults),
-        losses=found.losses,
-        notes=found.notes if checked else (*found.notes, *leaks),
+        losses=unit_set.losses,
+        notes=unit_set.notes if checked else (*unit_set.notes, *leaks),
     )
 
 
-def _describe(found: UnitSet, name: str, path: Path, entries: Sequence[str]) -> SplitList:
-    units = found.testing if found.is_of_testing(name) else found.units
-    known = [Unit(entry) if units is None else units[entry] for entry in entries]
-    frames = sum(unit.frames for unit in known)
-    drives = {unit.drive for unit in known}
+def _describe(unit_set: UnitSet, name: str, path: Path, entries: Sequence[str]) -> SplitList:
+    units = unit_set.testing if unit_set.is_of_testing(name) else unit_set.units
+    listed = [Unit(entry) if units is None else units[entry] for entry in entries]
+    frames = sum(unit.frames for unit in listed)
+    drives = {unit.drive for unit in listed}
     total = 0 if units is None else sum(unit.frames for unit in units.values())
     return SplitList(
         name=name,

@@ -91,7 +91,9 @@ def _route(total: RecordingStatistics) -> RouteStatistics:
 
 
 def _any(get: Callable[[ObjectStatistics], int]) -> Callable[[RecordingStatistics], bool]:
-    return lambda total: any(get(each) for name, each in total.classes.items() if name != DONT_CARE)
+    return lambda total: any(
+        get(objects) for name, objects in total.classes.items() if name != DONT_CARE
+    )
 
 
 def _rows(axes: Any, classes: Sequence[str]) -> None:  # noqa: ANN401 - axes of matplotlib
@@ -149,19 +151,19 @@ def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Dr
     """
 
     def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
-        known = [name for name in _solid(total, classes) if get(total.classes[name]).count]
-        for name in known[:_MOST_LINES]:
-            found = get(total.classes[name])
-            places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]]
+        names = [name for name in _solid(total, classes) if get(total.classes[name]).count]
+        for name in names[:_MOST_LINES]:
+            values = get(total.classes[name])
+            places = [*values.edges, 2 * values.edges[-1] - values.edges[-2]]
             if not even:
-                places = [*range(len(found.edges) + 1)]
-                axes.set_xticks(places[:-1], [_short(edge) for edge in found.edges], size=6.5)
-            shares = [100 * count / found.count for count in found.counts]
+                places = [*range(len(values.edges) + 1)]
+                axes.set_xticks(places[:-1], [_short(edge) for edge in values.edges], size=6.5)
+            shares = [100 * count / values.count for count in values.counts]
             axes.stairs(shares, places, color=_color(name), lw=1.4, label=name)
             axes.set_xlim(places[0], places[-1])
         axes.set_ylim(bottom=0)
         axes.set_ylabel('% of the class')
-        title = f'{_MOST_LINES} of {len(known)} classes' if len(known) > _MOST_LINES else None
+        title = f'{_MOST_LINES} of {len(names)} classes' if len(names) > _MOST_LINES else None
         axes.legend(
             loc='best', handlelength=1.0, labelspacing=0.25, title=title, title_fontsize=6.5
         )
@@ -181,15 +183,15 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
     """Return what draws a distribution of the whole set, with its mean."""
 
     def draw(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
-        found = get(total)
-        used = max(place for place, count in enumerate(found.counts) if count) + 1
-        places = [*found.edges, 2 * found.edges[-1] - found.edges[-2]][: used + 1]
-        shares = [100 * count / found.count for count in found.counts[:used]]
+        values = get(total)
+        used = max(place for place, count in enumerate(values.counts) if count) + 1
+        places = [*values.edges, 2 * values.edges[-1] - values.edges[-2]][: used + 1]
+        shares = [100 * count / values.count for count in values.counts[:used]]
         axes.stairs(shares, places, fill=True, color=_PLAIN)
-        axes.axvline(found.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
+        axes.axvline(values.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
         axes.annotate(
-            f'mean {found.mean:.1f}',
-            (found.mean, 1),
+            f'mean {values.mean:.1f}',
+            (values.mean, 1),
             (0, 2),
             xycoords=('data', 'axes fraction'),
             textcoords='offset points',
@@ -209,9 +211,9 @@ def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -
     for row, class_name in enumerate(class_names):
         if class_name not in total.classes or not total.classes[class_name].length_m.count:
             continue
-        each = total.classes[class_name]
+        objects = total.classes[class_name]
         for place, (size, mark) in enumerate(
-            ((each.length_m, 'o'), (each.width_m, 's'), (each.height_m, '^'))
+            ((objects.length_m, 'o'), (objects.width_m, 's'), (objects.height_m, '^'))
         ):
             axes.errorbar(
                 size.mean,
@@ -238,8 +240,8 @@ def _draw_point_classes(axes: Any, total: RecordingStatistics, _: Sequence[str])
 
 def _shares_panel(title: str, names: Sequence[str]) -> Panel:
     get = attrgetter(title.lower())
-    known = _any(lambda each: get(each).total())
-    return Panel(title, known, _stacked(get, names), '% of the class', by_class=True)
+    has_shares = _any(lambda statistics: get(statistics).total())
+    return Panel(title, has_shares, _stacked(get, names), '% of the class', by_class=True)
 
 
 PANELS = (
@@ -256,27 +258,27 @@ PANELS = (
     _shares_panel('Truncation', TRUNCATIONS),
     Panel(
         '3D boxes, mean ± deviation',
-        _any(lambda each: each.length_m.count),
+        _any(lambda objects: objects.length_m.count),
         _draw_sizes,
         'metres',
         by_class=True,
     ),
     Panel(
         'Distance',
-        _any(lambda each: each.distance_m.count),
-        _lines(lambda each: each.distance_m, even=True),
+        _any(lambda objects: objects.distance_m.count),
+        _lines(lambda objects: objects.distance_m, even=True),
         'metres; the last bin is open',
     ),
     Panel(
         'Points in a 3D box',
-        _any(lambda each: each.points.count),
-        _lines(lambda each: each.points, even=False),
+        _any(lambda objects: objects.points.count),
+        _lines(lambda objects: objects.points, even=False),
         'points, from',
     ),
     Panel(
         'Length of a track',
-        _any(lambda each: each.tracks.count),
-        _lines(lambda each: each.tracks, even=False),
+        _any(lambda objects: objects.tracks.count),
+        _lines(lambda objects: objects.tracks, even=False),
         'frames, from',
     ),
     Panel(
@@ -325,7 +327,7 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
         ImportError: matplotlib is not installed.
         OSError: The file cannot be written.
     """
-    totals = [each.total for each in sets]
+    totals = [statistics.total for statistics in sets]
     panels = [panel for panel in PANELS if any(panel.has(total) for total in totals)]
     columns = len(sets) if len(sets) > 1 else _columns(len(panels))
     rows = max(len(panels) if len(sets) > 1 else -(-len(panels) // columns), 1)

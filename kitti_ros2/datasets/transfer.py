@@ -52,7 +52,7 @@ def read_checksums(path: Path) -> dict[str, str]:
     """
     if not path.is_file():
         raise MissingPathError(path)
-    found = {}
+    checksums = {}
     with naming(path):
         text = path.read_text('utf-8', errors='replace')
     for number, line in enumerate(text.splitlines(), 1):
@@ -61,8 +61,8 @@ def read_checksums(path: Path) -> dict[str, str]:
         match = _LINE.fullmatch(line.strip())
         if match is None:
             raise BadFileError(path, 'no checksum', '64 hexadecimal digits and a name', line=number)
-        found[PurePosixPath(match[2]).name] = match[1].lower()
-    return found
+        checksums[PurePosixPath(match[2]).name] = match[1].lower()
+    return checksums
 
 
 # Checks of downloaded files, and of the space for them.
@@ -70,11 +70,11 @@ def read_checksums(path: Path) -> dict[str, str]:
 
 def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     with naming(path), path.open('rb') as file:
         while piece := file.read(PIECE_BYTES):
-            found.update(piece)
-    return found.hexdigest()
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def is_complete(path: Path, sha256: str) -> bool:
@@ -104,8 +104,8 @@ def require_archive(path: Path) -> None:
             pass
     except BadArchiveError as error:
         path.unlink(missing_ok=True)
-        found = str(error).partition('; ')[0]
-        raise DownloadError(f'{found}, as the server has it; it was removed') from error
+        reason = str(error).partition('; ')[0]
+        raise DownloadError(f'{reason}, as the server has it; it was removed') from error
 
 
 def require_space(folder: Path, needed: float, advice: str) -> None:
