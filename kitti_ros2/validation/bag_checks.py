@@ -61,10 +61,10 @@ def find_differences(path: Path, index: BagIndex) -> list[str]:
     source = path / METADATA
     try:
         information = load_yaml(metadata_bytes(path))['rosbag2_bagfile_information']
-        found = [*_of_topics(information, index), *_of_times(information, index)]
+        differences = [*_of_topics(information, index), *_of_times(information, index)]
     except (OSError, LookupError, TypeError, ValueError):
         return []
-    return [f'{source}: {each}' for each in found]
+    return [f'{source}: {difference}' for difference in differences]
 
 
 def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
@@ -139,7 +139,7 @@ class _BagPass:
                     self._read(messages, progress)
                 self._facts.left_out = [loss.message for _, loss in messages.left_out]
                 self._facts.losses = [
-                    each for each in messages.losses if each not in self._facts.left_out
+                    loss for loss in messages.losses if loss not in self._facts.left_out
                 ]
                 self._facts.notes = [
                     finding for finding in messages.problems if finding not in messages.losses
@@ -147,10 +147,10 @@ class _BagPass:
         except BadBagError as error:  # none of its messages can be read
             self._facts.left_out = [str(error)]
         index = self._bag.index
-        known = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
+        reported = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [
             *self._facts.notes,
-            *(finding for finding in index.problems if finding not in known),
+            *(finding for finding in index.problems if finding not in reported),
             *find_differences(self._bag.path, index),
         ]
         self._facts.messages = index.total
@@ -223,9 +223,9 @@ class _BagPass:
             size = int(value.width), int(value.height)
             self._facts.sizes.add_info(message.topic, stamp_ns_of(value.header), size)
         elif message.msgtype in {IMAGE, COMPRESSED}:
-            found = size_of(value)
-            if found is not None:
-                self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), found)
+            image_size = size_of(value)
+            if image_size is not None:
+                self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), image_size)
         elif message.topic == RECORDING and message.msgtype == STRING:
             with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti says what is wrong
                 described = decoders()[RECORDING](value, BagContext(self._bag.path))

@@ -265,9 +265,9 @@ def _find_apart(bag: BagFacts) -> Iterator[Breach]:
     'correct frame_id of the driver, or publish the transform',
 )
 def _find_unknown_frames(bag: BagFacts) -> Iterator[Breach]:
-    known = None if bag.tree is None else bag.tree.frames
+    tree_frames = None if bag.tree is None else bag.tree.frames
     for frame, topic in sorted(bag.frames.items()):
-        if known is not None and frame not in known and frame not in _FIXED:
+        if tree_frames is not None and frame not in tree_frames and frame not in _FIXED:
             yield Breach(f'{topic}: frame {frame} is in no transform', bag.path)
 
 
@@ -383,12 +383,12 @@ def _find_distortion(message: CheckedMessage) -> Iterator[Breach]:
     if message.msgtype != CAMERA_INFO or message.value is None:
         return
     model, count = message.value.distortion_model, len(message.value.d)
-    known = _COEFFICIENTS.get(model)
-    if known is None and (model or count):
+    valid_counts = _COEFFICIENTS.get(model)
+    if valid_counts is None and (model or count):
         text = f'the distortion model {model!r} is not one of {", ".join(_COEFFICIENTS)}'
         yield Breach(f'{message.topic}: {text}', message.bag)
-    elif known is not None and count not in known:
-        text = f'D has {count} numbers; {model} has {max(known)}'
+    elif valid_counts is not None and count not in valid_counts:
+        text = f'D has {count} numbers; {model} has {max(valid_counts)}'
         yield Breach(f'{message.topic}: {text}', message.bag)
 
 
@@ -520,8 +520,8 @@ class TopicTrack:
     def headers(self) -> Int64Array:
         """Return the header stamps that are not 0."""
         stamps: Int64Array = np.array(self.header_ns, np.int64)
-        known: Int64Array = stamps[stamps != 0]
-        return known
+        nonzero: Int64Array = stamps[stamps != 0]
+        return nonzero
 
 
 TOPIC_RULES = RuleTable[TopicTrack](RuleScope.STREAM)

@@ -209,8 +209,8 @@ class LabelFile:
         parsed = parse_labels(text, path)
         lines = [LabelLine(line + 1, box) for line, box in parsed.sound().items()]
         by_frame: dict[int | None, list[LabelLine]] = {}
-        for each in lines:
-            by_frame.setdefault(each.box.frame, []).append(each)
+        for label_line in lines:
+            by_frame.setdefault(label_line.box.frame, []).append(label_line)
         return cls(path, lines, tuple(parsed.errors.values()), tracking, by_frame)
 
 
@@ -395,11 +395,11 @@ def _find_jumps(file: LabelFile) -> Iterator[Breach]:
 def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
     """Yield each line of a track with the box of the track before it."""
     tracks: dict[int, list[LabelLine]] = {}
-    for each in file.lines if file.tracking else ():
-        if each.box.track_id is not None and each.box.track_id >= 0:
-            tracks.setdefault(each.box.track_id, []).append(each)
+    for label_line in file.lines if file.tracking else ():
+        if label_line.box.track_id is not None and label_line.box.track_id >= 0:
+            tracks.setdefault(label_line.box.track_id, []).append(label_line)
     for lines in tracks.values():
-        ordered = sorted(lines, key=lambda each: each.box.frame or 0)
+        ordered = sorted(lines, key=lambda label_line: label_line.box.frame or 0)
         for before, after in pairwise(ordered):
             yield before.box, after
 
@@ -462,10 +462,10 @@ def _find_absent(file: CalibrationFile) -> Iterator[Breach]:
     for breach, absent in _missing(file):
         if absent:
             yield breach
-    found = file.calibration
+    calib = file.calibration
     for camera in sorted(file.cameras):
         part = f'P{camera}'
-        if found.cameras and camera not in found.cameras and part not in found.missing:
+        if calib.cameras and camera not in calib.cameras and part not in calib.missing:
             yield Breach(f'no {part}, and camera {camera} has images', file.path)
 
 
@@ -508,13 +508,13 @@ def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
     'write rotations with seven digits or more',
 )
 def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
-    found = file.calibration
+    calib = file.calibration
     rotations: dict[str, Float64Array | None] = {
-        'R0_rect': found.r0_rect,
-        'Tr_velo_to_cam': None if found.cam0_T_velo is None else found.cam0_T_velo.rotation,
-        'Tr_imu_to_velo': found.velo_T_imu.rotation,
+        'R0_rect': calib.r0_rect,
+        'Tr_velo_to_cam': None if calib.cam0_T_velo is None else calib.cam0_T_velo.rotation,
+        'Tr_imu_to_velo': calib.velo_T_imu.rotation,
     }
-    for index, camera in found.cameras.items():
+    for index, camera in calib.cameras.items():
         rotations[f'R_rect_{index:02d}'] = camera.r_rect
         if camera.cam_T_cam0 is not None:
             rotations[f'R_{index:02d}'] = camera.cam_T_cam0.rotation
@@ -554,12 +554,12 @@ def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
     'the fourth column of P is -fx times the place in metres: check sign and unit',
 )
 def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
-    found = file.calibration
+    calib = file.calibration
     for right, left in LEFT_OF.items():
-        if not {left, right} <= {*found.cameras} & {*file.cameras} or found.independent_cameras:
+        if not {left, right} <= {*calib.cameras} & {*file.cameras} or calib.independent_cameras:
             continue
         # The fourth column is negative where the camera is to the right.
-        centres = [rectified_offset(found.cameras[index]) for index in (left, right)]
+        centres = [rectified_offset(calib.cameras[index]) for index in (left, right)]
         x, y, z = (centres[0] - centres[1]).tolist()
         low, high = _BASELINES_M
         if not low < x < high or max(abs(y), abs(z)) > abs(x) / 2:

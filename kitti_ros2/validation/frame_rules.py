@@ -198,25 +198,25 @@ class LabelledScan:
 
 def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
     """Return the boxes that are visible and near, by frame: numpy takes them all at once."""
-    known = [
+    calibrated = [
         (frame, velo_t_rect)
         for frame in frames
         if (velo_t_rect := _velo_from_rect(frame.calibration)) is not None
     ]
     labels = [
-        (frame.number, each, velo_t_rect)
-        for frame, velo_t_rect in known
-        for each in frame.solid
-        if each.box.occluded <= 0
+        (frame.number, label, velo_t_rect)
+        for frame, velo_t_rect in calibrated
+        for label in frame.solid
+        if label.box.occluded <= 0
     ]
-    cuboids = [(frame.number, cuboid) for frame, _ in known for cuboid in frame.cuboids]
+    cuboids = [(frame.number, cuboid) for frame, _ in calibrated for cuboid in frame.cuboids]
     named: list[tuple[int, str, int | None]] = [
         *((number, box.class_name, line) for number, (line, box), _ in labels),
-        *((number, f'{each.class_name} {each.identity}', None) for number, each in cuboids),
+        *((number, f'{cuboid.class_name} {cuboid.identity}', None) for number, cuboid in cuboids),
     ]
     places = [
-        *places_of_boxes([each.box for _, each, _ in labels], [each for *_, each in labels]),
-        *places_of_cuboids([each for _, each in cuboids]),
+        *places_of_boxes([label.box for _, label, _ in labels], [label for *_, label in labels]),
+        *places_of_cuboids([cuboid for _, cuboid in cuboids]),
     ]
     near: dict[int, list[NearBox]] = {}
     for (number, name, line), place in zip(named, places, strict=True):
@@ -248,8 +248,8 @@ def _find_projection(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
 
 def _find_apart(frames: Sequence[FrameFiles], p_rect: Float64Array, size: Size) -> Iterator[Breach]:
     """Find 3D boxes away from their 2D boxes, in frames of one projection."""
-    solid = [(frame.label_path, each) for frame in frames for each in frame.solid]
-    boxes = [each.box for _, each in solid]
+    solid = [(frame.label_path, label) for frame in frames for label in frame.solid]
+    boxes = [label.box for _, label in solid]
     corners = box_corners(
         [box.location for box in boxes],
         [box.size_hwl for box in boxes],
@@ -273,20 +273,20 @@ def _find_apart(frames: Sequence[FrameFiles], p_rect: Float64Array, size: Size) 
     'compute alpha = rotation_y - atan2(x, z)',
 )
 def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
-    known = [
-        (frame.label_path, each)
+    labels = [
+        (frame.label_path, label)
         for frame in frames
         if not frame.calibration.independent_cameras
-        for each in frame.solid
-        if each.box.alpha != -10
+        for label in frame.solid
+        if label.box.alpha != -10
     ]
-    if not known:
+    if not labels:
         return
-    boxes = [each.box for _, each in known]
+    boxes = [label.box for _, label in labels]
     expected = alpha_of([box.location for box in boxes], [box.rotation_y for box in boxes])
     off = wrap_angle(np.array([box.alpha for box in boxes]) - expected)
     for index in np.flatnonzero(np.abs(off) > _ALPHA_RAD).tolist():
-        path, (line, box) = known[index]
+        path, (line, box) = labels[index]
         angle = f'{expected[index]:.2f}'
         text = f'{box.class_name}: alpha is {box.alpha:g}; location and rotation_y make {angle}'
         yield Breach(text, path, line)
@@ -508,8 +508,8 @@ def _find_far(scan: ScanFile) -> Iterator[Breach]:
 def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
     low, high = (ends[3] for ends in scan.bounds)
     if low < 0 or 1 < high < _NOT_METRES:
-        found = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
-        text = found.problem if found else f'reflectances from {low:g} to {high:g}'
+        mismatch = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
+        text = mismatch.problem if mismatch else f'reflectances from {low:g} to {high:g}'
         yield Breach(text, scan.path)
 
 

@@ -257,9 +257,9 @@ class FrameChecks:
             return None, self._calibration_path
         text = result.try_read(Stream.CALIBRATION, path, lambda: STORE.read_text(path))
         # The frames of a day have equal files.
-        known = self._known.get(text or '')
-        if known is not None or text is None:
-            return known, path
+        calibration = self._known.get(text or '')
+        if calibration is not None or text is None:
+            return calibration, path
         cameras = [
             camera for stream, camera in self._cameras.items() if number in self._numbers[stream]
         ]
@@ -361,7 +361,7 @@ class SequenceChecks:
         if index is None:
             return
         stamps = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
-        known = sorted(number for number in self.packets if number in stamps)
+        numbers = sorted(number for number in self.packets if number in stamps)
         in_lines = Stream.OXTS in self._recording.layout.traits.line_streams
 
         def place(number: int) -> tuple[Path, int]:
@@ -372,9 +372,9 @@ class SequenceChecks:
         track = PacketTrack(
             first if in_lines else first.parent,
             place,
-            known,
-            [stamps[number] for number in known],
-            [self.packets[number] for number in known],
+            numbers,
+            [stamps[number] for number in numbers],
+            [self.packets[number] for number in numbers],
         )
         self.found += find_breaches(OXTS_RULES, track)
 

@@ -130,8 +130,8 @@ def breach_of(error: Exception, path: Path) -> Breach:
         path: The file, for errors without one.
     """
     line = error.line if isinstance(error, KittiRos2Error) else None
-    found = error.path if isinstance(error, KittiRos2Error) else None
-    place = as_path(found) if found else path
+    error_path = error.path if isinstance(error, KittiRos2Error) else None
+    place = as_path(error_path) if error_path else path
     text = _without_place(describe_error(error), str(place), line)
     if isinstance(error, BadFileError):
         text = text.removesuffix(f' ({error.remedy})')  # rules have their own
@@ -279,9 +279,9 @@ class FindingTally:
     _counts: Counter[str] = field(default_factory=Counter)
     _kept: dict[str, dict[Breach, None]] = field(default_factory=dict)
 
-    def add(self, found: Iterable[tuple[str, Breach]]) -> None:
+    def add(self, breaches: Iterable[tuple[str, Breach]]) -> None:
         """Add breaches; one that was added before counts once."""
-        for rule, breach in found:
+        for rule, breach in breaches:
             kept = self._kept.setdefault(rule, {})
             if breach in kept:
                 continue
@@ -293,10 +293,10 @@ class FindingTally:
         """Return the report of all that was added."""
         order = list(RuleSeverity)
         places = {rule: place for place, rule in enumerate(self.known)}
-        found = sorted(
-            self._kept, key=lambda each: (order.index(self.known[each].severity), places[each])
+        rule_ids = sorted(
+            self._kept, key=lambda rule: (order.index(self.known[rule].severity), places[rule])
         )
-        groups = tuple(map(self._group, found))
+        groups = tuple(map(self._group, rule_ids))
         totals = {
             severity: sum(group.count for group in groups if group.severity == severity.value)
             for severity in order
@@ -307,8 +307,8 @@ class FindingTally:
         rule = self.known[rule_id]
         severity = rule.severity.value
         findings = tuple(
-            ValidationFinding(rule_id, severity, each.path, each.line, each.text, rule.remedy)
-            for each in self._kept[rule_id]
+            ValidationFinding(rule_id, severity, breach.path, breach.line, breach.text, rule.remedy)
+            for breach in self._kept[rule_id]
         )
         count = self._counts[rule_id]
         return RuleFindings(rule_id, severity, rule.checks, rule.remedy, count, findings)

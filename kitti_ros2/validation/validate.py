@@ -93,7 +93,7 @@ def find_sources(path: Path, options: ReadOptions) -> Found:
         raise _explain_file(path) if path.is_file() else explain(path)
     if (path / METADATA).is_file():
         return Found([], [path])
-    data_sets = [each._replace(folder=absolute(path)) for each in data_sets_at(path, options)]
+    data_sets = [data._replace(folder=absolute(path)) for data in data_sets_at(path, options)]
     bags = list(_bags_in(path)) if options.layout is None else []
     if options.layout is not None and not data_sets:
         raise not_of_layout(path, options.layout)
@@ -114,14 +114,14 @@ def _explain_file(path: Path) -> KittiRos2Error:
 def _is_bag_file(path: Path) -> bool:
     with naming(path), path.open('rb') as file:
         head = file.read(16)
-    known = any(head.startswith(each.magic) for each in CONTAINERS.values())
-    return known or is_bag_name(path)
+    has_magic = any(head.startswith(container.magic) for container in CONTAINERS.values())
+    return has_magic or is_bag_name(path)
 
 
 def _bags_in(folder: Path) -> Iterator[Path]:
     """Yield the bags in a folder: files of their own, and rosbag2 directories."""
     names = STORE.names(folder)
-    yield from (each for each in bags_among(folder, names) if each == folder or each.is_file())
+    yield from (bag for bag in bags_among(folder, names) if bag == folder or bag.is_file())
     for name in names:
         if (folder / name / METADATA).is_file():
             yield folder / name
@@ -153,27 +153,27 @@ class SplitLists:
         cls,
         root: Path,
         frames: Mapping[str, frozenset[int]],
-        known: Mapping[str, names.FileNames] | None = None,
+        file_names: Mapping[str, names.FileNames] | None = None,
     ) -> SplitLists:
         """Read the lists of a set.
 
         Args:
             root: The set.
             frames: The numbers of the frames by split.
-            known: How they are named, by split.
+            file_names: How they are named, by split.
         """
-        ways = [*(known or {}).values()] or [names.SIX_DIGITS]
+        ways = [*(file_names or {}).values()] or [names.SIX_DIGITS]
         folder = root / names.IMAGE_SETS
-        found: dict[str, Lines[int] | BadFileError | OSError] = {}
+        lists: dict[str, Lines[int] | BadFileError | OSError] = {}
         for name in STORE.names(folder):
             if name.endswith(names.TXT):
                 path = folder / name
                 try:
                     text = STORE.read_text(path)
-                    found[path.stem] = _parse(text, path, ways)
+                    lists[path.stem] = _parse(text, path, ways)
                 except (BadFileError, OSError) as error:
-                    found[path.stem] = error
-        return cls(folder, found, frames)
+                    lists[path.stem] = error
+        return cls(folder, lists, frames)
 
     def path(self, name: str) -> Path:
         """Return the file of a list."""
@@ -181,12 +181,12 @@ class SplitLists:
 
     def numbers(self) -> dict[str, dict[int, int]]:
         """Return by list the first line of each number, from 1."""
-        found: dict[str, dict[int, int]] = {}
+        first_lines: dict[str, dict[int, int]] = {}
         for name, lines in self.lists.items():
-            first = found.setdefault(name, {})
+            first = first_lines.setdefault(name, {})
             for line, number in lines.sound().items() if isinstance(lines, Lines) else ():
                 first.setdefault(number, line + 1)
-        return found
+        return first_lines
 
     def frames_of(self, name: str) -> frozenset[int] | None:
         """Return the frames that a list chooses from; None if the split is not there."""
@@ -198,12 +198,12 @@ class SplitLists:
 
 def _parse(text: str, path: Path, ways: Sequence[names.FileNames]) -> Lines[int]:
     """Parse a list; its frames are of one split, training first."""
-    found = [parse_lines(text, path, 'a frame number', partial(_parse_number, way)) for way in ways]
-    return min(found, key=lambda lines: len(lines.errors))
+    lists = [parse_lines(text, path, 'a frame number', partial(_parse_number, way)) for way in ways]
+    return min(lists, key=lambda lines: len(lines.errors))
 
 
-def _parse_number(known: names.FileNames, line: str) -> int:
-    number = known.number(line.strip())
+def _parse_number(file_names: names.FileNames, line: str) -> int:
+    number = file_names.number(line.strip())
     if number is None:
         raise ValueError(f'{line.strip()[:40]!r}')
     return number
@@ -255,7 +255,7 @@ def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
         common = [] if separate else sorted(numbers[one].keys() & numbers[other].keys())
         if common:
             text = f'{len(common)} frames are in {other}.txt, too: {format_numbers(common)}'
-            yield Breach(text, splits.path(one), min(numbers[one][each] for each in common))
+            yield Breach(text, splits.path(one), min(numbers[one][number] for number in common))
 
 
 @SET_RULES.add('split-repeated', WARNING, 'Lists have each frame once', 'remove the second line')
@@ -354,15 +354,15 @@ def validate(
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError('no path; expected at least one')
-    found = [find_sources(each, read) for each in dict.fromkeys(map(as_path, paths))]
-    tally = FindingTally(rules_by_id(bags=any(each.bags for each in found)))
+    contents = [find_sources(source, read) for source in dict.fromkeys(map(as_path, paths))]
+    tally = FindingTally(rules_by_id(bags=any(content.bags for content in contents)))
     show = progress or (lambda _done, _total: None)
     sources: list[CheckedSource] = []
-    for place, each in zip(map(as_path, paths), found, strict=False):
-        for data_set in each.data_sets:
+    for place, content in zip(map(as_path, paths), contents, strict=False):
+        for data_set in content.data_sets:
             sources += _check_data_set(data_set, read, chosen, tally, show)
-        sources += _check_bags(each.bags, chosen, tally, show)
-        if not each.complete:
+        sources += _check_bags(content.bags, chosen, tally, show)
+        if not content.complete:
             tally.add(find_breaches(SOURCE_RULES, Unopened(place)))
     return tally.report(sources)
 
@@ -386,9 +386,9 @@ def _check_data_set(
 ) -> Iterator[CheckedSource]:
     """Check all recordings of a data set, and its lists of frames."""
     frames: dict[str, frozenset[int]] = {}
-    known: dict[str, FileNames] = {}
+    file_names: dict[str, FileNames] = {}
     for candidate in data_set.recordings:
-        source, numbers, known[candidate.name] = check_recording(
+        source, numbers, file_names[candidate.name] = check_recording(
             candidate,
             data_set.layout,
             read,
@@ -404,5 +404,5 @@ def _check_data_set(
         folders = [
             recording.folder for recording in data_set.recordings if recording.folder is not None
         ]
-        splits = SplitLists.read(folders[0].parent, frames, known)
+        splits = SplitLists.read(folders[0].parent, frames, file_names)
         tally.add(find_breaches(SET_RULES, splits))
