@@ -85,12 +85,12 @@ class ViewerChannels(Transport):
         ]
         self._channels.append(_open(state, TYPESTORE, context))
         self._state = len(program.channels)
-        self._index = {each.topic: index for index, each in enumerate(self.channels)}
+        self._index = {channel.topic: index for index, channel in enumerate(self.channels)}
         self._lock = threading.Lock()
         self._kept: dict[int, deque[tuple[bytes, int]]] = {
-            index: deque(maxlen=each.depth)
-            for index, each in enumerate(self.channels)
-            if each.latched
+            index: deque(maxlen=channel.depth)
+            for index, channel in enumerate(self.channels)
+            if channel.latched
         }
         self._renew_ns: int | None = None
 

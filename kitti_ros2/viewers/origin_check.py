@@ -87,14 +87,14 @@ class OriginCheck:
         text = origin.lower()
         if text in KNOWN_ORIGINS or text in self.allowed:
             return True
-        found = _ORIGIN.fullmatch(text)
-        return found is not None and found['scheme'] in _WEB and is_loopback(found['host'])
+        match = _ORIGIN.fullmatch(text)
+        return match is not None and match['scheme'] in _WEB and is_loopback(match['host'])
 
     def _is_ours(self, host: str, local: str) -> bool:
-        found = _HOST.fullmatch(host.lower())
-        if found is None:
+        match = _HOST.fullmatch(host.lower())
+        if match is None:
             return False
-        name = found['host']
+        name = match['host']
         if is_loopback(name) or name == self.bound.lower() or name in self._allowed_hosts():
             return True
         address, bound = _address(name), _address(self.bound)
@@ -107,8 +107,8 @@ class OriginCheck:
         return address in {bound, _address(local)}
 
     def _allowed_hosts(self) -> set[str]:
-        found = (_ORIGIN.fullmatch(each) for each in self.allowed)
-        return {each['host'] for each in found if each}
+        matches = (_ORIGIN.fullmatch(origin) for origin in self.allowed)
+        return {match['host'] for match in matches if match}
 
 
 def is_loopback(host: str) -> bool:
@@ -149,5 +149,5 @@ def _remedy(origin: str) -> str:
 
 def shown(text: str) -> str:
     """Return text of a client for one line of output: printable, and not too long."""
-    printable = ''.join(each if each.isprintable() else '?' for each in text)
+    printable = ''.join(char if char.isprintable() else '?' for char in text)
     return printable if len(printable) <= _SHOWN else f'{printable[:_SHOWN]}...'

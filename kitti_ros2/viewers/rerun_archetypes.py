@@ -258,7 +258,7 @@ def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a r
     hypotheses = [getattr(result, 'hypothesis', result) for result in detection.results]
     if not hypotheses:
         return '', 1.0
-    best = max(hypotheses, key=lambda each: each.score)
+    best = max(hypotheses, key=lambda hypothesis: hypothesis.score)
     return str(best.class_id if hasattr(best, 'class_id') else best.id), float(best.score)
 
 
@@ -459,9 +459,9 @@ def _lines(markers: list[Any]) -> rr.AsComponents:
     for marker, color in zip(markers, _marker_colors(markers), strict=True):
         points = _points(marker)
         pairs = marker.type == Marker.LINE_LIST
-        found = list(points[: len(points) // 2 * 2].reshape(-1, 2, 3)) if pairs else [points]
-        strips += found
-        colors += [color] * len(found)
+        lines = list(points[: len(points) // 2 * 2].reshape(-1, 2, 3)) if pairs else [points]
+        strips += lines
+        colors += [color] * len(lines)
     return rr.LineStrips3D(strips, colors=colors)
 
 

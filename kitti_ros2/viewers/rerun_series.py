@@ -122,7 +122,7 @@ class CameraRig:
         self._models[topic] = model
         # Sorted by name, a left camera precedes its right one.
         numbers = {name: number for number, name in enumerate(sorted(self._models))}
-        models = {numbers[name]: each for name, each in self._models.items()}
+        models = {numbers[name]: camera for name, camera in self._models.items()}
         return viewpoints(self._tree, models)[0][numbers[topic]]
 
 

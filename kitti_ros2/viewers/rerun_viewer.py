@@ -182,8 +182,8 @@ class Viewer:
 
 def _executable() -> str:
     """Return the viewer that is part of the SDK, independent of PATH."""
-    found = find_spec('rerun_cli')
-    for folder in (found.submodule_search_locations or []) if found else []:
+    spec = find_spec('rerun_cli')
+    for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ('Rerun.app/Contents/MacOS/Rerun', 'rerun', 'rerun.exe'):
             if (Path(folder) / name).is_file():
                 return str(Path(folder) / name)
