@@ -185,7 +185,7 @@ class CalibratedRig:
         if map_T_base is not None:
             map_t_base = Transform.from_matrix(map_T_base)
             tree = FrameTree([*self._links, (self._frames.map, self._frames.base, map_t_base)])
-        names = (self._name(each) for each in (target, source))
+        names = (self._name(frame) for frame in (target, source))
         return tree.transform(*names).matrix()
 
     def label(
@@ -295,12 +295,12 @@ def read_calibration(path: AnyPath) -> CalibratedRig:
             texts = {
                 name: STORE.read_text(file / name) for name in _RAW_FILES if (file / name).is_file()
             }
-            found = parse_raw_calibration(texts, file, rectified=True)
+            calibration = parse_raw_calibration(texts, file, rectified=True)
         else:
-            found = parse_calibration(STORE.read_text(file), file, file.name)
-        for reason in found.missing.values():
+            calibration = parse_calibration(STORE.read_text(file), file, file.name)
+        for reason in calibration.missing.values():
             raise BadFileError(file, reason, 'a whole calibration')
-        return CalibratedRig(found)
+        return CalibratedRig(calibration)
 
 
 def write_calibration(

@@ -123,7 +123,7 @@ def to_kitti(
         >>> kitti_ros2.to_kitti('drive.mcap', 'dataset')
         [ImportReport(...)]
     """
-    paths = [as_path(bag)] if isinstance(bag, (str, PathLike)) else [as_path(each) for each in bag]
+    paths = [as_path(bag)] if isinstance(bag, (str, PathLike)) else [as_path(path) for path in bag]
     target = as_path(out)
     with ExitStack() as stack:
         opened = []
@@ -194,7 +194,7 @@ def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[st
     selection = replace(settings.selection, start=only, end=only)
     schedule = make_schedule(recording, selection)
     encoder = Encoder(recording, schedule, settings.messages, selection)
-    found: dict[str, tuple[str, bytes]] = {}
+    messages_by_topic: dict[str, tuple[str, bytes]] = {}
     for entry in schedule:
         if entry.stream in _OF_RECORDING:
             continue
@@ -204,5 +204,5 @@ def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[st
         for message in messages:
             row = encoder.table[message.channel]
             if row.msgtype != STRING:
-                found[row.topic] = row.msgtype, b''.join(message.parts)
-    return found
+                messages_by_topic[row.topic] = row.msgtype, b''.join(message.parts)
+    return messages_by_topic

@@ -83,8 +83,8 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
     """
     unfit = sorted(set(options) - set(map(keyword_of, DRAW)))
     if unfit:
-        known = ', '.join(map(keyword_of, DRAW))
-        raise UsageError(f'unknown option {unfit[0]!r}; known are {known}')
+        keywords = ', '.join(map(keyword_of, DRAW))
+        raise UsageError(f'unknown option {unfit[0]!r}; known are {keywords}')
     settings = make_view_settings({**by_name(options, DRAW), 'mode': mode})
     if settings.mode not in MODES:
         raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')

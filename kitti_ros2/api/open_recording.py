@@ -66,21 +66,21 @@ class FrameObject:
 
     def __init__(
         self,
-        found: LabelledObject,
+        labelled: LabelledObject,
         label: Box | None,
         transform: Callable[[str | int, str | int], Float64Array],
     ) -> None:
-        self._cuboid = found.cuboid
+        self._cuboid = labelled.cuboid
         self._transform = transform
-        self.class_name = found.class_name
-        self.box_2d = found.box_2d
+        self.class_name = labelled.class_name
+        self.box_2d = labelled.box_2d
         self.alpha = None if label is None or label.alpha < -np.pi - 1 else label.alpha
-        self.truncated = found.truncated
-        self.occluded = found.occluded
-        if found.cuboid is not None and found.occluded is None:
-            self.occluded = found.cuboid.occluded
-        self.track = found.track_id
-        self.score = found.score
+        self.truncated = labelled.truncated
+        self.occluded = labelled.occluded
+        if labelled.cuboid is not None and labelled.occluded is None:
+            self.occluded = labelled.cuboid.occluded
+        self.track = labelled.track_id
+        self.score = labelled.score
         self.label = label
 
     @property
@@ -176,8 +176,8 @@ class Frame:
     @property
     def streams(self) -> tuple[str, ...]:
         """The streams that have this frame: scan, image_2, oxts, pose, labels, ..."""
-        found = self.source.frames.streams.items()
-        return tuple(name for name, numbers in found if self.number in numbers)
+        streams = self.source.frames.streams.items()
+        return tuple(name for name, numbers in streams if self.number in numbers)
 
     @property
     def origin(self) -> FrameOrigin | None:
@@ -284,10 +284,10 @@ class Frame:
     def calibration(self) -> CalibratedRig | None:
         """The calibration of this frame, None if the recording has none."""
         frames = self.source.frames
-        found = frames.calibration(self.number)
-        if found is None:
+        calibration = frames.calibration(self.number)
+        if calibration is None:
             return None
-        return CalibratedRig(found, base_t_imu=frames.base_t_imu, camera_names=frames.cameras)
+        return CalibratedRig(calibration, base_t_imu=frames.base_t_imu, camera_names=frames.cameras)
 
     @cached_property
     def pose(self) -> Float64Array | None:
@@ -296,17 +296,17 @@ class Frame:
         map is x east, y north, z up, its origin the first base_link position of the recording;
         without gravity (odometry) it is base_link at the first pose.
         """
-        found = self.source.frames.read(Stream.POSE, self.number)
-        if not isinstance(found, Pose):
+        pose = self.source.frames.read(Stream.POSE, self.number)
+        if not isinstance(pose, Pose):
             return None
-        map_t_base = found.world_T_imu @ self.source.frames.base_t_imu.inverse()
+        map_t_base = pose.world_T_imu @ self.source.frames.base_t_imu.inverse()
         return map_t_base.matrix()
 
     @cached_property
     def oxts(self) -> OxtsPacket | None:
         """The packet of the GPS/IMU unit, KITTI's 30 values by name; None without one."""
-        found = self.source.frames.read(Stream.OXTS, self.number)
-        return found if isinstance(found, OxtsPacket) else None
+        packet = self.source.frames.read(Stream.OXTS, self.number)
+        return packet if isinstance(packet, OxtsPacket) else None
 
     @cached_property
     def objects(self) -> list[FrameObject]:
@@ -320,9 +320,9 @@ class Frame:
         for reason in labels.missing.values():
             warn(reason)
         rig = self.calibration
-        found = objects_of(labels, None if rig is None else rig.model)
+        labelled = objects_of(labels, None if rig is None else rig.model)
         lines: list[Box | None] = [box for box in labels.boxes if box is not None]
-        pairs = zip(found, lines or [None] * len(found), strict=True)
+        pairs = zip(labelled, lines or [None] * len(labelled), strict=True)
         return [FrameObject(*pair, self.transform) for pair in pairs]
 
     def transform(self, target: str | int, source: str | int) -> Float64Array:
@@ -459,8 +459,8 @@ class Recording(Sequence[Frame]):
     @property
     def streams(self) -> dict[str, Int64Array]:
         """The frames that each stream has, by name: scan, image_2, oxts, pose, labels, ..."""
-        found = self._source.frames.streams.items()
-        return {name: np.intersect1d(numbers, self._numbers) for name, numbers in found}
+        streams = self._source.frames.streams.items()
+        return {name: np.intersect1d(numbers, self._numbers) for name, numbers in streams}
 
     @property
     def cameras(self) -> dict[int, str]:

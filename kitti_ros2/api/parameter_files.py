@@ -197,8 +197,8 @@ def _elevations(recording: ReadableRecording) -> tuple[float, float]:
         scan = recording.read(Stream.SCAN, number)
         if isinstance(scan, Scan) and len(scan.points):
             x, y, z = (scan.points[:, axis].astype(np.float64) for axis in range(3))
-            found = np.degrees(np.arctan2(z, np.hypot(x, y)))
-            lowest, highest = min(lowest, found.min()), max(highest, found.max())
+            elevations = np.degrees(np.arctan2(z, np.hypot(x, y)))
+            lowest, highest = min(lowest, elevations.min()), max(highest, elevations.max())
     return float(lowest), float(highest)
 
 
@@ -246,15 +246,15 @@ def parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str
 def _with_facts(value: Any, facts: RigFacts) -> Any:  # noqa: ANN401 - a value of a YAML file
     """Return a value with the facts that it names."""
     if isinstance(value, dict):
-        return {name: _with_facts(each, facts) for name, each in value.items()}
+        return {name: _with_facts(child, facts) for name, child in value.items()}
     if not (isinstance(value, str) and value.startswith('$')):
         return value
-    found: Any = facts
+    fact: Any = facts
     for name in value[1:].split('.'):
-        found = found[int(name)] if name.isdecimal() else getattr(found, name)
-    if isinstance(found, np.ndarray):
-        return [round(float(each), _DIGITS) + 0.0 for each in found.ravel()]
-    return found
+        fact = fact[int(name)] if name.isdecimal() else getattr(fact, name)
+    if isinstance(fact, np.ndarray):
+        return [round(float(number), _DIGITS) + 0.0 for number in fact.ravel()]
+    return fact
 
 
 def _yaml_lines(values: Mapping[str, Any]) -> Iterator[str]:

@@ -176,11 +176,11 @@ def launch_text(stack: Stack, play: Sequence[str], parameters: Sequence[str]) ->
     command = [*play, '--delay', str(_DELAY_S), '--no-keyboard']
     player = _Call('ExecuteProcess', (), {'cmd': command, 'output': 'screen'})
     actions: list[object] = [_Call('SetParameter', ('use_sim_time', True))]
-    for each in stack.launch:
-        if isinstance(each, Node):
-            actions.append(_node(each, parameters))
+    for action in stack.launch:
+        if isinstance(action, Node):
+            actions.append(_node(action, parameters))
         else:
-            actions += _included(each)
+            actions += _included(action)
     ending = {'target_action': _Code('player'), 'on_exit': [_Call('Shutdown')]}
     stop = _Call('RegisterEventHandler', (_Call('OnProcessExit', (), ending),))
     description = _Call('LaunchDescription', ([*actions, _Code('player'), stop],))
@@ -198,11 +198,11 @@ def _imports(text: str) -> str:
     called = set(re.findall(r'(\w+)\(', text))
     lines = []
     for module, names in _IMPORTS:
-        found = [name for name in names if name in called]
-        if found:
-            bare = f'from {module} import {", ".join(found)}'
+        imported = [name for name in names if name in called]
+        if imported:
+            bare = f'from {module} import {", ".join(imported)}'
             long = len(bare) > _COLUMNS
-            lines.append(_joined(f'from {module} import (', found, ')', 0) if long else bare)
+            lines.append(_joined(f'from {module} import (', imported, ')', 0) if long else bare)
     return '\n'.join(lines)
 
 
@@ -261,17 +261,17 @@ def _place(text: str) -> object:
 def _written(value: object, depth: int) -> str:
     """Return an expression as Python writes it, on several lines if it is long."""
     if isinstance(value, _Call):
-        parts = [_written(each, depth + 1) for each in value.values]
-        parts += [f'{word}={_written(each, depth + 1)}' for word, each in value.words.items()]
+        parts = [_written(part, depth + 1) for part in value.values]
+        parts += [f'{word}={_written(part, depth + 1)}' for word, part in value.words.items()]
         return _joined(f'{value.name}(', parts, ')', depth)
     if isinstance(value, _Code):
         return value.text
     if isinstance(value, list):
-        return _joined('[', [_written(each, depth + 1) for each in value], ']', depth)
+        return _joined('[', [_written(element, depth + 1) for element in value], ']', depth)
     if isinstance(value, tuple):
-        return f'({", ".join(_written(each, depth + 1) for each in value)})'
+        return f'({", ".join(_written(element, depth + 1) for element in value)})'
     if isinstance(value, dict):
-        pairs = [f'{key!r}: {_written(each, depth + 1)}' for key, each in value.items()]
+        pairs = [f'{key!r}: {_written(element, depth + 1)}' for key, element in value.items()]
         return _joined('{', pairs, '}', depth)
     return repr(value)
 

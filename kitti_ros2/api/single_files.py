@@ -117,9 +117,9 @@ def read_scan(path: AnyPath, *, columns: str | None = None) -> Float32Array:
 def _check_first(file: Path, data: npt.NDArray[np.uint8]) -> None:
     """Check the columns of the first scan that is read of a folder."""
     if file.parent not in _CHECKED:
-        found = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
-        if found is not None:
-            raise mismatch_error(file, found)
+        mismatch = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
+        if mismatch is not None:
+            raise mismatch_error(file, mismatch)
         _CHECKED.add(file.parent)
 
 
@@ -179,8 +179,8 @@ def write_image(path: AnyPath, pixels: npt.NDArray[np.uint8]) -> None:
         KittiRos2Error: Another shape or dtype, or the file cannot be written.
     """
     if pixels.dtype != np.uint8 or pixels.ndim not in {2, 3} or pixels.shape[2:] not in {(), (3,)}:
-        found = f'pixels of shape {pixels.shape}, {pixels.dtype}'
-        raise UsageError(f'{found}; expected (H, W) or (H, W, 3) uint8')
+        pixels_text = f'pixels of shape {pixels.shape}, {pixels.dtype}'
+        raise UsageError(f'{pixels_text}; expected (H, W) or (H, W, 3) uint8')
     bgr = pixels if pixels.ndim == 2 else pixels[..., ::-1]
     with file_at(path) as file:
         STORE.write(file, encode_png(np.ascontiguousarray(bgr)))
