@@ -164,8 +164,8 @@ class SyntheticDrive:
 
     def placed(self, frame: int) -> list[PlacedSolid]:
         """Return the boxes around the scanner, in velo_link, nearest first."""
-        known, placed = self._last_placed
-        if known != frame:
+        last_frame, placed = self._last_placed
+        if last_frame != frame:
             time = (self.stamps(frame).scan - START_NS) / NS_PER_S
             placed = place_solids(self._solids, time, self.motion(frame).street_T_car, self._course)
             self._last_placed = (frame, placed)
