@@ -26,7 +26,7 @@ from ..model.errors import (
 )
 from .container_file import BagIndex, NamedFile, Problems, ros2_spelling
 from .decompression import ZSTD_MAGIC, decompress_file
-from .locate import METADATA, locate_bag, looks_like_bag, reindex_advice
+from .locate import METADATA, locate_bag, looks_like_bag, reindex_steps
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -39,13 +39,15 @@ _ROS2_TYPE = re.compile(r'\w+/(msg/)?\w+', re.ASCII)
 _ROS2_TEXTS = frozenset({'ros2msg', 'ros2idl', ''})
 
 
-def open_files(bag: BagFiles, problems: Problems, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+def open_files(
+    bag: BagFiles, problems: Problems, exit_stack: ExitStack
+) -> list[tuple[Path, BagFile]]:
     """Open the files of a bag; if some of several cannot be read, they are entered as losses.
 
     Args:
         bag: The bag to open.
         problems: Collects notes and losses.
-        stack: Closes the files.
+        exit_stack: Closes the files.
 
     Raises:
         BadBagError: No file can be read.
@@ -59,12 +61,12 @@ def open_files(bag: BagFiles, problems: Problems, stack: ExitStack) -> list[tupl
     failure: BadBagError | None = None
     for path in bag.files:
         try:
-            file = _open_file(bag.storage, _unpacked(path, stack), problems)
+            file = _open_file(bag.storage, _unpacked(path, exit_stack), problems)
         except BadBagError as error:
             failure = failure or error
             problems.lose(str(error))
             continue
-        stack.callback(file.close)
+        exit_stack.callback(file.close)
         unnamed = {
             key: _as_cdr(channel) for key, channel in file.channels.items() if _is_unnamed(channel)
         }
@@ -144,19 +146,19 @@ class OpenBag:
         self._problems = Problems()
         self._users = 1
         self._is_open = True
-        with ExitStack() as stack:
-            self._files = open_files(self.located, self._problems, stack)
-            self._stack = stack.pop_all()
+        with ExitStack() as exit_stack:
+            self._files = open_files(self.located, self._problems, exit_stack)
+            self._exit_stack = exit_stack.pop_all()
 
-    def files(self, problems: Problems, stack: ExitStack) -> list[tuple[Path, BagFile]]:
+    def files(self, problems: Problems, exit_stack: ExitStack) -> list[tuple[Path, BagFile]]:
         """Return the open files with their paths.
 
         Args:
             problems: Collects the problems found so far, and those that these files find later.
-            stack: Ends their use.
+            exit_stack: Ends their use.
         """
         self._users += 1
-        stack.callback(self._leave)
+        exit_stack.callback(self._leave)
         problems.add(self._problems)
         return [(path, file.reporting_to(problems)) for path, file in self._files]
 
@@ -164,8 +166,8 @@ class OpenBag:
     def index(self) -> BagIndex:
         """The stamps of the messages without their payloads."""
         index, problems = BagIndex(), Problems()
-        with ExitStack() as stack:
-            for _, file in self.files(problems, stack):
+        with ExitStack() as exit_stack:
+            for _, file in self.files(problems, exit_stack):
                 index.merge(file.index())
         if self.located.compression_mode:
             index.compressions.add('zstd')
@@ -175,7 +177,7 @@ class OpenBag:
         if expected is not None and expected != index.total:
             index.problems.append(
                 f'{self.path}: metadata.yaml counts {expected} messages, the files hold'
-                f' {index.total}; {reindex_advice(self.path, self.located.files)}'
+                f' {index.total}; {reindex_steps(self.path, self.located.files)}'
             )
         return index
 
@@ -194,7 +196,7 @@ class OpenBag:
     def _leave(self) -> None:
         self._users -= 1
         if not self._users:
-            self._stack.close()
+            self._exit_stack.close()
 
 
 BagSource: TypeAlias = Path | OpenBag
@@ -211,7 +213,7 @@ def path_of(bag: BagSource) -> Path:
     return bag.path if isinstance(bag, OpenBag) else bag
 
 
-def _unpacked(path: Path, stack: ExitStack) -> NamedFile:
+def _unpacked(path: Path, exit_stack: ExitStack) -> NamedFile:
     """Return the file itself, or a decompressed copy if rosbag2 compressed it as a whole.
 
     A truncated file is decompressed up to its end.
@@ -226,7 +228,7 @@ def _unpacked(path: Path, stack: ExitStack) -> NamedFile:
         if source.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
             return NamedFile(path, path)
         source.seek(0)
-        folder = Path(stack.enter_context(TemporaryDirectory()))
+        folder = Path(exit_stack.enter_context(TemporaryDirectory()))
         plain = folder / path.stem
         try:
             with plain.open('wb') as target:
@@ -318,16 +320,16 @@ def _is_bag(bag: BagFiles, *, forced: bool) -> UsageError:
     text = f'{path}: is a bag ({bag.container}), not a KITTI folder'
     if forced:
         return UsageError(f'{text}; leave --layout out')
-    commands, advice = ['play', 'to-kitti'], 'play it, or convert it to KITTI'
+    commands, hint = ['play', 'to-kitti'], 'play it, or convert it to KITTI'
     if _is_damaged(bag):
         commands.append('recover')
-        advice = 'play it, convert it to KITTI, or repair it, as it is damaged'
+        hint = 'play it, convert it to KITTI, or repair it, as it is damaged'
     remedies = (Remedy(path, path, command=command) for command in commands)
-    return UsageError(f'{text}; {advice}').with_remedies(*remedies)
+    return UsageError(f'{text}; {hint}').with_remedies(*remedies)
 
 
 def _is_damaged(bag: BagFiles) -> bool:
-    """Whether a bag is damaged, as far as a short look can tell."""
+    """Whether a bag is damaged, as far as a short read shows."""
     if bag.losses or sum(file.stat().st_size for file in bag.files) > _QUICKLY_READ_BYTES:
         return bool(bag.losses)
     try:

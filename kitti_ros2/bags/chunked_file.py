@@ -56,7 +56,7 @@ Head = TypeVar('Head')
 
 
 class Record(NamedTuple):
-    """The place of a record: its kind, the position of its head, the position after its body."""
+    """The position of a record: its kind, the position of its head, the position after its body."""
 
     opcode: int
     position: int
@@ -99,7 +99,7 @@ class RecordFormat(Protocol[Head]):
     longest: int
     row: int
 
-    def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
+    def classify(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
         """Classify the bytes at a position, by the record's head and the lengths inside it."""
         ...
 
@@ -174,7 +174,7 @@ def walk(
         LimitError: It would cost more.
     """
     while position < end:
-        kind, record = form.look(source, position, end)
+        kind, record = form.classify(source, position, end)
         if kind is Kind.WHOLE and _is_believed(form, source, record, end, search):
             yield record
             position = record.end
@@ -208,7 +208,7 @@ def find_record(
         done = 0
         for match in form.candidate.finditer(window):
             start = position + match.start()
-            search.spend(match.start() - done, looks=1)
+            search.spend(match.start() - done, attempts=1)
             done = match.start()
             if start < end and _begins_row(form, source, start, end):
                 return start
@@ -222,13 +222,13 @@ def _is_believed(
 ) -> bool:
     if record.end == end or form.is_checked(record.opcode):
         return True
-    if form.look(source, record.end, end)[0] is Kind.WHOLE:
+    if form.classify(source, record.end, end)[0] is Kind.WHOLE:
         return True
     # Either the following bytes are damaged, or the length of this record, which then hides others.
     # A chunk contains records, which may be found even in a compressed one, but no chunks.
     inner = find_record(form, source, record.position + 1, record.end, search)
     while inner is not None and record.opcode == form.chunk:
-        if form.look(source, inner, end)[1].opcode == form.chunk:
+        if form.classify(source, inner, end)[1].opcode == form.chunk:
             return False
         inner = find_record(form, source, inner + 1, record.end, search)
     return inner is None
@@ -236,7 +236,7 @@ def _is_believed(
 
 def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int) -> bool:
     for number in range(form.row):
-        kind, record = form.look(source, position, end)
+        kind, record = form.classify(source, position, end)
         if kind is not Kind.WHOLE:
             is_last = number == form.row - 1 and (number > 0 or record.opcode == form.chunk)
             return kind is Kind.CUT and is_last
@@ -364,8 +364,8 @@ class ChunkScan(ABC, Generic[Head]):
             self._problems.lose(f'{file.name}: {error}; what follows is not read')
             ended = True
         if not ended and (self.footer is not None or self._cut_at is not None):
-            place = '' if self._cut_at is None else f', in the record at {self._cut_at}'
-            text = f'{file.name}: cut off at byte {file.size}{place}; {self._read} was read'
+            where = '' if self._cut_at is None else f', in the record at {self._cut_at}'
+            text = f'{file.name}: cut off at byte {file.size}{where}; {self._read} was read'
             self._problems.lose(text, 0 if self._read == 'every message' else None)
         channels = self._channels()
         left_out = {
@@ -493,7 +493,7 @@ def chunk_records(
         problems: Collects notes and losses.
         cost: Number of messages lost if nothing of it can be read.
     """
-    place = f'{file.name}: the chunk at byte {position} is damaged'
+    which = f'{file.name}: the chunk at byte {position} is damaged'
     view, done, whole = memoryview(data), 0, True
     try:
         records, whole = unpack(form, file, position, view)
@@ -504,11 +504,11 @@ def chunk_records(
     except DamagedHeadError:
         pass  # if it is not compressed, its records can be found below
     except ValueError as error:
-        problems.lose(f'{place} ({error})', cost)
+        problems.lose(f'{which} ({error})', cost)
         return
 
     def lose(start: int, stop: int) -> None:
-        problems.lose(f'{place} (bytes {start} to {stop} of it)')
+        problems.lose(f'{which} (bytes {start} to {stop} of it)')
 
     if whole:
         search = Search(file.limits, position)
@@ -520,7 +520,7 @@ def chunk_records(
                 else:
                     lose(record.position, len(view))
         except LimitError as error:
-            problems.lose(f'{place} ({error})')
+            problems.lose(f'{which} ({error})')
 
 
 # A bag's file opened by position, on a disk or in a store.
@@ -555,7 +555,7 @@ class RemoteFileBytes(FileBytes):
         return False
 
     def close(self) -> None:
-        """Do nothing: no connection is held."""
+        """Do nothing: no connection stays open."""
 
 
 def open_bytes(file: NamedFile) -> FileBytes:
@@ -654,8 +654,8 @@ class ChunkedFile(BagFile, Generic[Head]):
         outside = stored and not chunk.start_ns <= stored[0][0] <= stored[-1][0] <= chunk.end_ns
         if listed != there or outside:
             lost = sum((Counter(listed) - there).values())
-            place = f'{self._file.name}: the chunk at byte {chunk.position}'
-            self._problems.lose(f'{place} has other messages than its index lists', lost)
+            which = f'{self._file.name}: the chunk at byte {chunk.position}'
+            self._problems.lose(f'{which} has other messages than its index lists', lost)
 
     def expect(self, chunk: Chunk) -> None:
         """Ask the system to read a chunk ahead of its turn."""

@@ -43,7 +43,7 @@ class Problems:
 
     Attributes:
         notes: Non-fatal remarks without loss, one line each.
-        losses: Damaged or unreadable parts, one line each with their place (file, byte or row),
+        losses: Damaged or unreadable parts, one line each with their position (file, byte or row),
             and the number of lost messages; None if that is unknown.
     """
 
@@ -108,7 +108,7 @@ _POLICIES = {
         'best_available',
     ),
 }
-"""The words of each policy, at the places of their numbers. Source: rmw/types.h."""
+"""The words of each policy, at the index of their numbers. Source: rmw/types.h."""
 _LONGEST_KEPT = 10_000
 _MATCHED = ('reliability', 'durability')
 """Policies by which subscribers are matched with publishers."""
@@ -548,7 +548,7 @@ class FileBytes:
         return data
 
     def read_part(self, position: int, length: int) -> bytes:
-        """Read as read does a part that is held in memory as a whole, such as an index.
+        """Read a part that stays in memory as a whole, such as an index; as read.
 
         Raises:
             ValueError: It is larger than a file of its packed size may have.

@@ -42,7 +42,7 @@ _TEXTS_RATIO = 4
 _SEARCHED_ALWAYS = 32 * 10**6
 _SEARCHED_RATIO = 32
 _SEARCHED_STEP = 10**4
-_LOOK = 100  # bytes that are searched in the time of one look at a place
+_ATTEMPT_COST = 100  # bytes that are searched in the time of one attempt
 
 
 class LimitError(ValueError):
@@ -97,7 +97,7 @@ class FileLimits:
 
     @property
     def largest_part(self) -> int:
-        """The most bytes of a part that is held in memory, such as an index or a message."""
+        """The most bytes of a part in memory, such as an index or a message."""
         return largest_block(self._stored)
 
     def descriptions(self) -> DescriptionLimits:
@@ -182,13 +182,13 @@ class Search:
         self._position = position
         self._cost = self._entered = 0
 
-    def spend(self, size: int, looks: int = 0) -> None:
-        """Enter more bytes that are searched, and the looks at places where a record may begin.
+    def spend(self, size: int, attempts: int = 0) -> None:
+        """Enter more searched bytes, and the attempts to read a record among them.
 
         Raises:
             LimitError: The file has cost too much.
         """
-        self._cost += size + looks * _LOOK
+        self._cost += size + attempts * _ATTEMPT_COST
         if self._cost - self._entered >= _SEARCHED_STEP:
             self._entered = self._cost
             self._limits.add_searched(self._position, self._cost)

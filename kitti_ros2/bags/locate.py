@@ -135,12 +135,12 @@ def _without_metadata(path: Path, reason: str) -> BagFiles:
     """
     for storage, files in _files(path).items():
         if files and CONTAINERS[storage].in_rosbag2:
-            loss = f'{reason}; its files are read as they are; {reindex_advice(path, files)}'
+            loss = f'{reason}; its files are read as they are; {reindex_steps(path, files)}'
             return BagFiles(path, storage, files, directory=True, losses=(loss,))
     raise NotABagError(path, f'is a directory without {METADATA}')
 
 
-def reindex_advice(path: Path, files: Sequence[Path]) -> str:
+def reindex_steps(path: Path, files: Sequence[Path]) -> str:
     """Return the steps by which a user gets a correct metadata.yaml for the files of a folder.
 
     ros2 bag reindex skips files that are not named NAME_N.SUFFIX, compressed ones among them, and

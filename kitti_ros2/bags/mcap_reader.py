@@ -51,13 +51,13 @@ _SHORTEST = MESSAGE_BODY.size
 _CHUNK = struct.Struct('<QQQII')
 INDEX_BODY = struct.Struct('<HI')
 _LENGTH = struct.Struct('<Q')
-# Chunk Index: start and end time, place and length of the chunk, bytes of the entries that follow
-# (channel, place of its message index); then the length of all message indexes, the compression.
+# Chunk Index: start and end time, offset and length of the chunk, bytes of the entries that follow
+# (channel, offset of its message index); then the length of all message indexes, the compression.
 _CHUNK_INDEX = struct.Struct('<QQQQI')
 _CHUNK_INDEX_ENTRY = struct.Struct('<HQ')
 _INDEX_LENGTHS = struct.Struct('<QI')
 _ENTRY_SIZE = 16  # of a message index: stamp, offset
-_LOOKED_AT = RECORD_HEAD.size + 64
+_HEAD_BYTES = RECORD_HEAD.size + 64
 _LONGEST_NAME = 16  # of a compression
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)
 _CHUNK_OPCODE = bytes([Opcode.CHUNK])
@@ -203,9 +203,9 @@ class McapFormat:
     longest = RECORD_HEAD.size
     row = 3
 
-    def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
+    def classify(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
         """Classify the bytes at a position."""
-        head = source.read(position, min(_LOOKED_AT, end - position))
+        head = source.read(position, min(_HEAD_BYTES, end - position))
         if len(head) < RECORD_HEAD.size:
             return Kind.CUT, Record(0, position, end + 1)
         opcode, length = RECORD_HEAD.unpack_from(head)
@@ -221,7 +221,7 @@ class McapFormat:
     def inside(self, source: Source, position: int) -> int | None:
         """Return the position of a chunk's first record, None if compressed or damaged."""
         try:
-            head = parse_chunk_head(source.read(position, _LOOKED_AT))
+            head = parse_chunk_head(source.read(position, _HEAD_BYTES))
         except DamagedHeadError:
             return None
         return position + head.records_at if head.compression in UNCOMPRESSED else None
@@ -272,7 +272,7 @@ def _agrees(opcode: int, length: int, head: Buffer) -> bool:
     if opcode == Opcode.MESSAGE_INDEX and len(head) >= RECORD_HEAD.size + INDEX_BODY.size:
         size = INDEX_BODY.unpack_from(head, RECORD_HEAD.size)[1]
         return bool(size == length - INDEX_BODY.size and size % 16 == 0)
-    if opcode == Opcode.CHUNK and len(head) == _LOOKED_AT:
+    if opcode == Opcode.CHUNK and len(head) == _HEAD_BYTES:
         try:
             chunk = parse_chunk_head(head)
         except DamagedHeadError:
@@ -311,11 +311,11 @@ class Descriptions:
     The first of an id is used: chunks have a checksum, the copies in a damaged summary have none.
 
     Args:
-        room: How many there may be.
+        limits: How many there may be.
     """
 
-    def __init__(self, room: DescriptionLimits) -> None:
-        self._room = room
+    def __init__(self, limits: DescriptionLimits) -> None:
+        self._limits = limits
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, _McapChannel] = {}
 
@@ -332,7 +332,7 @@ class Descriptions:
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(ReadDataStream(BytesIO(body)))
             if schema.id not in self._schemas:
-                self._room.add(len(body))
+                self._limits.add(len(body))
             first = self._schemas.setdefault(schema.id, schema)
             return (
                 '' if first == schema else _two_ways('schema', schema.id, first.name, schema.name)
@@ -340,7 +340,7 @@ class Descriptions:
         if opcode == Opcode.CHANNEL:
             channel_id, channel = _parse_channel(body)
             if channel_id not in self._channels:
-                self._room.add(len(body))
+                self._limits.add(len(body))
             earlier = self._channels.setdefault(channel_id, channel)
             if earlier.contradicts(channel):
                 return _two_ways('channel', channel_id, self._name(earlier), self._name(channel))
@@ -542,16 +542,16 @@ def _summarized(
             contents.chunks.append(chunk)
             contents.index_lengths[chunk.position] = index_length
         elif described.enter(opcode, body):
-            return None  # the scan tells where it contradicts itself
+            return None  # the scan reports where it contradicts itself
     contents.channels = described.channels()
     indexed = sum(sum(chunk.counts.values()) for chunk in contents.chunks)
     has_channels = all(contents.channels.keys() >= chunk.counts.keys() for chunk in contents.chunks)
-    places = sorted(
+    spans = sorted(
         (chunk.position, chunk.position + chunk.length + contents.index_lengths[chunk.position])
         for chunk in contents.chunks
     )
-    starts = [*(position for position, _ in places[1:]), start]
+    starts = [*(position for position, _ in spans[1:]), start]
     # Chunks and their indexes; each of those may otherwise be all of the file.
-    apart = all(end <= after for (_, end), after in zip(places, starts, strict=False))
+    apart = all(end <= after for (_, end), after in zip(spans, starts, strict=False))
     # Messages outside of chunks, or chunks without index, are found by a scan only.
     return (contents, described) if message_count == indexed and has_channels and apart else None

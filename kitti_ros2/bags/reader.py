@@ -232,12 +232,12 @@ class BagMessages:
         self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}
-        with ExitStack() as stack:
-            entered = [stack.enter_context(opened(bag)) for bag in bags]
+        with ExitStack() as exit_stack:
+            entered = [exit_stack.enter_context(opened(bag)) for bag in bags]
             files = [
                 (bag.path, path, file)
                 for bag in entered
-                for path, file in bag.files(self._problems, stack)
+                for path, file in bag.files(self._problems, exit_stack)
             ]
             self._files = [file for _, _, file in files]
             self._readings = {
@@ -255,7 +255,7 @@ class BagMessages:
             self._leave_out_second_types()
             self._define()
             self._prepare()
-            self._stack = stack.pop_all()
+            self._exit_stack = exit_stack.pop_all()
         readings = self._readings.values()
         self.sources = {reading.channel.topic: reading.channel for reading in reversed(readings)}
         self.channels = tuple(
@@ -320,7 +320,7 @@ class BagMessages:
 
     def close(self) -> None:
         """Close the files; does nothing if they are closed."""
-        self._stack.close()
+        self._exit_stack.close()
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.since(None)
@@ -348,8 +348,8 @@ class BagMessages:
         """Enter a lost message; those of one topic and reason share one line."""
         reason = ' '.join(str(error).split())
         first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
-        place = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
-        self._problems.lose_one(f'{place} cannot be read ({reason})')
+        which = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
+        self._problems.lose_one(f'{which} cannot be read ({reason})')
 
     def _leave_out_encodings(self) -> None:
         """Skip channels that cannot be converted to CDR.
@@ -503,8 +503,8 @@ def summarize_bag(bags: Bags) -> BagSummary:
         BadBagError: A path holds no bag, or one that cannot be read at all.
         OSError: A file cannot be read.
     """
-    with ExitStack() as stack:
-        open_bags = [stack.enter_context(opened(bag)) for bag in _each_once(bags)]
+    with ExitStack() as exit_stack:
+        open_bags = [exit_stack.enter_context(opened(bag)) for bag in _distinct(bags)]
         located = [bag.located for bag in open_bags]
         containers = ', '.join(dict.fromkeys(bag.container for bag in located))
         files = tuple(file for bag in located for file in bag.files)
@@ -519,7 +519,7 @@ def index_bag(bags: Bags) -> BagIndex:
         OSError: A file cannot be read.
     """
     index = BagIndex()
-    for source in _each_once(bags):
+    for source in _distinct(bags):
         with opened(source) as bag:
             index.merge(bag.index)
     return index
@@ -552,10 +552,10 @@ def open_messages(
         UsageError: A path is given twice.
         OSError: A file cannot be read.
     """
-    return BagMessages(_each_once(bags), topics, must_read=must_read)
+    return BagMessages(_distinct(bags), topics, must_read=must_read)
 
 
-def _each_once(bags: Bags) -> Sequence[BagSource]:
+def _distinct(bags: Bags) -> Sequence[BagSource]:
     if isinstance(bags, (Path, OpenBag)):
         return [bags]
     seen: set[str] = set()

@@ -248,7 +248,7 @@ class Ros1Format:
     longest = 32
     row = 1  # names of fields are no coincidence
 
-    def look(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
+    def classify(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
         """Classify the bytes at a position."""
         head = source.read(position, min(_HEAD_READ, end - position))
         size = int.from_bytes(head[:4], 'little')
@@ -357,15 +357,15 @@ class DescribedConnections:
     """The connections of a file.
 
     Args:
-        room: How many there may be.
+        limits: How many there may be.
 
     Attributes:
         by_id: The last description of each.
     """
 
-    def __init__(self, room: DescriptionLimits) -> None:
+    def __init__(self, limits: DescriptionLimits) -> None:
         self.by_id: dict[int, StoredChannel] = {}
-        self._room = room
+        self._limits = limits
 
     def enter(self, fields: Fields, body: Buffer) -> None:
         """Enter a connection.
@@ -376,7 +376,7 @@ class DescribedConnections:
         """
         channel_id, channel = parse_connection(fields, body)
         if channel_id not in self.by_id:
-            self._room.add(len(body))
+            self._limits.add(len(body))
         self.by_id[channel_id] = channel
 
 
@@ -529,7 +529,7 @@ def _read_index(file: FileBytes, problems: Problems) -> FileContents | None:
         section = file.read_part(start, file.size - start)
         return _indexed_contents(section, start, fields, file.limits)
     except LimitError:
-        return None  # the scan tells what is left out
+        return None  # the scan reports what is left out
     except ValueError as error:
         problems.lose(f'{file.name}: its index is damaged ({error})', 0)
         return None
@@ -571,8 +571,8 @@ def _indexed_contents(
     infos.sort(key=itemgetter(0))
     ends = [*(info[0] for info in infos[1:]), start][: len(infos)]
     chunks = [
-        Chunk(start_ns, end_ns, place, end - place, counts)
-        for (place, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
+        Chunk(start_ns, end_ns, begin, end - begin, counts)
+        for (begin, start_ns, end_ns, counts), end in zip(infos, ends, strict=True)
     ]
     return FileContents(connections.by_id, chunks)
 

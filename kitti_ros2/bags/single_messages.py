@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single messages of a bag, by their places or by their index in time order."""
+"""Single messages of a bag, by position or by index in time order."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 # Random access to single messages of a bag, by their log times.
 
 
-class Place(NamedTuple):
-    """The place of a message: topic, log time, and number of earlier ones of both.
+class MessagePosition(NamedTuple):
+    """The position of a message: topic, log time, and number of earlier ones of both.
 
     A bag is searched by time, and several messages of a topic may have the same.
     """
@@ -34,8 +34,8 @@ class Place(NamedTuple):
     before: int
 
 
-def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Place]:
-    """Return the places of some messages of a topic.
+def positions_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[MessagePosition]:
+    """Return the positions of some messages of a topic.
 
     Args:
         topic: Its name.
@@ -44,13 +44,13 @@ def places_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list[Pl
     """
     stamps = [(index, int(log_ns[index])) for index in indices]
     return [
-        Place(topic, stamp_ns, index - int(np.searchsorted(log_ns, stamp_ns)))
+        MessagePosition(topic, stamp_ns, index - int(np.searchsorted(log_ns, stamp_ns)))
         for index, stamp_ns in stamps
     ]
 
 
-class PlacedMessages:
-    """Reads messages by their places; thread-safe.
+class MessagesByPosition:
+    """Reads messages by position; thread-safe.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -65,19 +65,19 @@ class PlacedMessages:
         """Close the files."""
         self._messages.close()
 
-    def read(self, place: Place) -> Any:  # noqa: ANN401 - of the bag's types
-        """Read and decode the message at a place.
+    def read(self, position: MessagePosition) -> Any:  # noqa: ANN401 - of the bag's types
+        """Read and decode the message at a position.
 
         Raises:
             MissingDataError: It is missing, or its topic cannot be read.
             Exception: It cannot be decoded; generated code lets anything out.
         """
-        if place.topic not in self._types:
+        if position.topic not in self._types:
             raise MissingDataError('its type is not defined')
-        before = place.before
+        before = position.before
         with self._lock:
-            for message in self._messages.since(place.log_ns):
-                if message.topic != place.topic:
+            for message in self._messages.since(position.log_ns):
+                if message.topic != position.topic:
                     continue
                 if not before:
                     kind = message.msgtype

@@ -39,7 +39,7 @@ _CONSTANTS = {8: 0, 9: 1}
 
 
 class Row(NamedTuple):
-    """A row of a table: its id, the types of its columns, and the place of its payload.
+    """A row of a table: its id, the types of its columns, and the position of its payload.
 
     Attributes:
         row_id: The id.
@@ -208,16 +208,16 @@ class Pages:
             size, at = parse_varint(page, start)
             row_id, at = parse_varint(page, at)
             end = at + self.local(size)
-            head, place = parse_varint(page, at)
+            head, offset = parse_varint(page, at)
             types: list[int] = []
             if head > _LONGEST_HEAD:
                 return None
-            while place < at + head:
-                kind, place = parse_varint(page, place)
+            while offset < at + head:
+                kind, offset = parse_varint(page, offset)
                 types.append(kind)
         except IndexError:
             return None
-        sound = place == at + head and end <= len(page) and head <= size and types
+        sound = offset == at + head and end <= len(page) and head <= size and types
         if not sound or head + sum(map(_width, types)) != size:
             return None
         signed = row_id - 2**64 if row_id >= 2**63 else row_id
@@ -231,10 +231,10 @@ def parse_varint(data: bytes, at: int) -> tuple[int, int]:
         IndexError: The data are truncated.
     """
     value = 0
-    for place in range(at, at + 8):
-        value = value << 7 | data[place] & 0x7F
-        if data[place] < 0x80:
-            return value, place + 1
+    for offset in range(at, at + 8):
+        value = value << 7 | data[offset] & 0x7F
+        if data[offset] < 0x80:
+            return value, offset + 1
     return value << 8 | data[at + 8], at + 9
 
 

@@ -104,7 +104,7 @@ _LEAST_TOPIC_COLUMNS = 3
 
 
 def stored_topics(
-    connection: sqlite3.Connection, room: DescriptionLimits
+    connection: sqlite3.Connection, limits: DescriptionLimits
 ) -> dict[int, StoredChannel]:
     """Read the topics by the id of their row; earlier versions of the schema have fewer columns.
 
@@ -118,17 +118,17 @@ def stored_topics(
         for row in connection.execute(
             'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
         ):
-            room.add(_size(row))
+            limits.add(_size(row))
             definitions[row[0]] = (row[2], row[1])
     # Columns by number: the id, and about four texts.
     topics = {}
     for topic_id, *texts in connection.execute('SELECT * FROM topics'):
-        room.add(_size(texts))
+        limits.add(_size(texts))
         topics[topic_id] = _channel(texts, definitions)
     return topics
 
 
-def scanned_topics(pages: Pages, room: DescriptionLimits) -> dict[int, StoredChannel]:
+def scanned_topics(pages: Pages, limits: DescriptionLimits) -> dict[int, StoredChannel]:
     """Return the topics found in the pages, by the id of their row.
 
     Raises:
@@ -137,7 +137,7 @@ def scanned_topics(pages: Pages, room: DescriptionLimits) -> dict[int, StoredCha
     definitions = {}
     topics = {}
     for row_id, texts in pages.texts():
-        room.add(_size(texts))
+        limits.add(_size(texts))
         if len(texts) == _DEFINITION_COLUMNS and texts[1].startswith('ros2'):
             definitions[texts[0]] = (texts[2], texts[1])
         elif len(texts) >= _LEAST_TOPIC_COLUMNS and '/' in texts[1]:

@@ -420,7 +420,7 @@ _PACKAGES = ('foxglove.', 'foxglove_msgs/msg/', 'foxglove_msgs/')
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
 
-_ADVICE = {
+_HINTS = {
     'CompressedVideo': (
         'single images of a video cannot be read; write them as CompressedImage (JPEG or PNG)'
     ),
@@ -486,12 +486,12 @@ def why_unread(channel: StoredChannel) -> str:
     schema = _schema_of(channel)
     if not schema:
         return text
-    advice = _ADVICE.get(schema)
+    hint = _HINTS.get(schema)
     if channel.encoding in _ENCODINGS:
         text = f'{channel.topic} is {channel.msgtype} in {channel.encoding}, which is not read'
     elif schema in TRANSLATIONS:
-        advice = 'write it in protobuf or JSON'
-    return f'{text}: {advice}' if advice else text
+        hint = 'write it in protobuf or JSON'
+    return f'{text}: {hint}' if hint else text
 
 
 def translator(channel: FoxgloveChannel, typestore: Callable[[], Typestore]) -> Translate:
@@ -527,7 +527,7 @@ def _from_json(translation: Translation) -> Translate:
             message = json.loads(bytes(data))
         except RecursionError as error:
             raise ValueError('its JSON is nested too deeply') from error
-        except ValueError as error:  # places in the text differ between messages
+        except ValueError as error:  # offsets in the text differ between messages
             raise ValueError('it is no JSON') from error
         return translate(translation, JsonFields(message), log_ns)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..bags.bag_files import path_of
-from ..bags.single_messages import PlacedMessages, places_of
+from ..bags.single_messages import MessagesByPosition, positions_of
 from ..drawing.drawn_objects import colour_pixels
 from ..files.image_files import parse_png
 from ..kitti.kitti_recording import no_calibration
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from ..bags.bag_files import BagSource
-    from ..bags.single_messages import Place
+    from ..bags.single_messages import MessagePosition
     from ..drawing.drawn_objects import Pixels
     from ..messages.moving_tree import MovingTree, Track
     from ..model.boxes import Cuboid
@@ -146,7 +146,7 @@ class PlannedRecording:
             stream: _index(frames, positions) for stream, positions in self._places.items()
         }
         self._label_places = _label_places(self._plan, survey, frames)
-        self._messages = PlacedMessages(source, set(self._topics.values()))
+        self._messages = MessagesByPosition(source, set(self._topics.values()))
         self.losses: Sequence[Loss] = damage(survey.losses, self.root.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
 
@@ -284,7 +284,7 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 
 @contextmanager
-def _described(position: Place, number: int) -> Iterator[None]:
+def _described(position: MessagePosition, number: int) -> Iterator[None]:
     """Raise any error as that of the message of a frame: a recorder may have written any bytes."""
     try:
         yield
@@ -293,23 +293,23 @@ def _described(position: Place, number: int) -> Iterator[None]:
         raise KittiRos2Error(text) from error
 
 
-def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[Place]]:
+def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[MessagePosition]]:
     """Return the places of the messages with the boxes of each frame, none without labels."""
     if plan.labels is None:
         return []
     log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
     indices = (index for group in frames.label_places for index in group)
-    positions = iter(places_of(plan.labels.topic, log_ns, indices))
+    positions = iter(positions_of(plan.labels.topic, log_ns, indices))
     return [[next(positions) for _ in group] for group in frames.label_places]
 
 
-def _places(topic: str, survey: Survey, samples: Sequence[int]) -> list[Place | None]:
+def _places(topic: str, survey: Survey, samples: Sequence[int]) -> list[MessagePosition | None]:
     """Return the place of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
-    positions = iter(places_of(topic, log_ns, (index for index in samples if index != NONE)))
+    positions = iter(positions_of(topic, log_ns, (index for index in samples if index != NONE)))
     return [None if index == NONE else next(positions) for index in samples]
 
 
-def _index(frames: Frames, positions: Sequence[Place | None]) -> StreamIndex:
+def _index(frames: Frames, positions: Sequence[MessagePosition | None]) -> StreamIndex:
     numbers = np.flatnonzero([position is not None for position in positions])
     return StreamIndex(numbers, frames.stamps_ns[numbers])

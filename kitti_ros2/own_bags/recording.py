@@ -18,7 +18,7 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
-from ..bags.single_messages import Place, PlacedMessages, places_of
+from ..bags.single_messages import MessagePosition, MessagesByPosition, positions_of
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
@@ -97,8 +97,10 @@ class BagRecording:
             for stream, name in large.items()
             if stream.camera is not None
         }
-        self._places = {stream: _places(name, bag.topics[name]) for stream, name in large.items()}
-        self._messages = PlacedMessages(source, set(large.values()))
+        self._positions = {
+            stream: _positions(name, bag.topics[name]) for stream, name in large.items()
+        }
+        self._messages = MessagesByPosition(source, set(large.values()))
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
 
     def _face_forward(self) -> None:
@@ -198,7 +200,7 @@ class BagRecording:
     def _small(self) -> dict[Stream, dict[int, Any]]:
         """By stream and number the decoded small messages, or their errors."""
         topics = {
-            name: stream for stream, name in self._topics.items() if stream not in self._places
+            name: stream for stream, name in self._topics.items() if stream not in self._positions
         }
         samples: dict[Stream, dict[int, Any]] = {stream: {} for stream in topics.values()}
         turns: Counter[tuple[str, int]] = Counter()
@@ -206,17 +208,17 @@ class BagRecording:
             decode = Decoder(messages.typestore)
             for message in messages:
                 numbered = self._bag.topics[message.topic]
-                place = int(np.searchsorted(numbered.log_ns, message.stamp_ns))
-                place += turns[message.topic, message.stamp_ns]
+                index = int(np.searchsorted(numbered.log_ns, message.stamp_ns))
+                index += turns[message.topic, message.stamp_ns]
                 turns[message.topic, message.stamp_ns] += 1
-                if place < len(numbered.numbers):
-                    number = int(numbered.numbers[place])
+                if index < len(numbered.numbers):
+                    number = int(numbered.numbers[index])
                     samples[topics[message.topic]].setdefault(number, _decoded(decode, message))
         return samples
 
     def _message(self, stream: Stream, number: int) -> Any:  # noqa: ANN401 - of the bag's types
-        if stream in self._places:
-            return self._messages.read(self._places[stream][number])
+        if stream in self._positions:
+            return self._messages.read(self._positions[stream][number])
         message = self._small[stream][number]
         if isinstance(message, Exception):
             raise message
@@ -275,9 +277,9 @@ def _decoded(decode: Decoder, message: BagMessage) -> Any:  # noqa: ANN401 - of 
 
 def _first_of(topic: NumberedTopic) -> dict[int, int]:
     """Map file numbers, ascending, to the index of the first message with each."""
-    numbers, places = np.unique(topic.numbers, return_index=True)
-    pairs = zip(numbers.tolist(), places.tolist(), strict=True)
-    return {number: place for number, place in pairs if number != UNKNOWN}
+    numbers, indices = np.unique(topic.numbers, return_index=True)
+    pairs = zip(numbers.tolist(), indices.tolist(), strict=True)
+    return {number: index for number, index in pairs if number != UNKNOWN}
 
 
 def _index(topic: NumberedTopic) -> StreamIndex:
@@ -286,9 +288,9 @@ def _index(topic: NumberedTopic) -> StreamIndex:
     return StreamIndex(numbers, topic.stamps_ns[[*first.values()]])
 
 
-def _places(name: str, topic: NumberedTopic) -> dict[int, Place]:
+def _positions(name: str, topic: NumberedTopic) -> dict[int, MessagePosition]:
     first = _first_of(topic)
-    return dict(zip(first, places_of(name, topic.log_ns, first.values()), strict=True))
+    return dict(zip(first, positions_of(name, topic.log_ns, first.values()), strict=True))
 
 
 def _camera_name(topic: str, index: int) -> str:

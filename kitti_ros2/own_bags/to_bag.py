@@ -140,10 +140,10 @@ def encoding(
             yield EncodedSamples(outcomes, lambda: recording.late_losses)
         return
     encode_run = RunEncoder(encoder, recording, schedule)
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         with one_opencv_thread(imported=decodes):
             starts = range(0, len(schedule), _RUN)
-            runs = stack.enter_context(forked(encode_run, starts, jobs, _SLOT_BYTES))
+            runs = exit_stack.enter_context(forked(encode_run, starts, jobs, _SLOT_BYTES))
         late = dict.fromkeys(recording.late_losses)
         yield EncodedSamples(_outcomes(runs, encoder, late), lambda: late)
 

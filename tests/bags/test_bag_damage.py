@@ -26,7 +26,7 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 
 from kitti_ros2.bags import mcap_writer
 from kitti_ros2.bags.container_file import FileBytes
-from kitti_ros2.bags.locate import reindex_advice
+from kitti_ros2.bags.locate import reindex_steps
 from kitti_ros2.bags.reader import bag_stamps, open_messages, summarize_bag
 from kitti_ros2.cli import main
 from kitti_ros2.model.errors import BadBagError
@@ -561,7 +561,7 @@ def test_metadata_that_is_no_file_of_its_size_is_named(storage, kind, tmp_path, 
     ],
 )
 def test_advice_about_metadata_goes_by_the_names(names, said):
-    assert said in reindex_advice(Path('/b'), [Path('/b') / name for name in names])
+    assert said in reindex_steps(Path('/b'), [Path('/b') / name for name in names])
 
 
 def pack(path, keep=1.0):

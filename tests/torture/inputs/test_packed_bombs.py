@@ -222,9 +222,9 @@ def test_the_search_of_damaged_bytes_is_bounded(unit, kind, tmp_path):
         end = data.index(b'\x0f' + struct.pack('<Q', 4))  # of the data section
         path.write_bytes(data[:end] + struct.pack('<BQ', 6, len(chunk)) + chunk)
     assert path.stat().st_size < 10_000
-    with results_of(McapFormat, 'look') as looks:
+    with results_of(McapFormat, 'classify') as calls:
         found, losses = read(path)
-    assert len(looks) < 400_000
+    assert len(calls) < 400_000
     assert any('too many damaged bytes to search' in text for text in losses)
     assert found == (kind == 'a chunk')
 
