@@ -67,8 +67,8 @@ def places(files: Sequence[str], archive: str) -> list[str]:
     tops = {parts[:dropped] for parts, (dropped, _) in zip(split, pairs, strict=True) if dropped}
     top = next(iter(tops)) if len(tops) == 1 else ()
     return [
-        '/'.join(place or (parts[len(top) :] if parts[: len(top)] == top else parts))
-        for parts, (_, place) in zip(split, pairs, strict=True)
+        '/'.join(target or (parts[len(top) :] if parts[: len(top)] == top else parts))
+        for parts, (_, target) in zip(split, pairs, strict=True)
     ]
 
 
@@ -87,7 +87,7 @@ def places_in(root: Path, paths: Sequence[str]) -> list[str]:
     )
     if not (inside == names.DATASET or names.RAW_DATE.fullmatch(inside)):
         return list(paths)
-    return [place.removeprefix(f'{inside}/') for place in paths]
+    return [path.removeprefix(f'{inside}/') for path in paths]
 
 
 def is_part_of_set(folder: str) -> bool:
@@ -206,7 +206,7 @@ class Archive(NamedTuple):
         except Exception:  # noqa: BLE001 - decompressors raise errors of their own
             return None
         kitti_files = [name for name in files if '..' not in name and is_known(name, path.name)]
-        tops = {place.partition('/')[0] for place in places(kitti_files, path.name)}
+        tops = {target.partition('/')[0] for target in places(kitti_files, path.name)}
         if not tops:
             return cls(path.parent, None)
         if not all(is_top(top) for top in tops):
@@ -257,12 +257,12 @@ def describe_source(layout: Layout, path: Path, drive: str = '') -> str:
         if day not in CALIB_TIMES.values():
             which = f'{day}, which is no day of KITTI' if day else 'its own day'
             return f'the drive needs the calibration of {which}'
-        place = f'{day}/{path.name}' if _is_file(path) else day
+        member = f'{day}/{path.name}' if _is_file(path) else day
         archive = raw_calib(day)
-        return f'{archive} has it{_command(archive, place, path)}'
-    archive, place = _ARCHIVES[layout](path)
+        return f'{archive} has it{_command(archive, member, path)}'
+    archive, member = _ARCHIVES[layout](path)
     # Sets that others make in KITTI's format have the same names.
-    return f"{archive} has it for KITTI's own data{_command(archive, place, path)}"
+    return f"{archive} has it for KITTI's own data{_command(archive, member, path)}"
 
 
 def _command(archive: str, member: str, path: Path) -> str:
@@ -303,8 +303,8 @@ def _of_split(archive: str, path: Path) -> tuple[str, str]:
 
 
 def _odometry(path: Path) -> tuple[str, str]:
-    place = (names.DATASET, names.SEQUENCES, path.parent.name, path.name)
-    return ODOMETRY_CALIB, '/'.join(place)
+    member = (names.DATASET, names.SEQUENCES, path.parent.name, path.name)
+    return ODOMETRY_CALIB, '/'.join(member)
 
 
 _ARCHIVES: dict[Layout, Callable[[Path], tuple[str, str]]] = {

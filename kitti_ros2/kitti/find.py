@@ -225,9 +225,9 @@ class RecordingTree:
         Raises:
             ValueError: It belongs to no part.
         """
-        for source, place in self.parts:
+        for source, target in self.parts:
             if path == source or source in path.parents:
-                return place / path.relative_to(source).as_posix()
+                return target / path.relative_to(source).as_posix()
         raise ValueError(f'{path} is no part of {self.place}')
 
 
@@ -246,12 +246,12 @@ def tree_of(recording: KittiRecording) -> RecordingTree:
 def _(recording: RawRecording) -> RecordingTree:
     drive, root = recording.drive, recording.root
     dates = [date for date in (drive.name[:10], root.name) if names.RAW_DATE.fullmatch(date)]
-    place = PurePosixPath(*dates[:1])
+    target = PurePosixPath(*dates[:1])
     calibration = calibration_beside(drive)
     scan_root = drive / names.RAW_SCANS
     return RecordingTree(
-        place / drive.name,
-        ((drive, place / drive.name), *((path, place / path.name) for path in calibration)),
+        target / drive.name,
+        ((drive, target / drive.name), *((path, target / path.name) for path in calibration)),
         scan_root,
         _list_scans(recording, scan_root / names.RAW_DATA, names.TXT),
     )
@@ -259,14 +259,14 @@ def _(recording: RawRecording) -> RecordingTree:
 
 @tree_of.register
 def _(recording: ObjectRecording) -> RecordingTree:
-    split, place = recording.split, _split_place(recording.split)
+    split, target = recording.split, _split_place(recording.split)
     lists = [
         (text_path, _below_root(text_path, recording.root)) for text_path in recording.text_paths()
     ]
     scans = split / names.SCANS
     return RecordingTree(
-        place,
-        ((split, place), *(lists if place.name else ())),
+        target,
+        ((split, target), *(lists if target.name else ())),
         scans,
         _list_scans(recording, scans),
     )
@@ -275,13 +275,13 @@ def _(recording: ObjectRecording) -> RecordingTree:
 @tree_of.register
 def _(recording: OdometryRecording) -> RecordingTree:
     sequence = recording.sequence
-    place = PurePosixPath(names.SEQUENCES) / recording.name
+    target = PurePosixPath(names.SEQUENCES) / recording.name
     poses = [text_path for text_path in recording.text_paths() if sequence not in text_path.parents]
     folders = [sequence / name for name in STORE.names(sequence) if (sequence / name).is_dir()]
     scans = sequence / names.SCANS
     return RecordingTree(
-        place,
-        ((sequence, place), *((pose, _below_root(pose, recording.root)) for pose in poses)),
+        target,
+        ((sequence, target), *((pose, _below_root(pose, recording.root)) for pose in poses)),
         scans,
         _list_scans(recording, scans),
         tuple(
@@ -294,16 +294,16 @@ def _(recording: OdometryRecording) -> RecordingTree:
 
 @tree_of.register
 def _(recording: TrackingRecording) -> RecordingTree:
-    split, place = recording.split, _split_place(recording.split)
+    split, target = recording.split, _split_place(recording.split)
     parts = tuple(
-        (split / folder / name, place / folder / name)
+        (split / folder / name, target / folder / name)
         for folder in STORE.names(split)
         for name in STORE.names(split / folder)
         if name.partition('.')[0] == recording.name
     )
     scan_root = split / names.SCANS
     return RecordingTree(
-        place, parts, scan_root, _list_scans(recording, scan_root / recording.name)
+        target, parts, scan_root, _list_scans(recording, scan_root / recording.name)
     )
 
 

@@ -83,8 +83,8 @@ def parse_labels(text: str, path: Path | str) -> Lines[Box]:
 
     Object and tracking lines differ in their number of columns.
     """
-    place = PurePath(path) if isinstance(path, str) else path
-    of_all = place.parent.name == WAYMO_LABELS
+    pure_path = PurePath(path) if isinstance(path, str) else path
+    of_all = pure_path.parent.name == WAYMO_LABELS
     return parse_lines(text, path, EXPECTED, _parse_of_all if of_all else parse_box)
 
 
@@ -700,13 +700,13 @@ class _TrackParser:
         self._refuse(f'XML with entities ({shown(name)})', _EXPECTED)
 
     def _refuse(self, problem: str, expected: str) -> NoReturn:
-        place = ''
+        where = ''
         if self._open[1:3] == _TRACK_ITEM:
-            place = f'item {len(self._tracklets)}: '
+            where = f'item {len(self._tracklets)}: '
         if self._open[1:5] == _POSE_ITEM:
-            place = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
+            where = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
         line = self._expat.CurrentLineNumber
-        raise BadFileError(self._path, place + problem, expected, line=line)
+        raise BadFileError(self._path, where + problem, expected, line=line)
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:

@@ -260,9 +260,9 @@ def _find_unusual(
         stem, suffix = split_name(name)
         number = frames.number(stem) if suffix.lower() in suffixes else None
         if number is not None and not (beside_sequences and len(stem) == SEQUENCE_DIGITS):
-            place = suffixes.index(suffix.lower())
-            is_other = name != f'{frames.stem(number)}{suffixes[place]}'
-            files.setdefault(number, []).append((place, is_other, name))
+            rank = suffixes.index(suffix.lower())
+            is_other = name != f'{frames.stem(number)}{suffixes[rank]}'
+            files.setdefault(number, []).append((rank, is_other, name))
         elif not name.startswith('.'):
             strays.append(name)
     numbers = sorted(files)
@@ -408,20 +408,20 @@ def parse_image_set(
         text = text.removeprefix(_MARK)
     if '\r' in text:
         repaired['end in CRLF'] = [text[: text.index('\r')].count('\n') + 1]
-    for place, line in enumerate(text.rstrip().splitlines(), 1):
+    for line_number, line in enumerate(text.rstrip().splitlines(), 1):
         word = line.strip()
         name = _frame_name(word, file_names) if frames else word
         if not word:
-            repaired.setdefault('are blank', []).append(place)
+            repaired.setdefault('are blank', []).append(line_number)
         elif name is None or len(word.split()) > 1:
             expected = _expected(file_names) if frames else 'one name'
-            invalid.append(f'{path}:{place}: {word!r}; expected {expected}')
+            invalid.append(f'{path}:{line_number}: {word!r}; expected {expected}')
         elif name in entries:
-            repaired.setdefault('repeat another', []).append(place)
+            repaired.setdefault('repeat another', []).append(line_number)
         else:
             if name != word:
-                repaired.setdefault(_unlike(file_names), []).append(place)
-            entries[name] = place
+                repaired.setdefault(_unlike(file_names), []).append(line_number)
+            entries[name] = line_number
     return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
 
 

@@ -92,8 +92,8 @@ def find_mapping(root: Path, devkit: Path | None = None) -> ObjectMapping:
         BadFileError: It is invalid.
         OSError: It cannot be read.
     """
-    places = (root, root.parent) if devkit is None else (devkit,)
-    for folder in (place / below for place in places for below in _BELOW):
+    bases = (root, root.parent) if devkit is None else (devkit,)
+    for folder in (base / below for base in bases for below in _BELOW):
         if (folder / MAPPING).is_file() and (folder / RAND).is_file():
             return read_mapping(folder)
     where = f'in or beside {root}' if devkit is None else f'in {devkit}'
@@ -122,16 +122,16 @@ def parse_mapping(text: str, path: Path) -> list[DriveFrame]:
         BadFileError: A line is invalid or repeated, or there is none.
     """
     line_numbers: dict[DriveFrame, int] = {}
-    for place, line in enumerate(text.rstrip().splitlines(), 1):
+    for line_number, line in enumerate(text.rstrip().splitlines(), 1):
         match = _LINE.fullmatch(line.strip())
         if match is None:
             expected = 'date, drive and number such as 2011_09_26 2011_09_26_drive_0005_sync 12'
-            raise BadFileError(path, f'{line.strip()!r}', expected, line=place)
+            raise BadFileError(path, f'{line.strip()!r}', expected, line=line_number)
         frame = DriveFrame(match[2], int(match[3]))
         if frame in line_numbers:
             what = f'{frame.drive} {frame.number} is in line {line_numbers[frame]} as well'
-            raise BadFileError(path, what, 'each frame once', line=place)
-        line_numbers[frame] = place
+            raise BadFileError(path, what, 'each frame once', line=line_number)
+        line_numbers[frame] = line_number
     if not line_numbers:
         raise BadFileError(path, 'no line', 'one line for each object training frame')
     return [*line_numbers]
@@ -151,14 +151,14 @@ def parse_rand(text: str, path: Path, lines: int) -> list[int]:
     expected = f'each line of {MAPPING} once, 1 to {lines}'
     order: dict[int, int] = {}
     words = text.replace(',', ' ').split()
-    for place, word in enumerate(words, 1):
+    for index, word in enumerate(words, 1):
         number = int(word) if word.isascii() and word.isdecimal() and len(word) < 10 else 0
         if not 1 <= number <= lines:
-            raise BadFileError(path, f'number {place} is {word!r}', expected)
+            raise BadFileError(path, f'number {index} is {word!r}', expected)
         if number in order:
-            what = f'numbers {order[number]} and {place} are both {number}'
+            what = f'numbers {order[number]} and {index} are both {number}'
             raise BadFileError(path, what, expected)
-        order[number] = place
+        order[number] = index
     if len(order) != lines:
         raise BadFileError(path, format_count(len(order), 'number'), expected)
     return [*order]
@@ -178,9 +178,9 @@ def find_raw_root(root: Path, raw: Path | None = None) -> Path:
         if not raw.is_dir():
             raise UsageError(f'{raw}: no such folder; --raw takes the folder of the raw drives')
         return raw
-    for place in (root / 'raw', root.parent / 'raw', root.parent / 'raw_data', root.parent):
-        if any(names.RAW_DATE.fullmatch(name) for name in STORE.names(place)):
-            return place
+    for folder in (root / 'raw', root.parent / 'raw', root.parent / 'raw_data', root.parent):
+        if any(names.RAW_DATE.fullmatch(name) for name in STORE.names(folder)):
+            return folder
     asked = either([f'{root.parent}/raw', f'{root.parent}/raw_data'])
     raise UsageError(
         f'no raw drives beside {root} (in {asked}); give their folder with --raw,'
@@ -308,9 +308,9 @@ class DriveStamps:
 
     def _folder(self, drive: str) -> Path | None:
         """Return the folder of a drive; None without any time stamps."""
-        places = (self._raw / DriveFrame(drive, 0).date / drive, self._raw / drive)
+        folders = (self._raw / DriveFrame(drive, 0).date / drive, self._raw / drive)
         files = [*_FILES.values()]
-        return next((at for at in places if any(at.joinpath(*f).is_file() for f in files)), None)
+        return next((at for at in folders if any(at.joinpath(*f).is_file() for f in files)), None)
 
     @cached_property
     def _absent(self) -> str:

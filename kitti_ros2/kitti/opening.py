@@ -241,8 +241,8 @@ def not_of_layout(path: Path, layout: Layout) -> NotKittiError:
     if not fits:
         return _explain(path)
     other = next(iter(fits)).value
-    advice = f'it is layout {other}, which is detected without --layout'
-    return NotKittiError(path, f'no {layout.value} recording', [], advice)
+    remedy = f'it is layout {other}, which is detected without --layout'
+    return NotKittiError(path, f'no {layout.value} recording', [], remedy)
 
 
 def choose_recording(
@@ -464,30 +464,30 @@ def _absent(path: Path) -> NotKittiError:
     missing_name, below = rest[0], rest[1:]
     close = [folder / name for name in close_names(missing_name, _entries(folder))]
     meant = [sibling.joinpath(*below) for sibling in close if sibling.joinpath(*below).exists()]
-    advice = 'give a KITTI folder or a bag'
+    remedy = 'give a KITTI folder or a bag'
     error = MissingSourceError(
         path,
         'no such file or folder',
         [],
-        f'did you mean {" or ".join(map(str, meant))}?' if meant else advice,
+        f'did you mean {" or ".join(map(str, meant))}?' if meant else remedy,
     )
     return error.with_remedies(*(Remedy(path, sibling) for sibling in meant[:1]))
 
 
-def _not_kitti(path: Path, problem: str, advice: str = '') -> NotKittiError:
-    return NotKittiError(path, problem, [layout.value for layout in Layout], advice)
+def _not_kitti(path: Path, problem: str, remedy: str = '') -> NotKittiError:
+    return NotKittiError(path, problem, [layout.value for layout in Layout], remedy)
 
 
 # The data set around a path.
 
 
 def _explain_around(path: Path) -> NotKittiError | None:
-    place = absolute(path)
-    data_set = _around(place)
+    absolute_path = absolute(path)
+    data_set = _around(absolute_path)
     if data_set is None:
         return None
     folder = data_set.folder if path.is_absolute() else Path(os.path.relpath(data_set.folder))
-    below = place.relative_to(data_set.folder)
+    below = absolute_path.relative_to(data_set.folder)
     stems = {Path(part).stem for part in below.parts}
     chosen = [recording.name for recording in data_set.recordings if recording.name in stems]
     options = ('--sequence', chosen[0]) if chosen and len(data_set.recordings) > 1 else ()
@@ -545,10 +545,10 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
     queue = deque([(path, 0)])
     while queue and len(seen) < _MOST_FOLDERS:
         folder, level = queue.popleft()
-        place = real_place(folder)  # links may lead back
-        if place in seen:
+        real_path = real_place(folder)  # links may lead back
+        if real_path in seen:
             continue
-        seen.add(place)
+        seen.add(real_path)
         data_set = data_set_in(folder) if level else None
         if data_set is not None:
             data_sets.append(data_set)
@@ -590,11 +590,11 @@ def _explain_files(path: Path, entries: list[str]) -> NotKittiError | None:
     kinds = (('scan', by_suffix[names.BIN], names.SCANS), ('image', count, names.OBJECT_IMAGES[2]))
     for noun, number, folder in kinds:
         if number:
-            advice = (
+            remedy = (
                 f'move them to a folder {folder} in a folder of their own, and give that with'
                 f' --layout object, or odometry if they follow each other'
             )
-            return NotKittiError(path, f'holds {format_count(number, noun)}', [], advice)
+            return NotKittiError(path, f'holds {format_count(number, noun)}', [], remedy)
     return _explain_formats(path)
 
 

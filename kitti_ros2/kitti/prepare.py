@@ -168,8 +168,8 @@ def _leave_out_uncovered(recording: KittiRecording) -> None:
     recording.leave_out(Stream.SCAN, without, reason)
 
 
-def _motion(recording: MovingRecording, number: int, turn: Turn, moment_ns: int) -> ScannerMotion:
-    span = min(turn.start_ns, moment_ns), max(turn.end_ns, moment_ns)
+def _motion(recording: MovingRecording, number: int, turn: Turn, target_ns: int) -> ScannerMotion:
+    span = min(turn.start_ns, target_ns), max(turn.end_ns, target_ns)
     return _motion_between(recording, number, span, turn.length_ns)
 
 
@@ -228,8 +228,8 @@ def _near(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> Int64A
     """Return the places of the stamps near two moments, in ascending order, each stamp once."""
     first, last = span
     within = np.flatnonzero((stamps_ns >= first - reach_ns) & (stamps_ns <= last + reach_ns))
-    _, places = np.unique(stamps_ns[within], return_index=True)
-    return within[places]
+    _, indices = np.unique(stamps_ns[within], return_index=True)
+    return within[indices]
 
 
 def _covers(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> bool:
@@ -239,8 +239,8 @@ def _covers(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> bool
     first, last = span
     halfway = stamps_ns[:-1] + np.diff(stamps_ns) // 2
     between = halfway[(halfway > first) & (halfway < last)]
-    moments = np.array([first, *between.tolist(), last], dtype=np.int64)
-    nearest = np.abs(moments[:, None] - stamps_ns).min(axis=1)
+    times_ns = np.array([first, *between.tolist(), last], dtype=np.int64)
+    nearest = np.abs(times_ns[:, None] - stamps_ns).min(axis=1)
     return bool((nearest <= reach_ns).all())
 
 
@@ -302,8 +302,8 @@ def pair_numbers(
     lefts = sorted((stamp_ns, number) for number, stamp_ns in left_ns.items())
     nearest: dict[int, tuple[int, int]] = {}
     for number, stamp_ns in right_ns.items():
-        place = bisect_left(lefts, (stamp_ns, 0))
-        for left_stamp_ns, left in lefts[max(place - 1, 0) : place + 1]:
+        index = bisect_left(lefts, (stamp_ns, 0))
+        for left_stamp_ns, left in lefts[max(index - 1, 0) : index + 1]:
             candidate = abs(left_stamp_ns - stamp_ns), number
             if candidate[0] <= _FARTHEST_NS:
                 nearest[left] = min(nearest.get(left, candidate), candidate)

@@ -165,8 +165,8 @@ class RawRecording(KittiRecording):
         parsed = parse_raw_calibration(
             texts, folder, rectified=self.rectified, source=source, day=day
         )
-        place = folder.relative_to(self.root)
-        files = tuple(TextFile((place / file.name).as_posix(), file.text) for file in parsed.files)
+        below = folder.relative_to(self.root)
+        files = tuple(TextFile((below / file.name).as_posix(), file.text) for file in parsed.files)
         return replace(parsed, files=files, missing={**parsed.missing, **missing})
 
     def text_paths(self) -> list[Path]:

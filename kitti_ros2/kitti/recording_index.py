@@ -74,13 +74,13 @@ def turn_length(start_ns: int | None, end_ns: int | None) -> int | None:
 
 
 def scan_stamps(
-    forward_ns: Mapping[int, int], turns: Mapping[int, Turn], moment: ScanStamp
+    forward_ns: Mapping[int, int], turns: Mapping[int, Turn], scan_stamp: ScanStamp
 ) -> dict[int, int]:
     """Return the stamp of each scan, by file number.
 
     A turn that begins before 1970, which no stamp can hold, keeps the moment of facing forward.
     """
-    if moment is ScanStamp.FORWARD:
+    if scan_stamp is ScanStamp.FORWARD:
         return dict(forward_ns)
     return {
         number: turns[number].start_ns if turns[number].start_ns > 0 else forward

@@ -67,7 +67,7 @@ def kept(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]
     return listed
 
 
-_PIECE_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 20
 
 MOST_BYTES = 256 << 20
 """Of a file that is read: a scan of KITTI has 2 MB, an image 1 MB."""
@@ -127,8 +127,8 @@ def _check_size(path: Path, size: int) -> None:
 def _pread(file: int, length: int, position: int) -> bytes:
     """Read bytes of a file; fewer only where it ends."""
     data = b''
-    while piece := os.pread(file, length - len(data), position + len(data)):
-        data += piece
+    while chunk := os.pread(file, length - len(data), position + len(data)):
+        data += chunk
     return data
 
 
@@ -213,13 +213,13 @@ class FileStore:
         if isinstance(path, RemotePath):
             return _read_remote(path)
         with _opened(path) as (file, size):
-            pieces = [os.read(file, size + 1)]
+            chunks = [os.read(file, size + 1)]
             count = 0
-            while pieces[-1]:
-                count += len(pieces[-1])
+            while chunks[-1]:
+                count += len(chunks[-1])
                 _check_size(path, count)
-                pieces.append(os.read(file, _PIECE_BYTES))
-        return pieces[0] if len(pieces) == 2 else b''.join(pieces)
+                chunks.append(os.read(file, _CHUNK_BYTES))
+        return chunks[0] if len(chunks) == 2 else b''.join(chunks)
 
     def read_array(self, path: Path) -> npt.NDArray[np.uint8]:
         """Read a whole file into a writable array of its bytes; one that is growing up to now.

@@ -400,11 +400,11 @@ class RawWriter(LayoutWriter):
 def _changes(boxes: Sequence[Box]) -> Iterator[int]:
     """Yield the places in a run at which its class changes, or its size by more than a tenth."""
     first = boxes[0]
-    for place, box in enumerate(boxes):
+    for index, box in enumerate(boxes):
         sizes = zip(box.size_hwl, first.size_hwl, strict=True)
         resized = any(abs(size - before) > _RESIZED * before for size, before in sizes)
         if resized or box.class_name != first.class_name:
-            yield place
+            yield index
             first = box
 
 

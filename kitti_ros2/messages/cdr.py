@@ -118,12 +118,12 @@ def restamp_message(data: bytes, msgtype: str, stamp_ns: int) -> bytes:
 
     The poses of a Path keep their stamps, the times of these positions.
     """
-    places = _headers(msgtype)
-    if places is _Headers.FIRST:
+    headers = _headers(msgtype)
+    if headers is _Headers.FIRST:
         patched = bytearray(data)
         _STAMP.pack_into(patched, _STAMP_OFFSET, *divmod(stamp_ns, 1_000_000_000))
         return bytes(patched)
-    if places is _Headers.WITHIN:
+    if headers is _Headers.WITHIN:
         message = deserialize(data, msgtype)
         _restamp_within(message, stamp_ns)
         return join(serialize(message))
@@ -440,15 +440,15 @@ def lacking_field(typestore: Typestore, msgtype: str) -> str:
             return f'{name}.{inner}'
     versions = _VERSIONS.get(msgtype, ())
     if not versions or any(
-        all(_is_number(typestore, msgtype, place) for place in places) for places in versions
+        all(_is_number(typestore, msgtype, path) for path in paths) for paths in versions
     ):
         return ''
     return versions[0][0]
 
 
-def _is_number(typestore: Typestore, msgtype: str, place: str) -> bool:
+def _is_number(typestore: Typestore, msgtype: str, path: str) -> bool:
     """Whether a message has a number at a place such as center.x."""
-    name, _, inner = place.partition('.')
+    name, _, inner = path.partition('.')
     fields = dict(typestore.fielddefs[msgtype][1]) if msgtype in typestore.fielddefs else {}
     kind, detail = fields.get(name, (None, ''))
     if inner:

@@ -214,8 +214,8 @@ def _one_place(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArr
     [which] = np.nonzero(chosen)
     if len(which) < _LEAST_AT_ONE_PLACE:
         return np.zeros(len(points), dtype=np.bool_)
-    places = points[which, :3]
-    same = (places == np.sort(places, axis=0)[len(places) // 2]).all(axis=1)
+    xyz = points[which, :3]
+    same = (xyz == np.sort(xyz, axis=0)[len(xyz) // 2]).all(axis=1)
     mask = np.zeros(len(points), dtype=np.bool_)
     if np.count_nonzero(same) * 2 > len(which):
         mask[which[same]] = True
@@ -296,10 +296,10 @@ def unit_doubt(clouds: Iterable[PointCloud2]) -> str:
         if whole:
             return f'x y z are whole numbers ({np.dtype(whole[0]).name})'
         try:
-            places = read_points(cloud, None)[:, :3].astype(np.float64)
+            xyz = read_points(cloud, None)[:, :3].astype(np.float64)
         except ValueError:
             continue
-        away = np.linalg.norm(places[np.isfinite(places).all(axis=1)], axis=1)
+        away = np.linalg.norm(xyz[np.isfinite(xyz).all(axis=1)], axis=1)
         if away.any():
             medians.append(float(np.median(away[away > 0])))
     half_m = float(np.median(medians)) if medians else 0.0
@@ -314,10 +314,10 @@ def file_order(message: PointCloud2) -> npt.NDArray[np.intp] | None:
     field = next((field for field in message.fields if field.name == FILE_INDEX), None)
     if field is None or field.datatype != PointField.UINT32:
         return None
-    places = read_field(message, FILE_INDEX)
-    order = np.full(len(places), -1, dtype=np.intp)
-    inside = places < len(places)
-    order[places[inside]] = np.flatnonzero(inside)
+    indices = read_field(message, FILE_INDEX)
+    order = np.full(len(indices), -1, dtype=np.intp)
+    inside = indices < len(indices)
+    order[indices[inside]] = np.flatnonzero(inside)
     return order if (order >= 0).all() else None
 
 
@@ -651,6 +651,6 @@ def _is_return(cloud: PointCloud2) -> npt.NDArray[np.bool_]:
     Raises:
         ValueError: A coordinate cannot be read.
     """
-    places = np.stack([read_field(cloud, name) for name in 'xyz'])
-    mask: npt.NDArray[np.bool_] = np.isfinite(places).all(axis=0) & places.any(axis=0)
+    xyz = np.stack([read_field(cloud, name) for name in 'xyz'])
+    mask: npt.NDArray[np.bool_] = np.isfinite(xyz).all(axis=0) & xyz.any(axis=0)
     return mask

@@ -205,13 +205,13 @@ def place_in_velo(
     if name not in to_velo:
         raise ValueError(f'a box in frame {name!r}, which no static transform joins to the scans')
     p, q = pose.position, pose.orientation
-    place, xyzw = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-    if not np.isfinite([*place, *xyzw]).all():
+    position, xyzw = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
+    if not np.isfinite([*position, *xyzw]).all():
         frame_T_box = Transform(np.full((3, 3), np.nan), np.full(3, np.nan))
     elif xyzw.any():
-        frame_T_box = Transform.from_quaternion(xyzw, place)
+        frame_T_box = Transform.from_quaternion(xyzw, position)
     else:
-        frame_T_box = Transform.from_translation(place)
+        frame_T_box = Transform.from_translation(position)
     return to_velo[name] @ frame_T_box
 
 
@@ -518,9 +518,9 @@ class _Captions:
     def __init__(self, shown: list[Any]) -> None:
         self._cubes = Counter(marker.id for marker in shown if marker.type == _CUBE)
         self._texts: dict[int, list[tuple[str, int, str]]] = {}
-        for place, marker in enumerate(shown):
+        for index, marker in enumerate(shown):
             if marker.type == _TEXT:
-                self._texts.setdefault(marker.id, []).append((marker.ns, place, marker.text))
+                self._texts.setdefault(marker.id, []).append((marker.ns, index, marker.text))
         for texts in self._texts.values():
             texts.sort()
 

@@ -363,13 +363,13 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
     """
     markers = [_deletion(child, log_ns) for child in scene.children('deletions')]
     for entity in scene.children('entities'):
-        place = _Entity(
+        owner = _Entity(
             entity.stamp_ns('timestamp', log_ns), entity.text('frame_id'), entity.text('id')
         )
         text = _caption(entity)
         cubes = entity.children('cubes')
         for number, cube in enumerate(cubes):
-            marker = _marker(place, number, Marker.CUBE)
+            marker = _marker(owner, number, Marker.CUBE)
             marker.pose = make_pose(cube.pose('pose'))
             marker.scale = Vector3(*cube.xyz('size'))
             marker.text = text
@@ -378,7 +378,7 @@ def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags
         if not cubes:
             lines = entity.children('lines')
             pairs = [line for line in lines if line.integer('type') == _LINE_LIST]
-            markers += [_lines(place, number, pair) for number, pair in enumerate(pairs)]
+            markers += [_lines(owner, number, pair) for number, pair in enumerate(pairs)]
     return TYPESTORE.types[MARKERS](markers)
 
 
@@ -394,14 +394,14 @@ def _caption(entity: Fields) -> str:
 
 
 def _deletion(deletion: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags class
-    place = _Entity(deletion.stamp_ns('timestamp', log_ns), '', deletion.text('id'))
-    marker = _marker(place, 0, Marker.CUBE)
+    owner = _Entity(deletion.stamp_ns('timestamp', log_ns), '', deletion.text('id'))
+    marker = _marker(owner, 0, Marker.CUBE)
     is_all = deletion.integer('type') == _ALL
     marker.action = Marker.DELETEALL if is_all else Marker.DELETE
     return marker
 
 
-def _lines(place: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - a rosbags class
+def _lines(owner: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - a rosbags class
     points = [
         Point(child.number('x'), child.number('y'), child.number('z'))
         for child in line.children('points')
@@ -411,7 +411,7 @@ def _lines(place: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - 
         if not ((indices >= 0) & (indices < len(points))).all():
             raise ValueError('indices of a line are beyond its points')
         points = [points[int(index)] for index in indices]
-    marker = _marker(place, number, Marker.LINE_LIST)
+    marker = _marker(owner, number, Marker.LINE_LIST)
     marker.pose = make_pose(line.pose('pose'))
     marker.scale = Vector3(line.number('thickness'), 0.0, 0.0)
     marker.points = points
@@ -419,12 +419,12 @@ def _lines(place: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - 
     return marker
 
 
-def _marker(place: _Entity, number: int, kind: int) -> Any:  # noqa: ANN401 - a rosbags class
-    header = make_header(place.stamp_ns, place.frame_id)
+def _marker(owner: _Entity, number: int, kind: int) -> Any:  # noqa: ANN401 - a rosbags class
+    header = make_header(owner.stamp_ns, owner.frame_id)
     types = TYPESTORE.types
     return types['visualization_msgs/msg/Marker'](
         header=header,
-        ns=place.name,
+        ns=owner.name,
         id=number,
         type=kind,
         action=Marker.ADD,

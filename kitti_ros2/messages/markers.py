@@ -206,7 +206,7 @@ def encode_markers(
         options: Sizes, colours and optional markers.
     """
     # A line needs two points.
-    trails = {track: places for track, places in trails.items() if len(places) > 1}
+    trails = {track: positions for track, positions in trails.items() if len(positions) > 1}
     count = 1 + options.ego + len(OBJECT_PARTS) * len(cuboids) + len(trails)
     drawing = MarkerDrawing(count, options, stamp_ns)
     drawing.clear(frames.velo)
@@ -217,17 +217,17 @@ def encode_markers(
                 frames.base, ego, Marker.CUBE, EGO_COLOR, _EGO_POSE, EGO_SIZE_LWH, options.alpha
             )
         )
-    for place, cuboid in enumerate(cuboids):
-        number = _number(cuboid, place)
+    for index, cuboid in enumerate(cuboids):
+        number = _number(cuboid, index)
         color = color_of(cuboid.class_name, number, options.colors)
         names = [(part, number) for part in OBJECT_PARTS]
         drawing.object(cuboid, frames.velo, names, color, _caption(cuboid))
-    for track, places in sorted(trails.items()):
+    for track, positions in sorted(trails.items()):
         color = color_of('', track, MarkerColors.TRACK)
         width = (options.line_width, 0.0, 0.0)
         trail = ('trail', track)
         drawing.add(
-            DrawnMarker(frames.map, trail, Marker.LINE_STRIP, color, scale=width, points=places)
+            DrawnMarker(frames.map, trail, Marker.LINE_STRIP, color, scale=width, points=positions)
         )
     return drawing.parts()
 
@@ -239,11 +239,11 @@ def encode_clear(stamp_ns: int, frame_id: str) -> Parts:
     return drawing.parts()
 
 
-def _number(cuboid: Cuboid, place: int) -> int:
+def _number(cuboid: Cuboid, index: int) -> int:
     """Return the marker id of an object: its track's, or its index if it has none."""
     if cuboid.track_id is None:
-        return place
-    return cuboid.track_id if cuboid.track_id >= 0 else -1 - place
+        return index
+    return cuboid.track_id if cuboid.track_id >= 0 else -1 - index
 
 
 def _caption(cuboid: Cuboid) -> str:
@@ -288,9 +288,9 @@ def encode_prediction_markers(
     shown = [labelled for labelled in (*predictions, *missed) if labelled.cuboid is not None]
     drawing = MarkerDrawing(1 + len(OBJECT_PARTS) * len(shown), options, stamp_ns)
     drawing.clear(frame_id)
-    for place, labelled in enumerate(shown):
+    for index, labelled in enumerate(shown):
         namespace, rgb = _look(labelled)
-        first = len(OBJECT_PARTS) * place
+        first = len(OBJECT_PARTS) * index
         names = [(namespace, first + part) for part in range(len(OBJECT_PARTS))]
         red, green, blue = (value / 255 for value in rgb)
         text = f'{name_of(labelled)}\n{distance_of(labelled):.1f} m'

@@ -76,7 +76,7 @@ class TransformSeries(Sequence[Transform]):
 
     def __getitem__(self, index: int | slice) -> Transform | list[Transform]:
         if isinstance(index, slice):
-            return [self[place] for place in range(*index.indices(len(self)))]
+            return [self[row] for row in range(*index.indices(len(self)))]
         numbers = self._numbers[7 * index : 7 * index + 7]
         if not numbers:
             raise IndexError(index)
@@ -146,8 +146,8 @@ class PoseTrack:
         between = within & (after > 0) & (gaps <= MAX_GAP_NS) & ~exact
         return after, exact, between
 
-    def _pose(self, place: np.intp) -> Transform:
-        return self._transforms[int(self._places[place])]
+    def _pose(self, index: np.intp) -> Transform:
+        return self._transforms[int(self._places[index])]
 
 
 def interpolate(start: Transform, end: Transform, share: float) -> Transform:

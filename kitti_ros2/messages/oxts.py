@@ -405,8 +405,8 @@ def _moved(
     fix: NavSatFix, columns: Mapping[str, float], east_north_up: Float64Array
 ) -> dict[str, float]:
     east, north, up = east_north_up.tolist()
-    place = GeoOrigin(columns['lat'], columns['lon'], columns['alt'])
-    return asdict(place.moved(east, north, up if np.isfinite(fix.altitude) else 0.0))
+    origin = GeoOrigin(columns['lat'], columns['lon'], columns['alt'])
+    return asdict(origin.moved(east, north, up if np.isfinite(fix.altitude) else 0.0))
 
 
 def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Array | None:
@@ -569,26 +569,26 @@ def read_transforms(data: bytes | memoryview) -> list[StampedNumbers]:
     links = []
     try:
         (count,) = length.unpack_from(data, _BASE)
-        place = _BASE + length.size
+        offset = _BASE + length.size
         for _ in range(count):
-            place = _aligned(place, 4)
-            sec, nanosec, size = head.unpack_from(data, place)
-            place += head.size
-            parent, place = _text(data, place, size), _aligned(place + size, 4)
-            (size,) = length.unpack_from(data, place)
-            place += length.size
-            child, place = _text(data, place, size), _aligned(place + size, 8)
-            numbers = body.unpack_from(data, place)
-            place += body.size
+            offset = _aligned(offset, 4)
+            sec, nanosec, size = head.unpack_from(data, offset)
+            offset += head.size
+            parent, offset = _text(data, offset, size), _aligned(offset + size, 4)
+            (size,) = length.unpack_from(data, offset)
+            offset += length.size
+            child, offset = _text(data, offset, size), _aligned(offset + size, 8)
+            numbers = body.unpack_from(data, offset)
+            offset += body.size
             links.append(StampedNumbers(from_sec_nanosec(sec, nanosec), parent, child, numbers))
     except (struct.error, UnicodeDecodeError) as error:
         raise ValueError(f'a TFMessage of {len(data)} bytes is truncated') from error
     return links
 
 
-def _aligned(place: int, size: int) -> int:
-    return place + (_BASE - place) % size
+def _aligned(offset: int, size: int) -> int:
+    return offset + (_BASE - offset) % size
 
 
-def _text(data: bytes | memoryview, place: int, size: int) -> str:
-    return bytes(data[place : place + size]).rstrip(b'\0').decode()
+def _text(data: bytes | memoryview, offset: int, size: int) -> str:
+    return bytes(data[offset : offset + size]).rstrip(b'\0').decode()

@@ -89,9 +89,9 @@ def has_lens_of_larger_image(camera: CameraModel) -> bool:
         maps = _maps(replace(camera, size=_GRID, p=to_grid @ camera.p), fixed=False)
     except ValueError:  # an unknown lens
         return False
-    places = np.stack(maps, axis=-1)
+    pixels = np.stack(maps, axis=-1)
     filled, filled_by_larger = (
-        float(((places >= 0) & (places <= edge - 1)).all(axis=-1).mean()) for edge in (size, larger)
+        float(((pixels >= 0) & (pixels <= edge - 1)).all(axis=-1).mean()) for edge in (size, larger)
     )
     return filled_by_larger >= max(_FILLED, filled + _MORE_FILLED)
 
@@ -150,8 +150,8 @@ def rectify_pixels(pixels: Float64Array, camera: CameraModel) -> Float64Array:
     import cv2  # noqa: PLC0415 - as above
 
     undistort = (cv2.fisheye if camera.model == EQUIDISTANT else cv2).undistortPoints
-    places = np.ascontiguousarray(pixels[:, None], dtype=np.float64)
-    moved = undistort(places, camera.k, camera.d, R=camera.r, P=camera.p[:, :3])
+    points = np.ascontiguousarray(pixels[:, None], dtype=np.float64)
+    moved = undistort(points, camera.k, camera.d, R=camera.r, P=camera.p[:, :3])
     return np.asarray(moved[:, 0], np.float64)
 
 
@@ -295,14 +295,14 @@ def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) 
     if model.is_as_rectified:
         return _NO_LENS
     for other in rig.values():
-        place = tree.find(model.frame, other.frame)
-        if place is None or _is_same(place) or angle_of(place.rotation) > _PARALLEL_RAD:
+        pose = tree.find(model.frame, other.frame)
+        if pose is None or _is_same(pose) or angle_of(pose.rotation) > _PARALLEL_RAD:
             continue
         if angle_of(model.r @ other.r.T) > _PARALLEL_RAD:
             return _PARALLEL
         baseline = model.offset - other.offset
-        difference_m = float(np.linalg.norm(model.r @ place.translation - baseline))
-        if difference_m > _INEXACT_M and np.linalg.norm(place.translation - baseline) < _EXACT_M:
+        difference_m = float(np.linalg.norm(model.r @ pose.translation - baseline))
+        if difference_m > _INEXACT_M and np.linalg.norm(pose.translation - baseline) < _EXACT_M:
             reason = _SAME_BASELINE
     return reason
 
@@ -325,25 +325,25 @@ def _viewpoint(
     if np.linalg.norm(offset) < _NO_BASELINE_M:
         return own, ''
     around = [
-        (rig[other], place)
+        (rig[other], pose)
         for other in sorted(rig, key=lambda other: (other != LEFT_OF.get(index), other))
-        for place in [tree.find(model.frame, rig[other].frame)]
-        if other != index and (place is not None or other in chosen)
+        for pose in [tree.find(model.frame, rig[other].frame)]
+        if other != index and (pose is not None or other in chosen)
     ]
     lefts = [pair for pair in around if np.linalg.norm(pair[0].offset) < _NO_BASELINE_M]
-    for left, place in lefts:
-        if place is not None and _is_same(place):
+    for left, pose in lefts:
+        if pose is not None and _is_same(pose):
             return _beside(model, left), ''
-    if lefts and all(place is None for _, place in lefts):
+    if lefts and all(pose is None for _, pose in lefts):
         return _beside(model, lefts[0][0]), ''
-    if _has_both(model, around) or any(_agree(place, offset) for place in _places(tree, model)):
+    if _has_both(model, around) or any(_agree(xyz, offset) for xyz in _positions(tree, model)):
         return replace(own, p=_without_offset(model)), ''
-    if any(_agree(place, -offset) for place in _places(tree, model)):
+    if any(_agree(xyz, -offset) for xyz in _positions(tree, model)):
         return own, ''
     joined = [
-        (left, model.r @ place.translation)
-        for left, place in lefts
-        if place is not None and angle_of(place.rotation) < _ALIKE_RAD
+        (left, model.r @ pose.translation)
+        for left, pose in lefts
+        if pose is not None and angle_of(pose.rotation) < _ALIKE_RAD
     ]
     return _doubtful(index, model, joined, own)
 
@@ -351,34 +351,34 @@ def _viewpoint(
 def _has_both(model: CameraModel, around: Iterable[tuple[CameraModel, Transform | None]]) -> bool:
     """Whether the tree has the baseline between a camera and another one that P displaces."""
     return any(
-        _agree(model.r @ place.translation, model.offset - other.offset)
-        for other, place in around
-        if place is not None
-        and angle_of(place.rotation) < _ALIKE_RAD
+        _agree(model.r @ pose.translation, model.offset - other.offset)
+        for other, pose in around
+        if pose is not None
+        and angle_of(pose.rotation) < _ALIKE_RAD
         and np.linalg.norm(other.offset) >= _NO_BASELINE_M
     )
 
 
-def _places(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
+def _positions(tree: FrameTree, model: CameraModel) -> list[Float64Array]:
     """Return the positions of frames with the same view direction, in the rectified camera, m."""
     transforms = (tree.find(model.frame, frame) for frame in tree.frames)
     return [
-        model.r @ place.translation
-        for place in transforms
-        if place is not None and angle_of(place.rotation) < _ALIKE_RAD
+        model.r @ pose.translation
+        for pose in transforms
+        if pose is not None and angle_of(pose.rotation) < _ALIKE_RAD
     ]
 
 
-def _is_same(place: Transform) -> bool:
-    near = bool(np.linalg.norm(place.translation) < _NO_BASELINE_M)
-    return near and angle_of(place.rotation) < _ALIKE_RAD
+def _is_same(pose: Transform) -> bool:
+    near = bool(np.linalg.norm(pose.translation) < _NO_BASELINE_M)
+    return near and angle_of(pose.rotation) < _ALIKE_RAD
 
 
-def _agree(place: Float64Array, offset: Float64Array) -> bool:
+def _agree(position: Float64Array, offset: Float64Array) -> bool:
     """Whether a frame is at the left camera's position by P, rather than at the same place."""
-    error = np.linalg.norm(place - offset)
+    error = np.linalg.norm(position - offset)
     limit = max(_BASELINE_M, _BASELINE_SHARE * float(np.linalg.norm(offset)))
-    return bool(error <= limit and error < np.linalg.norm(place))
+    return bool(error <= limit and error < np.linalg.norm(position))
 
 
 def _beside(model: CameraModel, left: CameraModel) -> Viewpoint:
@@ -407,11 +407,11 @@ def _doubtful(
     said = f'camera {index}: P has a baseline of {baseline:.3f} m'
     if not joined:
         return own, f'{said}, taken as from {model.frame}: {_NO_LEFT}'
-    left, place = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
+    left, position = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
     said += (
-        f' but {model.frame} is {np.linalg.norm(place):.3f} m from {left.frame} by the static'
+        f' but {model.frame} is {np.linalg.norm(position):.3f} m from {left.frame} by the static'
         f' transforms'
     )
-    if np.linalg.norm(place - model.offset) <= _PLAUSIBLE * baseline:
+    if np.linalg.norm(position - model.offset) <= _PLAUSIBLE * baseline:
         return _beside(model, left), f'{said}; P is believed'
     return own, f'{said}; P is taken from {model.frame}'

@@ -406,10 +406,10 @@ def parse_lasers(text: str, path: Path) -> Lasers:
     if not isinstance(entries, list) or not 0 < len(entries) <= _MOST_LASERS:
         raise BadFileError(path, 'no list of lasers', expected)
     table = np.full((len(entries), len(_LASER_PARTS) + 1), np.nan)
-    for place, entry in enumerate(entries):
-        number = entry.get('laser_id', place) if isinstance(entry, dict) else None
+    for index, entry in enumerate(entries):
+        number = entry.get('laser_id', index) if isinstance(entry, dict) else None
         if type(number) is not int or not 0 <= number < len(entries):
-            raise BadFileError(path, f'entry {place} of lasers has no valid laser_id', expected)
+            raise BadFileError(path, f'entry {index} of lasers has no valid laser_id', expected)
         row = [_number(entry.get(part, 0.0)) for part in _LASER_PARTS]
         table[number] = [*row, bool(entry.get('two_pt_correction_available'))]
     wrong = ~(np.abs(table) <= _LARGEST).all(axis=1)

@@ -436,8 +436,8 @@ class Heading:
 
     def axes_of(self, tree: FrameTree, frame: str) -> Float64Array | None:
         """Return (3, 3) the axes of a frame as columns in forward, left, up; None if not joined."""
-        place = tree.find(self.frame, frame)
-        return None if place is None else self.rotation.T @ place.rotation
+        pose = tree.find(self.frame, frame)
+        return None if pose is None else self.rotation.T @ pose.rotation
 
 
 def is_optical(frame: str) -> bool:

@@ -371,7 +371,7 @@ def make_markers(labels: FrameLabels, context: EncodeContext) -> object:
     """Make the MarkerArray of a frame's labels."""
     options = context.rig.options.markers
     positions = context.trails() if options.trails else {}
-    trails = {track: context.rig.map_T_world.apply(places) for track, places in positions.items()}
+    trails = {track: context.rig.map_T_world.apply(points) for track, points in positions.items()}
     cuboids = _cuboids(labels, context)
     return encode_markers(cuboids, trails, context.stamp_ns, context.rig.frames, options)
 

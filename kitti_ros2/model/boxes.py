@@ -164,8 +164,8 @@ def box_corners(
 
 def alpha_of(location: npt.ArrayLike, rotation_y: npt.ArrayLike) -> Float64Array:
     """Return (N,) observation angles: headings relative to the ray to the box, in [-pi, pi)."""
-    place = np.atleast_2d(np.asarray(location, np.float64))
-    return wrap_angle(np.asarray(rotation_y) - np.arctan2(place[:, 0], place[:, 2]))
+    xyz = np.atleast_2d(np.asarray(location, np.float64))
+    return wrap_angle(np.asarray(rotation_y) - np.arctan2(xyz[:, 0], xyz[:, 2]))
 
 
 def project_corners(corners: Float64Array, p_rect: Float64Array) -> Float64Array:
@@ -557,11 +557,11 @@ def match(
         Match(None if _is_uncounted(name, predicted) else Verdict.FALSE_NEGATIVE) for name in names
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
-    for place, overlapped in _overlapped(labels, predictions, overlaps):
+    for index, overlapped in _overlapped(labels, predictions, overlaps):
         chosen = _choose(overlapped, of_labels)
-        of_predictions[place] = chosen
+        of_predictions[index] = chosen
         if chosen.partner is not None:
-            of_labels[chosen.partner] = chosen._replace(partner=place)
+            of_labels[chosen.partner] = chosen._replace(partner=index)
     return Matches(of_labels, of_predictions)
 
 
@@ -585,13 +585,13 @@ def _choose(overlapped: _OverlappedLabels, label_matches: Sequence[Match]) -> Ma
     """Return the match of a prediction with the labels that are not taken yet."""
     for verdict, pairs in ((Verdict.TRUE_POSITIVE, overlapped.own), (None, overlapped.near)):
         free = [
-            (overlap, place)
-            for overlap, place in pairs
-            if overlap > overlapped.least and label_matches[-place].partner is None
+            (overlap, index)
+            for overlap, index in pairs
+            if overlap > overlapped.least and label_matches[-index].partner is None
         ]
         if free:
-            overlap, place = max(free)
-            return Match(verdict, -place, overlap)
+            overlap, index = max(free)
+            return Match(verdict, -index, overlap)
     best, _ = max(overlapped.own, default=(0.0, 0))
     return Match(None if overlapped.is_ignored else Verdict.FALSE_POSITIVE, overlap=best)
 
@@ -603,23 +603,23 @@ def _overlapped(
     names = [matchable.class_name.lower() for matchable in labels]
     table, boxes = BoxTable(labels), BoxTable(predictions)
     regions = table.flat[[name == _DONT_CARE for name in names]]
-    order = sorted(range(len(predictions)), key=lambda place: -_sureness(predictions[place]))
+    order = sorted(range(len(predictions)), key=lambda row: -_sureness(predictions[row]))
     step = max(_MOST_PAIRS // max(len(labels), 1), 1)
     for start in range(0, len(order), step):
         rows = np.array(order[start : start + step])
-        own = [predictions[place].class_name.lower() for place in rows]
+        own = [predictions[row].class_name.lower() for row in rows]
         least = [overlaps.of(name) for name in own]
         parts = parts_within(boxes.flat[rows, None], regions)
         ignored = np.any(parts > np.array(least)[:, None], axis=1).tolist()
         pairs = boxes.overlaps(table, rows, _compared(own, names))
         ends = np.searchsorted(pairs.first, np.arange(len(rows) + 1))
-        for index, place in enumerate(rows.tolist()):
+        for index, prediction in enumerate(rows.tolist()):
             mine = slice(*ends[index : index + 2])
             nearby = zip(pairs.overlaps[mine].tolist(), pairs.second[mine].tolist(), strict=True)
             both: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
             for overlap, label in nearby:
                 both[names[label] != own[index]].append((overlap, -label))
-            yield place, _OverlappedLabels(*both, least[index], ignored[index])
+            yield prediction, _OverlappedLabels(*both, least[index], ignored[index])
 
 
 def _compared(own: Sequence[str], names: Sequence[str]) -> Mask:

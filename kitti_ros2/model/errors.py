@@ -189,12 +189,12 @@ class NotKittiError(UsageError):
         explained: Whether it is known what the path is instead.
     """
 
-    def __init__(self, path: Path, problem: str, layouts: Iterable[str], advice: str = '') -> None:
+    def __init__(self, path: Path, problem: str, layouts: Iterable[str], remedy: str = '') -> None:
         self.path = str(path)
-        self.explained = bool(advice)
+        self.explained = bool(remedy)
         super().__init__(
             f'{path}: {problem}; '
-            + (advice or f'expected a KITTI folder of layout {either(list(layouts))}')
+            + (remedy or f'expected a KITTI folder of layout {either(list(layouts))}')
         )
 
 

@@ -221,20 +221,20 @@ def time_span(
         turns: The turn of each scan, by file number.
         masks: (N,) bool by stream: which samples count.
     """
-    moments: list[int] = []
+    ends_ns: list[int] = []
     for stream, mask in masks.items():
         stamps_ns = streams[stream].stamps_ns[mask]
         if len(stamps_ns):
-            moments += [int(stamps_ns.min()), int(stamps_ns.max())]
+            ends_ns += [int(stamps_ns.min()), int(stamps_ns.max())]
         if stream is Stream.SCAN:
-            moments += turn_ends(streams[stream].numbers[mask].tolist(), turns)
-    return (min(moments), max(moments)) if moments else None
+            ends_ns += turn_ends(streams[stream].numbers[mask].tolist(), turns)
+    return (min(ends_ns), max(ends_ns)) if ends_ns else None
 
 
 def turn_ends(numbers: Iterable[int], turns: Mapping[int, Turn]) -> list[int]:
     """Return start and end of the turns of scans, of those that have one."""
     scan_turns = [turns[number] for number in numbers if number in turns]
-    return [moment for turn in scan_turns for moment in (turn.start_ns, turn.end_ns)]
+    return [end_ns for turn in scan_turns for end_ns in (turn.start_ns, turn.end_ns)]
 
 
 def around(stamps_ns: Int64Array, span: tuple[int, int]) -> npt.NDArray[np.bool_]:
@@ -381,10 +381,10 @@ def _settle(
 def move_rigidly(points: Float32Array, a_t_b: Float64Array) -> Float32Array:
     """Return (N, 4) points of one moment, moved by a (4, 4) transform."""
     moved: Float32Array = points.copy()
-    place = _columns(points)
+    columns = _columns(points)
     with np.errstate(invalid='ignore'):
         for axis, factors in enumerate((a_t_b - np.eye(4))[:3].tolist()):
-            moved[:, axis] += _affine(factors, place)
+            moved[:, axis] += _affine(factors, columns)
     return moved
 
 
@@ -402,7 +402,7 @@ class _Terms(NamedTuple):
 
 
 def _terms(
-    turn: Turn, motion: ScannerMotion, moment_ns: int, *, back: bool = False
+    turn: Turn, motion: ScannerMotion, target_ns: int, *, back: bool = False
 ) -> list[_Terms]:
     """Return the displacements from the time of measurement to a moment, or back."""
     terms = []
@@ -412,11 +412,11 @@ def _terms(
             powers.append(powers[-1] @ (-twist if back else twist) / order)
         middle_ns = turn.start_ns + round((low + high) / 2)
         if back:
-            middle_t_moment = motion.relative(middle_ns, moment_ns)
-            moved = [power @ middle_t_moment for power in powers]
+            middle_t_target = motion.relative(middle_ns, target_ns)
+            moved = [power @ middle_t_target for power in powers]
         else:
-            moment_t_middle = motion.relative(moment_ns, middle_ns)
-            moved = [moment_t_middle @ power for power in powers]
+            target_t_middle = motion.relative(target_ns, middle_ns)
+            moved = [target_t_middle @ power for power in powers]
         moved[0] = moved[0] - np.eye(4)
         factors = np.stack(moved, axis=1)[:3].tolist()
         terms.append(_Terms(low / turn.length_ns, high / turn.length_ns, factors))
@@ -427,7 +427,7 @@ def _move(
     points: Float32Array,
     parts: Float64Array,
     turn: Turn,
-    pieces: Sequence[_Terms],
+    terms: Sequence[_Terms],
     *,
     axes: int = 3,
 ) -> Float32Array:
@@ -435,31 +435,31 @@ def _move(
     moved: Float32Array = points.copy()
     columns = _columns(points)
     with np.errstate(invalid='ignore'):
-        for first, last, factors in pieces:
+        for first, last, factors in terms:
             chosen = np.flatnonzero((parts >= first) & (parts <= last))
             since_middle = (parts[chosen] - (first + last) / 2) * (turn.length_ns / NS_PER_S)
             seconds = since_middle.astype(np.float32)
-            place = [column[chosen] for column in columns]
+            xyz = [column[chosen] for column in columns]
             for axis in range(axes):
-                moved[chosen, axis] = place[axis] + _polynomial(factors[axis], place, seconds)
+                moved[chosen, axis] = xyz[axis] + _polynomial(factors[axis], xyz, seconds)
     return moved
 
 
 def _polynomial(
-    factors: list[list[float]], place: Sequence[Float32Array], seconds: Float32Array
+    factors: list[list[float]], columns: Sequence[Float32Array], seconds: Float32Array
 ) -> Float32Array:
-    total = _affine(factors[-1], place)
+    total = _affine(factors[-1], columns)
     for factor in factors[-2::-1]:
         total *= seconds
-        total += _affine(factor, place)
+        total += _affine(factor, columns)
     return total
 
 
-def _affine(factors: list[float], place: Sequence[Float32Array]) -> Float32Array:
+def _affine(factors: list[float], columns: Sequence[Float32Array]) -> Float32Array:
     x, y, z, one = factors
-    total = place[0] * x
-    total += place[1] * y
-    total += place[2] * z
+    total = columns[0] * x
+    total += columns[1] * y
+    total += columns[2] * z
     total += one
     return total
 
@@ -549,10 +549,10 @@ class ScannerMotion:
 
     def _pose(self, stamp_ns: int) -> Float64Array:
         """Return the pose in that of the first moment."""
-        place = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
-        index = max(place - 1, 0)
+        after = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
+        index = max(after - 1, 0)
         seconds = (stamp_ns - int(self.stamps_ns[index])) / NS_PER_S
-        pose: Float64Array = self._known[index] @ exponential(self.twists[place] * seconds)
+        pose: Float64Array = self._known[index] @ exponential(self.twists[after] * seconds)
         return pose
 
     @cached_property
@@ -664,19 +664,19 @@ def route_of(
     """Make the route through poses in map; None for less than two finite positions."""
     stamps = np.array(stamps_ns, dtype=np.int64)
     transforms = [pose.world_T_imu for pose in poses]
-    places = np.array([transform.translation for transform in transforms], np.float64).reshape(
+    positions = np.array([transform.translation for transform in transforms], np.float64).reshape(
         -1, 3
     )
-    good = np.isfinite(places).all(axis=1)
+    good = np.isfinite(positions).all(axis=1)
     order = np.flatnonzero(good)[np.argsort(stamps[good], kind='stable')]
     if len(order) < 2:
         return None
-    stamps, places = stamps[order], places[order]
-    rotations = np.array([transforms[place].rotation for place in order])
-    offsets = np.diff(places, axis=0)
+    stamps, positions = stamps[order], positions[order]
+    rotations = np.array([transforms[index].rotation for index in order])
+    offsets = np.diff(positions, axis=0)
     steps = np.linalg.norm(offsets, axis=1)
     jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
-    chosen = [poses[place] for place in order]
+    chosen = [poses[index] for index in order]
     speeds = np.linalg.norm([_known(pose.velocity) for pose in chosen], axis=1)
     measured = not np.isnan(speeds).all()
     if not measured:
@@ -688,7 +688,7 @@ def route_of(
         turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))
     return Route(
         stamps,
-        places,
+        positions,
         speeds,
         measured,
         yaws,

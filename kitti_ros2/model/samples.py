@@ -333,15 +333,15 @@ def cuboids_of(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
 def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
     """Return each box of a frame with its id: its track's, or its place in the file."""
     return [
-        (str(place) if box.track_id is None else _track_identity(box.track_id, place), box)
-        for place, box in enumerate(labels.boxes)
+        (str(index) if box.track_id is None else _track_identity(box.track_id, index), box)
+        for index, box in enumerate(labels.boxes)
         if box is not None
     ]
 
 
-def _track_identity(track_id: int, place: int) -> str:
+def _track_identity(track_id: int, index: int) -> str:
     """Return the id of a box; DontCare regions all have track -1, so theirs is their place."""
-    return str(track_id) if track_id >= 0 else f'{track_id}.{place}'
+    return str(track_id) if track_id >= 0 else f'{track_id}.{index}'
 
 
 def has_complete_labels(layout: Layout, losses: Iterable[Loss]) -> bool:
@@ -372,8 +372,8 @@ class Trails:
             for cuboid in frames[number] if pose is not None else ():
                 if cuboid.track_id is not None and cuboid.track_id >= 0 and pose is not None:
                     self._numbers.setdefault(cuboid.track_id, []).append(number)
-                    place = (pose @ cuboid.velo_T_box).translation
-                    self._places.setdefault(cuboid.track_id, []).append(place)
+                    position = (pose @ cuboid.velo_T_box).translation
+                    self._places.setdefault(cuboid.track_id, []).append(position)
 
     def up_to(self, number: int) -> dict[int, Float64Array]:
         """Map the track ids of a frame to their positions up to it, (N, 3) metres in the world."""
@@ -395,8 +395,8 @@ def nearest_stamps(known_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Ar
     after = np.minimum(np.searchsorted(known_ns, stamps_ns), len(known_ns) - 1)
     before = np.maximum(after - 1, 0)
     is_before = stamps_ns - known_ns[before] <= np.abs(known_ns[after] - stamps_ns)
-    place = np.where(is_before, before, after)
-    return place, stamps_ns - known_ns[place]
+    nearest = np.where(is_before, before, after)
+    return nearest, stamps_ns - known_ns[nearest]
 
 
 # Assignment of the samples of each stream to frames, by their stamps alone.
@@ -495,18 +495,18 @@ def _turns(stamps_ns: Int64Array) -> npt.NDArray[np.intp]:
     return turns
 
 
-def _nearest_first(places: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArray[np.bool_]:
+def _nearest_first(indices: npt.NDArray[np.intp], gaps: Int64Array) -> npt.NDArray[np.bool_]:
     """Select pairs in order of increasing gap, each of which excludes its neighbours.
 
-    Pairs at consecutive places share a frame or a sample. A pair is made unless a nearer neighbour
+    Pairs at consecutive indices share a frame or a sample. A pair is made unless a nearer neighbour
     is made: along a slope of increasing gaps, from its lowest pair up, every other one; the pair on
     top of two slopes, if both leave it free.
 
     Args:
-        places: (K,) ascending.
+        indices: (K,) ascending.
         gaps: (K,) nanoseconds.
     """
-    adjoining = np.diff(places, prepend=-2) == 1
+    adjoining = np.diff(indices, prepend=-2) == 1
     change = np.diff(gaps, prepend=gaps[:1])
     above_the_last = adjoining & (change >= 0)
     above_the_next = np.roll(adjoining & (change < 0), -1)

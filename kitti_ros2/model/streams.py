@@ -255,15 +255,15 @@ def _second_ns(text: str) -> int:
     if match is None:
         raise ValueError(f'{text.strip()!r} is no time stamp')
     year, month, day, hour, minute, second = map(int, match.groups())
-    moment = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
-    return (moment - _EPOCH) // timedelta(seconds=1) * NS_PER_S
+    utc = datetime(year, month, day, hour, minute, second, tzinfo=timezone.utc)
+    return (utc - _EPOCH) // timedelta(seconds=1) * NS_PER_S
 
 
 def format_stamp(stamp_ns: int) -> str:
     """Format a stamp as KITTI does, with all nine digits; the inverse of parse_stamp."""
     seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
-    moment = _EPOCH + timedelta(seconds=seconds)
-    return f'{moment:%Y-%m-%d %H:%M:%S}.{nanoseconds:09d}'
+    utc = _EPOCH + timedelta(seconds=seconds)
+    return f'{utc:%Y-%m-%d %H:%M:%S}.{nanoseconds:09d}'
 
 
 def parse_seconds(text: str) -> int:

@@ -179,7 +179,7 @@ Handler: TypeAlias = 'Callable[[Any, Any], Any]'
 """A callback of a service: request and response in, response out."""
 
 
-def contained(kind: Any, handler: Handler, tell: Callable[[str], object]) -> Handler:  # noqa: ANN401
+def contained(kind: Any, handler: Handler, report: Callable[[str], object]) -> Handler:  # noqa: ANN401
     """Return a callback of a service that answers where the given one raises an error.
 
     The answer is a refusal of the parameters; of other services the response without content.
@@ -187,7 +187,7 @@ def contained(kind: Any, handler: Handler, tell: Callable[[str], object]) -> Han
     Args:
         kind: The type of the service.
         handler: Its callback.
-        tell: Called with an error that the answer does not tell of.
+        report: Called with an error that the answer does not tell of.
     """
     if kind is SetParameters:
         return _each_parameter(handler)
@@ -200,7 +200,7 @@ def contained(kind: Any, handler: Handler, tell: Callable[[str], object]) -> Han
             if kind is SetParametersAtomically:
                 refused.result = _refusal(error)
             else:
-                tell(f'a request was not understood: {describe_unexpected(error)}')
+                report(f'a request was not understood: {describe_unexpected(error)}')
             return refused
 
     return handle
@@ -244,12 +244,12 @@ class Executor(SingleThreadedExecutor):  # type: ignore[misc] # rclpy has no typ
         self._waiting = False
         return callbacks
 
-    def run(self, stop: threading.Event, tell: Callable[[Exception], object]) -> None:
+    def run(self, stop: threading.Event, report: Callable[[Exception], object]) -> None:
         """Run callbacks until stopped, or ROS shuts down.
 
         Args:
             stop: Set to stop it.
-            tell: Called with the error of a callback; the others go on.
+            report: Called with the error of a callback; the others go on.
 
         Raises:
             Exception: There is no waiting for callbacks any more.
@@ -264,7 +264,7 @@ class Executor(SingleThreadedExecutor):  # type: ignore[misc] # rclpy has no typ
                     return
                 if self._waiting:
                     raise
-                tell(error)
+                report(error)
 
 
 # ROS parameters of the player, from the declared options.

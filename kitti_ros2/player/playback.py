@@ -231,12 +231,12 @@ class PlaybackSchedule:
         return False
 
     def _wait(self, now: int, due: int | None) -> None:
-        moments = [self._next_idle] if self._next_idle > now else []
+        times = [self._next_idle] if self._next_idle > now else []
         if due is not None:
-            moments.append(due)
+            times.append(due)
         if self._options.clock_hz:
-            moments.append(self._next_tick)
-        seconds = (min(moments) - now) / _SECOND if moments else None
+            times.append(self._next_tick)
+        seconds = (min(times) - now) / _SECOND if times else None
         self._clock.wait(self._condition, seconds)
 
     # Time.
@@ -595,9 +595,9 @@ class Answers:
             self.latencies_ns[frame] = now - self._sent_ns[frame]
             self._moved_ns = self._answered_ns = now
             if frame in self._open:
-                place = self._open.index(frame)
-                del self._open[: place + 1]
-                if not self._open and not place:
+                index = self._open.index(frame)
+                del self._open[: index + 1]
+                if not self._open and not index:
                     self._window = 1
             else:
                 self.stragglers += 1
@@ -658,8 +658,8 @@ class Answers:
             return self._open[0] if self._open else None
         if stamp_ns in self._frames:
             return self._frames[stamp_ns]
-        place = bisect_left(self._stamps, stamp_ns)
-        near = self._stamps[max(0, place - 1) : place + 1]
+        index = bisect_left(self._stamps, stamp_ns)
+        near = self._stamps[max(0, index - 1) : index + 1]
         nearest = min(near, key=lambda near_ns: abs(near_ns - stamp_ns), default=None)
         if nearest is None or abs(nearest - stamp_ns) > _TOLERANCE_NS:
             return None

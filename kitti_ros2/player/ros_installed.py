@@ -31,7 +31,7 @@ def check_installed() -> None:
         )
     name = middleware()
     if find_spec(name) is not None or any(
-        (place / f'lib{name}.so').exists() for place in _places()
+        (folder / f'lib{name}.so').exists() for folder in _library_folders()
     ):
         return
     package = 'ros-jazzy-' + name.replace('_', '-')
@@ -45,7 +45,7 @@ def check_installed() -> None:
     )
 
 
-def _places() -> list[Path]:
+def _library_folders() -> list[Path]:
     """Return the folders that may contain shared libraries of ROS."""
     workspaces = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     libraries = os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)

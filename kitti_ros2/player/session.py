@@ -289,8 +289,8 @@ class Session:
         """
         self._transport = self._connect(self.program)
         self._done = done
-        for complaint in (*self.program.losses, *self._transport.complaints.values()):
-            self._complain(complaint, 0)
+        for reason in (*self.program.losses, *self._transport.complaints.values()):
+            self._complain(reason, 0)
         self._thread.start()
 
     def stop(self) -> None:
@@ -329,8 +329,8 @@ class Session:
                     f'{", ".join(self.late)}: the last messages were not acknowledged within'
                     f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
                 )
-        for complaint in self.program.losses:
-            self._complain(complaint, 0)  # those found since the start
+        for reason in self.program.losses:
+            self._complain(reason, 0)  # those found since the start
 
     def _prepare(self, position: int, ahead: ReadAhead) -> None:
         """Wait for the rest of the frame at a position: else it would be late, by its making."""
@@ -476,12 +476,12 @@ class Session:
         if self._settings.stamps is Stamps.ORIGINAL and self._settings.playback.clock_hz:
             self._transport.tell_time(stamp_ns)
 
-    def _complain(self, complaint: str, messages: int) -> None:
+    def _complain(self, reason: str, messages: int) -> None:
         """Log a complaint once; always count its messages."""
-        self._count_dropped(complaint, messages)
-        if complaint not in self._complaints:
-            self._complaints.add(complaint)
-            self._complain_once(complaint)
+        self._count_dropped(reason, messages)
+        if reason not in self._complaints:
+            self._complaints.add(reason)
+            self._complain_once(reason)
 
     def _count_dropped(self, reason: str, messages: int) -> None:
         self.counts.failures += messages

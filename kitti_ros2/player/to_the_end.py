@@ -92,30 +92,30 @@ class Keyboard:
         stream = sys.stdin if self._stream is None else self._stream
         if _is_our_terminal(stream):
             # Completed steps are undone if a later one fails.
-            with contextlib.ExitStack() as stack:
-                self._open(stream.fileno(), stack)
-                self._closing = stack.pop_all()
+            with contextlib.ExitStack() as exit_stack:
+                self._open(stream.fileno(), exit_stack)
+                self._closing = exit_stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._closing.close()
 
-    def _open(self, terminal: int, stack: contextlib.ExitStack) -> None:
+    def _open(self, terminal: int, exit_stack: contextlib.ExitStack) -> None:
         self._terminal = terminal
         self._reader, writer = os.pipe()
-        stack.callback(os.close, self._reader)
-        stack.callback(os.close, writer)
+        exit_stack.callback(os.close, self._reader)
+        exit_stack.callback(os.close, writer)
         attributes = termios.tcgetattr(terminal)
-        stack.callback(_restore, terminal, attributes)
+        exit_stack.callback(_restore, terminal, attributes)
         if threading.current_thread() is threading.main_thread():
-            self._restore_at_signals(attributes, stack)
+            self._restore_at_signals(attributes, exit_stack)
         tty.setcbreak(terminal, termios.TCSANOW)
         self._thread = threading.Thread(target=self._listen, name='keyboard', daemon=True)
         self._thread.start()
-        stack.callback(self._thread.join)
-        stack.callback(os.write, writer, b'.')
+        exit_stack.callback(self._thread.join)
+        exit_stack.callback(os.write, writer, b'.')
 
-    def _restore_at_signals(self, attributes: list[Any], stack: contextlib.ExitStack) -> None:
+    def _restore_at_signals(self, attributes: list[Any], exit_stack: contextlib.ExitStack) -> None:
         """Restore the mode before a signal ends the process, such as that of Ctrl-Backslash."""
 
         def end(number: int, _: object) -> None:
@@ -127,7 +127,7 @@ class Keyboard:
 
         for number in _DEADLY:
             if signal.getsignal(number) is signal.SIG_DFL:
-                stack.callback(signal.signal, number, signal.SIG_DFL)
+                exit_stack.callback(signal.signal, number, signal.SIG_DFL)
                 signal.signal(number, end)
 
     def _listen(self) -> None:
@@ -449,15 +449,15 @@ def play_to_the_end(player: Player, stop_request: StopRequest, terminal: Termina
     """
     status, say = terminal.status, terminal.say
     started = time.monotonic()
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         if terminal.keyboard:
-            tell = (lambda _: status.draw()) if status.shown else say
-            keys = stack.enter_context(
-                player_keyboard(player, tell, terminal.complain, stop_request.set)
+            report = (lambda _: status.draw()) if status.shown else say
+            keys = exit_stack.enter_context(
+                player_keyboard(player, report, terminal.complain, stop_request.set)
             )
             if keys.listening and not terminal.quiet:
                 sys.stderr.write(f'{HELP}\n')
-        stack.enter_context(status.follow(lambda: describe_now(player.session)))
+        exit_stack.enter_context(status.follow(lambda: describe_now(player.session)))
         gc.freeze()
         stop_request.wait()
     if player.error is not None:
