@@ -193,7 +193,7 @@ class BagWriter:
                 self._hold = SignalHold()
         except BaseException as error:
             self.abort()
-            self._staging.tell_remains(error)
+            self._staging.note_remains(error)
             raise
 
     def add_channel(self, channel: Channel) -> int:
@@ -293,7 +293,7 @@ class BagWriter:
         broken = isinstance(error, (OSError, OutputError))
         partial_bag = self._keep(broken=broken) if is_interruption(error) else None
         self.abort()
-        self._staging.tell_remains(error)
+        self._staging.note_remains(error)
         if partial_bag is not None:
             partial_bag.name_in(error)
 

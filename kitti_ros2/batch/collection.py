@@ -18,7 +18,7 @@ from ..files.remote import is_remote, relative_place
 from ..files.threads import worker_count
 from ..kitti.names import number_of
 from ..kitti.opening import parts_of
-from ..kitti.store import listings_kept
+from ..kitti.store import cached_listings
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from .dask_cluster import open_cluster
 from .manifest import DONE, FAILED, MANIFEST, Identity, Manifest, UnitRecord, open_place
@@ -106,7 +106,7 @@ def _digest(files: Iterable[InputFile]) -> str:
 
 
 @lru_cache(maxsize=1)  # slices of one set follow each other
-@listings_kept()
+@cached_listings()
 def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
     try:
         parts = parts_of(source, layout, sequence)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from ..files.local_files import crc32, start_writing_out, sync_files, sync_folders
 from ..files.local_staging import lock_exclusively, make_folder, output_error
 from ..kitti import names
-from ..kitti.archives import is_archive, is_known, is_part_of_set, is_top, places, places_in
+from ..kitti.archives import is_archive, is_kitti, is_part_of_set, is_top, paths_below, target_paths
 from ..model.errors import KittiRos2Error, Loss, MissingPathError, UsageError, format_count
 from ..options.datasets import make_extract_options
 from .archive_formats import (
@@ -366,11 +366,11 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
         files = [member for member in checked(packed, limits) if not member.is_folder]
     chosen = [file for file in files if not _is_noise(file.name)]
     file_names = [file.name for file in chosen]
-    kitti_names = [name for name in file_names if is_known(name, path.name)]
+    kitti_names = [name for name in file_names if is_kitti(name, path.name)]
     if not kitti_names:
         what = f'contains no folder of KITTI in {format_count(len(file_names), "file")}'
         raise BadArchiveError(path, what, 'extract it with another program')
-    wanted = places_in(root, places(file_names, path.name))
+    wanted = paths_below(root, target_paths(file_names, path.name))
     if is_part_of_set(Path(os.path.realpath(root)).name) and any(
         _is_whole(place) for place in wanted
     ):

@@ -72,7 +72,7 @@ class CropPaths:
         own = tree.scan_root.name
         folder = options.folder or own
         self.in_place = folder == own
-        self._scan_root = tree.place / folder
+        self._scan_root = tree.target / folder
         below = tree.scans.folder.relative_to(tree.scan_root)
         self.scan_folder = self._scan_root / below.as_posix()
         self._replaced = None if self.in_place else tree.scan_root.with_name(folder)
@@ -140,7 +140,7 @@ class CropPaths:
         return made | ({self.track_labels} if self.track_labels is not None else set())
 
     def _placed(self, path: Path) -> Placed:
-        return path, self._tree.place_of(path)
+        return path, self._tree.target_of(path)
 
     def _find_notes(self) -> list[str]:
         tree = self._tree
@@ -155,7 +155,7 @@ class CropPaths:
         ]
         if not self.in_place and tree.point_labels:
             listed = ', '.join(folder.name for folder in tree.point_labels)
-            notes.append(f'{tree.place}: {listed} unchanged, with the scans in {names.SCANS}')
+            notes.append(f'{tree.target}: {listed} unchanged, with the scans in {names.SCANS}')
         return notes
 
 

@@ -211,7 +211,7 @@ class Staging:
                 with suppress(OSError):
                     self._partial.rmdir()
             if self._made:
-                self.tell_remains(error)
+                self.note_remains(error)
             raise
 
     def publish(self) -> None:
@@ -285,10 +285,10 @@ class Staging:
                 folder.rmdir()
         self._created.clear()
 
-    def tell_remains(self, error: BaseException) -> None:
+    def note_remains(self, error: BaseException) -> None:
         """Correct the text of an OutputError where the partial directory could not be removed."""
         if isinstance(error, OutputError) and may_exist(self._partial):
-            error.tell_remains(self._partial)
+            error.note_remains(self._partial)
 
     def _check_free(self) -> None:
         with reported(self.path):

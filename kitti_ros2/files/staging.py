@@ -89,7 +89,7 @@ def _published(staging: Staging | UploadStaging) -> Iterator[None]:
         staging.publish()
     except BaseException as error:
         staging.discard()
-        staging.tell_remains(error)
+        staging.note_remains(error)
         raise
 
 

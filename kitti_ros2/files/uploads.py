@@ -320,9 +320,9 @@ class UploadStaging:
         """Remove the content; never raises OSError."""
         self._local.discard()
 
-    def tell_remains(self, error: BaseException) -> None:
+    def note_remains(self, error: BaseException) -> None:
         """Correct the text of an OutputError where the local copy could not be removed."""
-        self._local.tell_remains(error)
+        self._local.note_remains(error)
 
     def _find_replaced(self) -> tuple[Mapping[str, StoredObject], bool]:
         """Return the objects to replace, and whether they are of an upload that did not end."""

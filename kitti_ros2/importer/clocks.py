@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..messages.clouds import tells_another_time, time_field
+from ..messages.clouds import has_unexplained_times, time_field
 from ..model.errors import Loss
 from ..model.samples import nearest_stamps
 from ..model.streams import NS_PER_S, Stream
@@ -152,7 +152,7 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
         yield from topic.stamp_notes()
     scan = None if plan.scan is None else survey.topics.get(plan.scan.topic)
     turns = None if scan is None else scan.turns_ns()
-    if scan is not None and not scan.turn_ns and any(map(tells_another_time, scan.samples)):
+    if scan is not None and not scan.turn_ns and any(map(has_unexplained_times, scan.samples)):
         yield (
             f'{scan.name}: the times of its points ({time_field(scan.samples[0])}) are not used,'
             f' for they are not those of a turn around the stamp; are they of another clock?'

@@ -231,7 +231,7 @@ def _complete(
             mask &= _without(indices == NONE, f'{stream.value} within tolerance', notes)
     lost = np.zeros(len(frames), dtype=np.bool_)
     if track is not None:
-        unknown = ~track.known(frames.stamps_ns)
+        unknown = ~track.covers(frames.stamps_ns)
         lost = mask & unknown
         where = _where_unposed(frames.stamps_ns[unknown], track)
         mask &= _without(unknown, f'pose around them{where}', notes)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kitti.kitti_recording import MercatorWorld, geographic_places
+from ..kitti.kitti_recording import MercatorWorld, geographic_positions
 from ..messages.cdr import vector_of
 from ..messages.moving_tree import MAX_GAP_NS, interpolate
-from ..messages.oxts import Mounting, UnitPose, has_fix, has_orientation, make_packet, place_of
+from ..messages.oxts import ImuPose, Mounting, has_fix, has_orientation, make_packet, position_of
 from ..model import bag_formats as types
 from ..model.errors import Loss, MissingDataError, format_numbers
 from ..model.geometry import Transform
@@ -286,7 +286,7 @@ class UnitPoses:
             rigging: Where the unit is on the vehicle.
             motion: The poses.
         """
-        self.poses: list[UnitPose | None] | None = None
+        self.poses: list[ImuPose | None] | None = None
         self.moving: DerivedVelocities | None = None
         self.place: GeoOrigin | None = None
         self.lost_ns: Int64Array = np.zeros(0, dtype=np.int64)
@@ -346,7 +346,7 @@ class UnitPoses:
 
 def _unit_poses(
     poses: list[Transform | None], body_t_imu: Transform, origin: GeoOrigin, notes: list[str]
-) -> list[UnitPose | None]:
+) -> list[ImuPose | None]:
     imu_poses = [None if pose is None else pose @ body_t_imu for pose in poses]
     known_poses = [pose for pose in imu_poses if pose is not None]
     if not known_poses:
@@ -355,8 +355,8 @@ def _unit_poses(
     if np.abs(positions[0]).max() > _FARTHEST_M:
         notes.append('oxts: the poses are far from their origin, so the first one is put there')
         positions = positions - positions[0]
-    coords = iter(geographic_places(positions, origin).tolist())
-    return [None if pose is None else UnitPose(pose.rotation, *next(coords)) for pose in imu_poses]
+    coords = iter(geographic_positions(positions, origin).tolist())
+    return [None if pose is None else ImuPose(pose.rotation, *next(coords)) for pose in imu_poses]
 
 
 def _moving(track: Track, body_t_imu: Transform) -> DerivedVelocities:
@@ -745,7 +745,7 @@ class PacketMaker:
             mixed = between(first, last, (frame_ns - first_ns) / (end_ns - first_ns))
             if mixed is not first and mixed is not last:
                 if topic == self._topics['fix'] and end_ns - first_ns > self._usual_gap_ns:
-                    way = metres_of(np.array([place_of(first), place_of(last)]))[1]
+                    way = metres_of(np.array([position_of(first), position_of(last)]))[1]
                     self._bridged.append((end_ns - first_ns, float(np.linalg.norm(way))))
                 return mixed
             first_ns, first = (first_ns, first) if mixed is first else (end_ns, last)

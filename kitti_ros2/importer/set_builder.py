@@ -195,7 +195,7 @@ class SampleWriter:
         rigging = riggings.first
         labels_t_velo = rigging.labels.standing.frame_T_velo
         if labels_t_velo is not None:
-            writer.place_labels(labels_t_velo)
+            writer.set_label_frame(labels_t_velo)
         self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=plan.is_extract)
         self._lock = Lock()  # for the counts of scans
         self._points_dropped: Counter[str] = Counter()

@@ -25,7 +25,7 @@ from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
 from ..messages.images import size_of as image_size
 from ..messages.naming import CALIBRATION, RECORDING, decode_text
-from ..messages.oxts import has_motion, place_of
+from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..model import bag_formats as types
@@ -522,7 +522,7 @@ class _SurveyPass:
         self._decode_lent = Decoder(messages.typestore, lent=True)
         self._bodies: dict[str, bytes] = {}
         self._contents: dict[tuple[str, bytes], Any] = {}
-        self._known: dict[str, set[tuple[int, int]]] = defaultdict(set)
+        self._values_of: dict[str, set[tuple[int, int]]] = defaultdict(set)
         self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self._links = LinkTally()
         self._calibrations: list[tuple[int, TextFile]] = []
@@ -614,7 +614,7 @@ class _SurveyPass:
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(sample))
         if topic.msgtype == FIX:
             topic.places = topic.places or array('d')
-            topic.places.extend(place_of(sample))
+            topic.places.extend(position_of(sample))
         elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
             self._enter_turn(topic, message, sample)
 
@@ -650,7 +650,7 @@ class _SurveyPass:
     def _enter_copy(self, topic: TopicSurvey, message: BagMessage) -> None:
         """Enter a message with boxes that is the same as an earlier one."""
         if topic.msgtype in BOXES:
-            keys = self._known[topic.name]
+            keys = self._values_of[topic.name]
             key = topic.header_ns[-1], hash(body_after_header(message.data))
             if key in keys:
                 topic.copies.append(topic.count - 1)

@@ -90,7 +90,7 @@ def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending
     refuse_link(out)
     if not out.is_dir():
         raise OutputExistsError(out, 'it is no folder; choose another name')
-    with reported(out), _locked(out), _remains_told(out):
+    with reported(out), _locked(out), _noting_remains(out):
         notes = _recover(out)
         _refuse_links(out, split)
         first = next_number(out, split)
@@ -166,14 +166,14 @@ def _locked(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _remains_told(out: Path) -> Iterator[None]:
-    """Convert errors of the operating system, as reported; the text names what was left behind."""
+def _noting_remains(out: Path) -> Iterator[None]:
+    """Convert errors of the operating system, as reported; note the remains in the text."""
     try:
         with reported(out):
             yield
     except OutputError as error:
         if may_exist(out / FOLDER):
-            error.tell_remains(out / FOLDER)
+            error.note_remains(out / FOLDER)
         raise
 
 

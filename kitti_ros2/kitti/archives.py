@@ -55,15 +55,15 @@ _IN_SPLIT = frozenset({
 _PARTS_OF_SETS = frozenset({*names.SPLITS, names.SEQUENCES, names.POSES})
 
 
-def places(files: Sequence[str], archive: str) -> list[str]:
-    """Return the place of each file of an archive, relative to the folder to extract into.
+def target_paths(files: Sequence[str], archive: str) -> list[str]:
+    """Return the target of each file of an archive, relative to the folder to extract into.
 
     Args:
         files: Names of the files in the archive, with / between their parts.
         archive: Name of the archive.
     """
     split = [tuple(part for part in name.split('/') if part not in {'', '.'}) for name in files]
-    pairs = [_known(parts, archive) for parts in split]
+    pairs = [_locate(parts, archive) for parts in split]
     tops = {parts[:dropped] for parts, (dropped, _) in zip(split, pairs, strict=True) if dropped}
     top = next(iter(tops)) if len(tops) == 1 else ()
     return [
@@ -72,13 +72,13 @@ def places(files: Sequence[str], archive: str) -> list[str]:
     ]
 
 
-def is_known(file: str, archive: str) -> bool:
+def is_kitti(file: str, archive: str) -> bool:
     """Whether a file of an archive is in a folder of KITTI's."""
-    return bool(_known(tuple(file.split('/')), archive)[1])
+    return bool(_locate(tuple(file.split('/')), archive)[1])
 
 
-def places_in(root: Path, paths: Sequence[str]) -> list[str]:
-    """Return places relative to a root that is itself the folder `dataset`, or that of a date.
+def paths_below(root: Path, paths: Sequence[str]) -> list[str]:
+    """Return paths relative to a root that is itself the folder `dataset`, or that of a date.
 
     A root that contains `sequences` counts as `dataset`.
     """
@@ -105,8 +105,8 @@ def is_top(folder: str) -> bool:
     )
 
 
-def _known(parts: Parts, archive: str) -> tuple[int, Parts]:
-    """Return the number of folders that are dropped, and the place; () if no rule fits."""
+def _locate(parts: Parts, archive: str) -> tuple[int, Parts]:
+    """Return the number of dropped folders, and the target path; () if no rule fits."""
     devkit = _DEVKIT_NAME.match(archive)
     if devkit is not None:
         own = 1 if len(parts) > 1 and parts[0] in {'devkit', devkit[0]} else 0
@@ -205,8 +205,8 @@ class Archive(NamedTuple):
             files = _files_of_zip(path) if is_zip else _first_files_of_tar(path)
         except Exception:  # noqa: BLE001 - decompressors raise errors of their own
             return None
-        kitti_files = [name for name in files if '..' not in name and is_known(name, path.name)]
-        tops = {target.partition('/')[0] for target in places(kitti_files, path.name)}
+        kitti_files = [name for name in files if '..' not in name and is_kitti(name, path.name)]
+        tops = {target.partition('/')[0] for target in target_paths(kitti_files, path.name)}
         if not tops:
             return cls(path.parent, None)
         if not all(is_top(top) for top in tops):
@@ -296,7 +296,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _of_split(archive: str, path: Path) -> tuple[str, str]:
-    """Return the archive, and the place in it of a file, or of the folder, of a split."""
+    """Return the archive and the member of a file, or of the folder, of a split."""
     below = path.parts[-3:] if _is_file(path) else path.parts[-2:]
     split = below[0] if below[0] in names.SPLITS else names.SPLITS[0]
     return archive, '/'.join([split, *below[1:]])

@@ -206,21 +206,21 @@ class RecordingTree:
     """The files of a recording.
 
     Attributes:
-        place: Of the recording in the data set.
-        parts: Files and folders of the recording, each with its place.
+        target: Path of the recording in a data set.
+        parts: Files and folders of the recording, each with its target.
         scan_root: The folder that is named after the scanner.
         scans: The numbered files of scans, in that folder or below.
         point_labels: Folders with a .label file for scans.
     """
 
-    place: PurePosixPath
+    target: PurePosixPath
     parts: tuple[Part, ...]
     scan_root: Path
     scans: Listing
     point_labels: tuple[Path, ...] = ()
 
-    def place_of(self, path: Path) -> PurePosixPath:
-        """Return the place of a file or folder of the recording.
+    def target_of(self, path: Path) -> PurePosixPath:
+        """Return the target of a file or folder of the recording.
 
         Raises:
             ValueError: It belongs to no part.
@@ -228,7 +228,7 @@ class RecordingTree:
         for source, target in self.parts:
             if path == source or source in path.parents:
                 return target / path.relative_to(source).as_posix()
-        raise ValueError(f'{path} is no part of {self.place}')
+        raise ValueError(f'{path} is no part of {self.target}')
 
 
 def calibration_beside(drive: Path) -> list[Path]:
@@ -259,7 +259,7 @@ def _(recording: RawRecording) -> RecordingTree:
 
 @tree_of.register
 def _(recording: ObjectRecording) -> RecordingTree:
-    split, target = recording.split, _split_place(recording.split)
+    split, target = recording.split, _split_target(recording.split)
     lists = [
         (text_path, _below_root(text_path, recording.root)) for text_path in recording.text_paths()
     ]
@@ -294,7 +294,7 @@ def _(recording: OdometryRecording) -> RecordingTree:
 
 @tree_of.register
 def _(recording: TrackingRecording) -> RecordingTree:
-    split, target = recording.split, _split_place(recording.split)
+    split, target = recording.split, _split_target(recording.split)
     parts = tuple(
         (split / folder / name, target / folder / name)
         for folder in STORE.names(split)
@@ -313,7 +313,7 @@ def _list_scans(recording: KittiRecording, folder: Path, *suffixes: str) -> List
     return STORE.list_numbered(folder, (names.BIN, *suffixes), frames.digits, frames)
 
 
-def _split_place(split: Path) -> PurePosixPath:
+def _split_target(split: Path) -> PurePosixPath:
     return PurePosixPath(split.name if split.name in names.SPLITS else '')
 
 

@@ -41,7 +41,7 @@ from .archives import describe_source
 from .calib_file import parse_calibration
 from .names import FRAME_NAMES, JPEGS, TXT, describe_names
 from .recording_index import RecordingIndex
-from .scan_file import ScanLook, look_at_scans, parse_points
+from .scan_file import ScanFormat, detect_scan_format, parse_points
 from .store import STORE
 
 if TYPE_CHECKING:
@@ -98,8 +98,8 @@ def _mercator(packet: OxtsPacket, scale: float) -> Float64Array:
     return np.array([east, north, packet.alt])
 
 
-def geographic_places(positions: Float64Array, origin: GeoOrigin) -> Float64Array:
-    """Return the places of local positions: those that MercatorWorld brings back to them.
+def geographic_positions(positions: Float64Array, origin: GeoOrigin) -> Float64Array:
+    """Return the geographic positions of local ones: those that MercatorWorld brings back to them.
 
     The readers' scale is that of the first packet, so the first position decides it; the plane is
     Mercator's, and distances in it are those of the positions.
@@ -366,14 +366,14 @@ class KittiRecording(RecordingPoses):
         return Description(values, files, missing)
 
     @cached_property
-    def scan_look(self) -> ScanLook:
-        """What its scans are, by the first ones."""
-        return look_at_scans(self, labelled=self.layout.traits.point_labels)
+    def scan_format(self) -> ScanFormat:
+        """The format of the scans, by the first ones."""
+        return detect_scan_format(self, labelled=self.layout.traits.point_labels)
 
     @property
     def scan_error(self) -> BadFileError | None:
         """The error if its scans are not KITTI's and the options have no columns."""
-        return self.scan_look.error if self.options.columns is None else None
+        return self.scan_format.error if self.options.columns is None else None
 
     def check_scan(self, path: Path, data: npt.NDArray[np.uint8]) -> None:
         """Check that a scan has the columns of the others, if the options have none.
@@ -382,7 +382,7 @@ class KittiRecording(RecordingPoses):
             BadFileError: It has others.
         """
         if self.options.columns is None:
-            self.scan_look.check(path, data)
+            self.scan_format.check(path, data)
 
     def prepare_columns(self) -> None:
         """Note what the options leave out of scans; without columns, check that they are KITTI's.
@@ -402,7 +402,7 @@ class KittiRecording(RecordingPoses):
             self.notes.append(f'{listing.folder}: {columns.describe_skipped()} left out (-)')
         if columns.reflectance is None:
             self.notes.append(f'{listing.folder}: no column of intensity, which is 0 then')
-        doubt = self.scan_look.doubt(columns)
+        doubt = self.scan_format.doubt(columns)
         self.notes += [doubt] if doubt else []
 
     def read(self, stream: Stream, number: int) -> Sample:

@@ -303,7 +303,7 @@ _DATA = 'data'
 """The sub-folder for result files of the devkits' evaluation and OpenPCDet."""
 _NAMED = f'{"0" * FRAME_DIGITS}{TXT}'
 _MOST_FOLDERS = 200
-_MOST_LOOKS = 20
+_MOST_READ = 20
 _OF_DATA_SETS = frozenset({CALIB, OBJECT_LABELS, WAYMO_LABELS, TRACKING_LABELS})
 
 
@@ -427,7 +427,7 @@ def _named_by(folder: Path, digits: int) -> bool:
     texts = [name for name in STORE.names(folder) if _is_text(name)]
     if any(len(number_text(name)) == digits for name in texts):
         return True
-    return digits == FRAME_DIGITS and _are_labels(folder, texts[:_MOST_LOOKS])
+    return digits == FRAME_DIGITS and _are_labels(folder, texts[:_MOST_READ])
 
 
 def _is_text(name: str) -> bool:

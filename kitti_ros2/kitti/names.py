@@ -422,7 +422,7 @@ def parse_image_set(
             if name != word:
                 repaired.setdefault(_unlike(file_names), []).append(line_number)
             entries[name] = line_number
-    return ImageSet(tuple(entries), tuple(invalid), tuple(_remarks(path, repaired)))
+    return ImageSet(tuple(entries), tuple(invalid), tuple(_notes(path, repaired)))
 
 
 def _frame_name(word: str, file_names: FileNames) -> str | None:
@@ -445,7 +445,7 @@ def _digits(file_names: FileNames) -> str:
     return 'six' if file_names.digits == FRAME_DIGITS else str(file_names.digits)
 
 
-def _remarks(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:
+def _notes(path: Path | str, repaired: dict[str, list[int]]) -> Iterable[str]:
     for fault, lines in repaired.items():
         count = f'{len(lines)} of the lines' if fault.startswith(_COUNTED) else 'lines'
         yield f'{path}:{lines[0]}: {count} {fault}'

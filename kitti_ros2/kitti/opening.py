@@ -33,7 +33,7 @@ from .archives import Archive, extract_command, is_archive
 from .find import LAYOUTS, absolute, calibration_beside, tree_of
 from .label_file import find_frame_files
 from .prepare import prepare_motion, prepare_stereo
-from .store import STORE, listings_kept
+from .store import STORE, cached_listings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -72,7 +72,7 @@ def _only(path: Path, fits: dict[Layout, list[Candidate]]) -> tuple[Layout, list
     return next(iter(fits.items()))
 
 
-@listings_kept()
+@cached_listings()
 def open_recording(
     path: Path, options: ReadOptions | None = None, *, scans: bool = True
 ) -> KittiRecording:
@@ -114,7 +114,7 @@ def open_recording(
     return recording
 
 
-@listings_kept()
+@cached_listings()
 def open_recordings(path: Path, options: ReadOptions | None = None) -> list[KittiRecording]:
     """Open all recordings at a path, or the one that the options choose.
 
@@ -173,7 +173,7 @@ def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
     return data_sets
 
 
-@listings_kept()
+@cached_listings()
 def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     """Find the data set at a path itself, of the requested or the detected layout.
 
@@ -194,7 +194,7 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
     return [DataSet(path, layout, candidates)]
 
 
-@listings_kept()
+@cached_listings()
 def find_candidates(path: Path, options: ReadOptions) -> tuple[Layout, list[Candidate]]:
     """Find the recordings at a path, of the requested or the detected layout.
 
@@ -220,7 +220,7 @@ def _no_data(path: Path, layout: Layout, recording: KittiRecording) -> NotKittiE
     return NotKittiError(path, problem, [layout.value])
 
 
-@listings_kept()
+@cached_listings()
 def _find_all(path: Path) -> dict[Layout, list[Candidate]]:
     """Return the recordings at a path, by each layout that it has any of."""
     folder = absolute(path)

@@ -38,7 +38,7 @@ from .object_set import (
     find_raw_root,
 )
 from .scan_file import parse_point_labels, parse_scan_text
-from .store import STORE, listings_kept
+from .store import STORE, cached_listings
 from .text_file import Lines, packet_lines, parse_packet, parse_poses, parse_times, parse_timestamps
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class RawRecording(KittiRecording):
 
     layout = Layout.RAW
 
-    @listings_kept()
+    @cached_listings()
     def __init__(self, drive: Path, options: ReadOptions) -> None:
         super().__init__(drive.parent, drive.name, options)
         self.drive = drive
@@ -256,7 +256,7 @@ class ObjectRecording(KittiRecording):
 
     layout = Layout.OBJECT
 
-    @listings_kept()
+    @cached_listings()
     def __init__(self, split: Path, options: ReadOptions) -> None:
         super().__init__(split.parent, split.name, options)
         self.split = split
@@ -407,7 +407,7 @@ class OdometryRecording(KittiRecording):
     layout = Layout.ODOMETRY
     level_poses = False
 
-    @listings_kept()
+    @cached_listings()
     def __init__(self, sequence: Path, options: ReadOptions) -> None:
         grouped = sequence.parent.name == names.SEQUENCES
         super().__init__(
@@ -533,7 +533,7 @@ class TrackingRecording(KittiRecording):
 
     layout = Layout.TRACKING
 
-    @listings_kept()
+    @cached_listings()
     def __init__(self, split: Path, sequence: str, options: ReadOptions) -> None:
         super().__init__(split.parent, sequence, options)
         self.split = split

@@ -94,7 +94,7 @@ _EXPECTED = 'x y z reflectance, 4 float32 a point'
 
 
 class Mismatch(NamedTuple):
-    """What scans are instead.
+    """The format of scans that are not KITTI's.
 
     Attributes:
         problem: A sentence without its subject.
@@ -107,18 +107,18 @@ class Mismatch(NamedTuple):
     point_bytes: int | None = None
 
 
-class ScanLook(NamedTuple):
-    """What the scans of a recording are.
+class ScanFormat(NamedTuple):
+    """The format of the scans of a recording.
 
     Attributes:
         path: One of them.
         mismatch: Columns or format, if not KITTI's.
-        unit: Whether reflectances are 0 to 1, so that a scan of other columns stands out.
+        normalized: Whether reflectances are 0 to 1, so that a scan of other columns stands out.
     """
 
     path: Path | None = None
     mismatch: Mismatch | None = None
-    unit: bool = False
+    normalized: bool = False
 
     @property
     def error(self) -> BadFileError | None:
@@ -138,39 +138,39 @@ class ScanLook(NamedTuple):
             BadFileError: It is.
         """
         whole = len(data) % KITTI_COLUMNS.point_bytes == 0
-        if self.unit and whole and not _is_unit(data[:_FEW_BYTES].view('<f4')[3::4]):
+        if self.normalized and whole and not _is_normalized(data[:_FEW_BYTES].view('<f4')[3::4]):
             mismatch = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
             if mismatch is not None and mismatch.point_bytes is not None:
                 raise odd_scan_error(path, mismatch)
 
 
-def look_at_scans(recording: RecordingIndex, *, labelled: bool) -> ScanLook:
-    """Look at the scans of a recording; only first bytes of the first ones are read.
+def detect_scan_format(recording: RecordingIndex, *, labelled: bool) -> ScanFormat:
+    """Detect the format of scans from the first bytes of the first ones.
 
     One other scan must agree, as a single file may be damaged. If it is labelled, SemanticKITTI's
     labels beside the first scan count its points.
     """
     listing = recording.listings.get(Stream.SCAN)
     if listing is None:
-        return ScanLook()
+        return ScanFormat()
     paths = [listing.path(number) for number in listing.numbers.tolist()]
     paths = [path for path in paths if path.suffix.lower() != names.TXT]
     first, used = _first_heads(paths)
     points = _label_count(used[0]) if used and labelled else None
     mismatch = find_mismatch(first, points)
     if mismatch is None:
-        return ScanLook(unit=_has_unit(first))
+        return ScanFormat(normalized=_are_normalized(first))
     others, _ = _first_heads(paths[len(paths) // 2 :][:1]) if len(paths) > len(used) else ([], [])
     if others and find_mismatch(others) is None:
-        return ScanLook(unit=_has_unit(others))
-    return ScanLook(used[0], mismatch)
+        return ScanFormat(normalized=_are_normalized(others))
+    return ScanFormat(used[0], mismatch)
 
 
-def _has_unit(heads: Sequence[tuple[bytes, int]]) -> bool:
-    return all(_is_unit(_values(head, np.dtype('<f4'))[3::4]) for head, _ in heads)
+def _are_normalized(heads: Sequence[tuple[bytes, int]]) -> bool:
+    return all(_is_normalized(_values(head, np.dtype('<f4'))[3::4]) for head, _ in heads)
 
 
-def _is_unit(reflectance: Values) -> bool:
+def _is_normalized(reflectance: Values) -> bool:
     return bool(((reflectance >= 0) & (reflectance <= 1)).all())
 
 
@@ -380,7 +380,7 @@ def _is_proved(values: Sequence[Values], columns: int) -> bool:
     if (_is_nonsense(rows).mean(axis=0) > _SHARE_OF_NONSENSE).mean() > 1 / 2:
         return False
     if columns % _COLUMNS:
-        return not _is_unit(reflectance)
+        return not _is_normalized(reflectance)
     groups = [rows[:, at : at + 3] for at in range(0, columns, _COLUMNS)]
     return bool((reflectance < 0).mean() > _FEW) or any(
         _is_other(group, groups[0]) for group in groups[1:]

@@ -32,32 +32,32 @@ if TYPE_CHECKING:
 
 S = TypeVar('S')
 
-_KEPT: ContextVar[dict[Path, list[str]] | None] = ContextVar('listings', default=None)
+_LISTINGS: ContextVar[dict[Path, list[str]] | None] = ContextVar('listings', default=None)
 
 
 @contextmanager
-def listings_kept() -> Iterator[None]:
+def cached_listings() -> Iterator[None]:
     """List each folder once within this context, or within the outermost one.
 
     The detection of a layout asks for the names in a folder once for each layout, and the reader
     once more. What changes on the disk meanwhile is not noticed.
     """
-    if _KEPT.get() is not None:
+    if _LISTINGS.get() is not None:
         yield
         return
-    token = _KEPT.set({})
+    token = _LISTINGS.set({})
     try:
         yield
     finally:
-        _KEPT.reset(token)
+        _LISTINGS.reset(token)
 
 
-def kept(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]]:
+def cached_listing(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]]:
     """Wrap the method that lists a folder, for listings_kept."""
 
     @wraps(names)
     def listed(store: S, folder: Path) -> list[str]:
-        listings = _KEPT.get()
+        listings = _LISTINGS.get()
         if listings is None:
             return names(store, folder)
         if folder not in listings:
@@ -171,7 +171,7 @@ def _read_remote_ends(path: RemotePath, length: int) -> tuple[bytes, int]:
 class FileStore:
     """Files on a local disk, or at URLs."""
 
-    @kept
+    @cached_listing
     def names(self, folder: Path) -> list[str]:
         """List the names in a folder, sorted; none if the folder is absent."""
         if isinstance(folder, RemotePath):

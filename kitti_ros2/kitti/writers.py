@@ -110,17 +110,17 @@ class LayoutWriter:
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
         """Write one packet of the GPS/IMU unit, or its line verbatim."""
-        raise self._no_place(Stream.OXTS)
+        raise self._not_accepted(Stream.OXTS)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
         """Write the (3, 4) pose of the rectified camera 0 in its own first frame."""
-        raise self._no_place(Stream.POSE)
+        raise self._not_accepted(Stream.POSE)
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write the labelled objects of a frame, or its label lines verbatim."""
-        raise self._no_place(Stream.LABELS)
+        raise self._not_accepted(Stream.LABELS)
 
-    def place_labels(self, rect_T_velo: Transform) -> None:
+    def set_label_frame(self, rect_T_velo: Transform) -> None:
         """Take boxes in another frame than that of the rectified camera 0.
 
         Only for a layout that stores them in the scanner's frame, which boxes that are upright on
@@ -142,7 +142,7 @@ class LayoutWriter:
         """Raise UsageError if the layout has no place for the images of a camera."""
         stream = Stream(f'image_{camera}')
         if stream not in self.accepts:
-            raise self._no_place(stream)
+            raise self._not_accepted(stream)
 
     def _calibration_path(self, number: int) -> Path:
         """Return the calibration file of a frame, or that of all frames, where the last is kept."""
@@ -155,7 +155,7 @@ class LayoutWriter:
         """Return the file of a frame in a folder of the layout."""
         return self.path / folder / names.file_name(number, names.FRAME_DIGITS, suffix)
 
-    def _no_place(self, stream: Stream) -> UsageError:
+    def _not_accepted(self, stream: Stream) -> UsageError:
         return UsageError(
             f'the {self.layout.value} layout has no place for {stream.value};'
             f' it holds {", ".join(sorted(accepted.value for accepted in self.accepts))}'
@@ -263,7 +263,7 @@ class RawWriter(LayoutWriter):
         self._rect_T_velo = rect_from_velo(calibration)
         self.write_calibration_text(0, format_raw(calibration))
 
-    def place_labels(self, rect_T_velo: Transform) -> None:
+    def set_label_frame(self, rect_T_velo: Transform) -> None:
         """Take boxes in another frame; tracklets are in the scanner's."""
         self._labels_T_velo = rect_T_velo
 

@@ -321,7 +321,7 @@ def with_nominal_mounts(
         nominal=(*calibration.nominal, *nominal),
     )
     # Camera 0's frame is placed by cam0_T_velo alone.
-    return _with_cameras(filled, [i for i in named if i and not _is_placed(calibration, i)])
+    return _with_cameras(filled, [i for i in named if i and not _has_pose(calibration, i)])
 
 
 def _has_own_mount(calibration: Calibration, index: int) -> bool:
@@ -329,7 +329,7 @@ def _has_own_mount(calibration: Calibration, index: int) -> bool:
     return camera is not None and camera.cam_T_velo is not None
 
 
-def _is_placed(calibration: Calibration, index: int) -> bool:
+def _has_pose(calibration: Calibration, index: int) -> bool:
     camera = calibration.cameras.get(index)
     return camera is not None and (calibration.rectified or camera.cam_T_cam0 is not None)
 

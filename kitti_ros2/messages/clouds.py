@@ -544,7 +544,7 @@ def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
     return _timed_points(cloud, 0)[1]
 
 
-def tells_another_time(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
+def has_unexplained_times(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
     """Whether the points of a cloud have times that differ, and are not those of a turn."""
     if not hasattr(message, 'fields') or point_span_ns(message) is not None:
         return False

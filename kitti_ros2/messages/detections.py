@@ -141,12 +141,12 @@ def cuboids_of_detections(
         return Cuboid(
             class_name,
             identity,
-            place_in_velo(detection.bbox.center, frame, to_velo),
+            pose_in_velo(detection.bbox.center, frame, to_velo),
             (size.x, size.y, size.z),
             score if scores else None,
         )
 
-    return placed(message.detections, make)
+    return make_cuboids(message.detections, make)
 
 
 def boxes_of_detections_2d(message: Any) -> tuple[list[ImageBox], list[str]]:  # noqa: ANN401
@@ -189,7 +189,7 @@ def _best_result(detection: Any) -> tuple[str, str, float | None]:  # noqa: ANN4
     )
 
 
-def place_in_velo(
+def pose_in_velo(
     pose: Any,  # noqa: ANN401 - of the bag's types
     frame: str,
     to_velo: Mapping[str, Transform],
@@ -215,7 +215,7 @@ def place_in_velo(
     return to_velo[name] @ frame_T_box
 
 
-def placed(
+def make_cuboids(
     boxes: Iterable[Any],
     make: Callable[[Any], Cuboid],
 ) -> tuple[list[Cuboid], list[str]]:
@@ -384,7 +384,7 @@ def cuboids_of_objects(
             Cuboid(
                 '' if best is None else class_of(int(best.label)),
                 _identity(detection),
-                place_in_velo(pose, message.header.frame_id, to_velo) @ offset,
+                pose_in_velo(pose, message.header.frame_id, to_velo) @ offset,
                 size,
                 float(detection.existence_probability) if scores else None,
             )
@@ -478,12 +478,12 @@ def cuboids_of_markers(
         return Cuboid(
             _class_of(cube, captions),
             f'{cube.ns}/{cube.id}',
-            place_in_velo(cube.pose, cube.header.frame_id, to_velo),
+            pose_in_velo(cube.pose, cube.header.frame_id, to_velo),
             (cube.scale.x, cube.scale.y, cube.scale.z),
             _score_of(cube, captions) if scores else None,
         )
 
-    cuboids, left_out = placed(cubes, make)
+    cuboids, left_out = make_cuboids(cubes, make)
     return cuboids, left_out + [AS_LINES] * len(lists)
 
 

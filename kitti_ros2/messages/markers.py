@@ -289,7 +289,7 @@ def encode_prediction_markers(
     drawing = MarkerDrawing(1 + len(OBJECT_PARTS) * len(shown), options, stamp_ns)
     drawing.clear(frame_id)
     for index, labelled in enumerate(shown):
-        namespace, rgb = _look(labelled)
+        namespace, rgb = _style(labelled)
         first = len(OBJECT_PARTS) * index
         names = [(namespace, first + part) for part in range(len(OBJECT_PARTS))]
         red, green, blue = (value / 255 for value in rgb)
@@ -299,7 +299,7 @@ def encode_prediction_markers(
     return drawing.parts()
 
 
-def _look(labelled: LabelledObject) -> tuple[str, tuple[int, int, int]]:
+def _style(labelled: LabelledObject) -> tuple[str, tuple[int, int, int]]:
     """Return namespace and colour (red, green, blue, 0..255) of an object."""
     if labelled.match is None:
         return 'prediction', PREDICTION_COLOR

@@ -51,7 +51,7 @@ class Track(Protocol):
     def at(self, stamps_ns: Int64Array) -> list[Transform | None]:
         """Return the pose at each of (M,) stamps, None where it is not known."""
 
-    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether the pose at each stamp is known."""
 
 
@@ -101,18 +101,18 @@ class PoseTrack:
         stamps = np.asarray(stamps_ns, dtype=np.int64)
         if stamps.shape != (len(transforms),):
             raise ValueError(f'{len(transforms)} poses with stamps of shape {stamps.shape}')
-        self.stamps_ns, self._places = np.unique(stamps, return_index=True)
+        self.stamps_ns, self._indices = np.unique(stamps, return_index=True)
         self._transforms = transforms
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._indices)
 
     def at(self, stamps_ns: Int64Array) -> list[Transform | None]:
         """Return the pose at each of (M,) stamps; None before, after, and in too large a gap."""
         if not len(self):
             return [None] * len(stamps_ns)
         at_ns = np.asarray(stamps_ns, dtype=np.int64)
-        after, exact, between = self._places_of(at_ns)
+        after, exact, between = self._find_poses(at_ns)
         before = np.maximum(after - 1, 0)
         gaps = self.stamps_ns[after] - self.stamps_ns[before]
         share = (at_ns - self.stamps_ns[before]) / np.maximum(gaps, 1)
@@ -124,14 +124,14 @@ class PoseTrack:
             poses[index] = interpolate(*pair, float(share[index]))
         return poses
 
-    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether the pose at each of (M,) stamps is known."""
         if not len(self):
             return np.zeros(len(stamps_ns), dtype=np.bool_)
-        _, exact, between = self._places_of(np.asarray(stamps_ns, dtype=np.int64))
+        _, exact, between = self._find_poses(np.asarray(stamps_ns, dtype=np.int64))
         return exact | between
 
-    def _places_of(
+    def _find_poses(
         self, at_ns: Int64Array
     ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
         """Return the first pose not before each stamp, and whether it is at it, or beyond it.
@@ -147,7 +147,7 @@ class PoseTrack:
         return after, exact, between
 
     def _pose(self, index: np.intp) -> Transform:
-        return self._transforms[int(self._places[index])]
+        return self._transforms[int(self._indices[index])]
 
 
 def interpolate(start: Transform, end: Transform, share: float) -> Transform:
@@ -229,7 +229,7 @@ class MovingTree:
             for to_target, to_source in pairs
         ]
 
-    def known(self, target: str, source: str, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    def covers(self, target: str, source: str, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether target_T_source is known at each of (M,) stamps.
 
         Raises:
@@ -237,7 +237,7 @@ class MovingTree:
         """
         mask = np.ones(len(stamps_ns), dtype=np.bool_)
         for link in self.moving_between(target, source):
-            mask &= self._tracks[link].known(stamps_ns)
+            mask &= self._tracks[link].covers(stamps_ns)
         return mask
 
     def _down(self, line: list[Step], stamps_ns: Int64Array) -> list[Transform | None]:
@@ -302,7 +302,7 @@ class ChainTrack:
         self._tree = tree
         self._ends = target, source
         stamps_ns = tree.stamps_ns(target, source)
-        self.stamps_ns = stamps_ns[tree.known(target, source, stamps_ns)]
+        self.stamps_ns = stamps_ns[tree.covers(target, source, stamps_ns)]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -311,9 +311,9 @@ class ChainTrack:
         """Return the pose at each of (M,) stamps, None where a link of the chain is not known."""
         return self._tree.transforms(*self._ends, stamps_ns)
 
-    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether the pose at each of (M,) stamps is known."""
-        return self._tree.known(*self._ends, stamps_ns)
+        return self._tree.covers(*self._ends, stamps_ns)
 
 
 class ProductTrack:
@@ -321,7 +321,7 @@ class ProductTrack:
 
     def __init__(self, before: Track | Transform, middle: Track, after: Track | Transform) -> None:
         self._parts = before, middle, after
-        self.stamps_ns = middle.stamps_ns[self.known(middle.stamps_ns)]
+        self.stamps_ns = middle.stamps_ns[self.covers(middle.stamps_ns)]
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -337,10 +337,10 @@ class ProductTrack:
             for first, second, third in zip(*parts, strict=True)
         ]
 
-    def known(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+    def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether the product at each of (M,) stamps is known."""
         mask = np.ones(len(stamps_ns), dtype=np.bool_)
         for part in self._parts:
             if not isinstance(part, Transform):
-                mask &= part.known(stamps_ns)
+                mask &= part.covers(stamps_ns)
         return mask

@@ -203,12 +203,12 @@ def has_no_gravity(start: Start | None, kind: MapFrame) -> bool:
     return start is not None and not start.level and kind is MapFrame.ENU
 
 
-def place_pose(pose: Pose, map_t_world: Transform) -> Pose:
+def pose_in_map(pose: Pose, map_t_world: Transform) -> Pose:
     """Transform a reader's pose to map."""
     return replace(pose, world_T_imu=map_t_world @ pose.world_T_imu)
 
 
-def place_trajectory(trajectory: Trajectory, map_t_world: Transform) -> Trajectory:
+def trajectory_in_map(trajectory: Trajectory, map_t_world: Transform) -> Trajectory:
     """Transform a reader's trajectory to map."""
     return replace(trajectory, world_T_imu=[map_t_world @ pose for pose in trajectory.world_T_imu])
 

@@ -178,11 +178,11 @@ class Mounting(NamedTuple):
     velocity_is_enu: bool = False
 
 
-_ON_THE_UNIT = Mounting()
+_AT_THE_IMU = Mounting()
 
 
-class UnitPose(NamedTuple):
-    """The pose of the GPS/IMU unit.
+class ImuPose(NamedTuple):
+    """The pose of the GPS/IMU.
 
     Attributes:
         attitude: (3, 3) KITTI's imu frame in east-north-up.
@@ -262,8 +262,8 @@ def make_packet(
     fix: NavSatFix | None,
     velocity: TwistStamped | None,
     *,
-    mounting: Mounting = _ON_THE_UNIT,
-    pose: UnitPose | None = None,
+    mounting: Mounting = _AT_THE_IMU,
+    pose: ImuPose | None = None,
     moving: Float64Array | None = None,
 ) -> OxtsPacket | None:
     """Make the packet of messages of one moment; None where the NavSatFix has no fix.
@@ -291,16 +291,16 @@ def make_packet(
     rates = _rates(sensing, turns, imu_t_frame, imu_t_velocity)
     columns |= _named(('wx', 'wy', 'wz'), rates) | _named(('wf', 'wl', 'wu'), level @ rates)
     if imu is not None:
-        sensed = _known(imu.linear_acceleration, imu.linear_acceleration_covariance)
+        sensed = _values_of(imu.linear_acceleration, imu.linear_acceleration_covariance)
         acceleration = imu_t_frame.rotation @ (np.zeros(3) if sensed is None else sensed)
         columns |= _named(('ax', 'ay', 'az'), acceleration)
         columns |= _named(('af', 'al', 'au'), level @ acceleration)
     lever = imu_t_velocity.translation
-    linear = None if velocity is None else _known(velocity.twist.linear)
+    linear = None if velocity is None else _values_of(velocity.twist.linear)
     oriented = imu is not None and has_orientation(imu)
     if moving is not None:
-        at_unit = pose is not None or not oriented or not moving.any()
-        lever = np.zeros(3) if at_unit else imu_t_antenna.translation
+        at_imu = pose is not None or not oriented or not moving.any()
+        lever = np.zeros(3) if at_imu else imu_t_antenna.translation
     elif linear is not None:
         moving = linear if velocity_is_enu else attitude @ imu_t_velocity.rotation @ linear
     if moving is not None:
@@ -338,7 +338,7 @@ def has_fix(fix: NavSatFix) -> bool:
     return bool(placed and not abs(fix.altitude) > _MAX_ALT_M)
 
 
-def place_of(fix: NavSatFix | None) -> tuple[float, float, float]:
+def position_of(fix: NavSatFix | None) -> tuple[float, float, float]:
     """Return latitude, longitude and altitude of a NavSatFix; NaN without a fix."""
     if fix is None or not has_fix(fix):
         return np.nan, np.nan, np.nan
@@ -348,7 +348,7 @@ def place_of(fix: NavSatFix | None) -> tuple[float, float, float]:
 def has_motion(message: Any) -> bool:  # noqa: ANN401 - a TwistStamped or Odometry of the bag
     """Whether a message with a twist has a velocity that is not 0."""
     twist = getattr(message.twist, 'twist', message.twist)
-    linear = _known(twist.linear)
+    linear = _values_of(twist.linear)
     return linear is not None and bool((np.abs(linear) > _LEAST_MOTION).any())
 
 
@@ -369,10 +369,10 @@ def _rates(
 ) -> Float64Array:
     """Return (3,) rad/s about the axes of KITTI's imu frame."""
     if imu is not None:
-        sensed = _known(imu.angular_velocity, imu.angular_velocity_covariance)
+        sensed = _values_of(imu.angular_velocity, imu.angular_velocity_covariance)
         if sensed is not None:
             return np.asarray(imu_t_frame.rotation @ sensed)
-    turning = None if velocity is None else _known(velocity.twist.angular)
+    turning = None if velocity is None else _values_of(velocity.twist.angular)
     return np.zeros(3) if turning is None else np.asarray(imu_t_velocity.rotation @ turning)
 
 
@@ -409,7 +409,7 @@ def _moved(
     return asdict(origin.moved(east, north, up if np.isfinite(fix.altitude) else 0.0))
 
 
-def _known(vector: Vector3, covariance: Float64Array | None = None) -> Float64Array | None:
+def _values_of(vector: Vector3, covariance: Float64Array | None = None) -> Float64Array | None:
     """Return (3,) of a vector; None where it is declared unknown or not finite."""
     values = vector_of(vector)
     declared_unknown = covariance is not None and covariance[0] == _NOT_KNOWN

@@ -61,13 +61,13 @@ def place(
     row = rows[order].astype(np.intp)
     counts = np.bincount(row, minlength=row_count)
     columns = max(COLUMNS, int(counts.max(initial=0)))
-    place_in_row = np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
+    index_in_row = np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
     nominal_column = np.minimum((parts[order] * columns).astype(np.intp), columns - 1)
     # Columns minus places must not fall within a row; rows are kept apart by an offset.
     apart = row * (2 * columns)
-    free = np.maximum.accumulate(nominal_column - place_in_row + apart) - apart + place_in_row
+    free = np.maximum.accumulate(nominal_column - index_in_row + apart) - apart + index_in_row
     cells = np.empty(len(row), dtype=np.intp)
-    cells[order] = row * columns + np.minimum(free, columns - counts[row] + place_in_row)
+    cells[order] = row * columns + np.minimum(free, columns - counts[row] + index_in_row)
     return cells, columns
 
 

@@ -95,8 +95,8 @@ from .naming import (
     encode_text,
     every_naming,
     naming_of,
-    place_pose,
-    place_trajectory,
+    pose_in_map,
+    trajectory_in_map,
 )
 from .oxts import (
     decode_odometry,
@@ -209,21 +209,21 @@ def make_path(trajectory: Trajectory, context: EncodeContext) -> object | None:
     """Make the Path of all poses in map."""
     if not trajectory.world_T_imu:
         return None
-    placed = place_trajectory(trajectory, context.rig.map_T_world)
+    placed = trajectory_in_map(trajectory, context.rig.map_T_world)
     return encode_path(placed, context.rig.base_t_imu, context.stamp_ns, context.rig.frames.map)
 
 
 def make_odometry(pose: Pose, context: EncodeContext) -> object:
     """Make the Odometry of base_link in map."""
     frames = (context.rig.frames.map, context.rig.frames.truth)
-    placed = place_pose(pose, context.rig.map_T_world)
+    placed = pose_in_map(pose, context.rig.map_T_world)
     return encode_odometry(placed, context.rig.base_t_imu, context.stamp_ns, frames)
 
 
 def make_tf(pose: Pose, context: EncodeContext) -> object:
     """Make the transform map -> base_link."""
     frames = (context.rig.frames.map, context.rig.frames.truth)
-    placed = place_pose(pose, context.rig.map_T_world)
+    placed = pose_in_map(pose, context.rig.map_T_world)
     return encode_tf(placed, context.rig.base_t_imu, context.stamp_ns, frames)
 
 

@@ -302,7 +302,7 @@ def box_to_rect(
 # Empty boxes, and numbers that are not finite, overlap nothing.
 
 if TYPE_CHECKING:
-    Places: TypeAlias = npt.NDArray[np.intp]
+    Indices: TypeAlias = npt.NDArray[np.intp]
     Mask: TypeAlias = npt.NDArray[np.bool_]
 
 _ROUNDING = 1e-12
@@ -331,8 +331,8 @@ class OverlappingPairs(NamedTuple):
         overlaps: (P,) intersection over union (IoU), above 0 by more than rounding.
     """
 
-    first: Places
-    second: Places
+    first: Indices
+    second: Indices
     overlaps: Float64Array
 
 
@@ -358,7 +358,7 @@ class BoxTable:
         self._rotations = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
         self._reaches = np.linalg.norm(self._sizes, axis=1) / 2
 
-    def overlaps(self, others: BoxTable, rows: Places, compared: Mask) -> OverlappingPairs:
+    def overlaps(self, others: BoxTable, rows: Indices, compared: Mask) -> OverlappingPairs:
         """Return the pairs that overlap.
 
         The 3D boxes are compared if both have one, as if they stood on one plane: boxes that are
@@ -387,7 +387,7 @@ class BoxTable:
         overlapping = ious > _ROUNDING
         return OverlappingPairs(first[overlapping], second[overlapping], ious[overlapping])
 
-    def _ious_3d(self, others: BoxTable, first: Places, second: Places) -> Float64Array:
+    def _ious_3d(self, others: BoxTable, first: Indices, second: Indices) -> Float64Array:
         """Return (P,) IoU of pairs of 3D boxes."""
         sizes, other_sizes = self._sizes[first], others._sizes[second]
         axes, middles = self._rotations[first], self._middles[first]

@@ -282,7 +282,7 @@ class OutputError(KittiRos2Error):
         self._left = remains
         self.args = (f'{path}: {reason}; {remains} ({remedy})',)
 
-    def tell_remains(self, remains: Path) -> None:
+    def note_remains(self, remains: Path) -> None:
         """Correct the text: a path could not be removed."""
         before = f'{self._left}; ' if self._left else ''
         self.leave(

@@ -406,7 +406,7 @@ def _terms(
 ) -> list[_Terms]:
     """Return the displacements from the time of measurement to a moment, or back."""
     terms = []
-    for low, high, twist in motion.pieces(turn.start_ns, turn.end_ns):
+    for low, high, twist in motion.intervals(turn.start_ns, turn.end_ns):
         powers = [np.eye(4)]
         for order in range(1, _ORDER + 1):
             powers.append(powers[-1] @ (-twist if back else twist) / order)
@@ -537,7 +537,7 @@ class ScannerMotion:
         speed = np.linalg.norm(self.twists[:, :3, 3], axis=1).max()
         return float(speed), max(map(_angular_speed, self.twists))
 
-    def pieces(self, start_ns: int, end_ns: int) -> Iterator[tuple[float, float, Float64Array]]:
+    def intervals(self, start_ns: int, end_ns: int) -> Iterator[tuple[float, float, Float64Array]]:
         """Yield pieces of constant twist and a small angle: first and last, ns since start_ns."""
         inner = self.stamps_ns[(self.stamps_ns > start_ns) & (self.stamps_ns < end_ns)] - start_ns
         for first, last in pairwise([0, *inner.tolist(), end_ns - start_ns]):
@@ -552,11 +552,11 @@ class ScannerMotion:
         after = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
         index = max(after - 1, 0)
         seconds = (stamp_ns - int(self.stamps_ns[index])) / NS_PER_S
-        pose: Float64Array = self._known[index] @ exponential(self.twists[after] * seconds)
+        pose: Float64Array = self._poses[index] @ exponential(self.twists[after] * seconds)
         return pose
 
     @cached_property
-    def _known(self) -> list[Float64Array]:
+    def _poses(self) -> list[Float64Array]:
         """The poses at stamps_ns."""
         poses = [np.eye(4)]
         seconds = np.diff(self.stamps_ns) / NS_PER_S
@@ -677,12 +677,12 @@ def route_of(
     steps = np.linalg.norm(offsets, axis=1)
     jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
     chosen = [poses[index] for index in order]
-    speeds = np.linalg.norm([_known(pose.velocity) for pose in chosen], axis=1)
+    speeds = np.linalg.norm([_rate_or_nan(pose.velocity) for pose in chosen], axis=1)
     measured = not np.isnan(speeds).all()
     if not measured:
         speeds = _derived(stamps, np.where(jumps, np.nan, steps))
     yaws = _continuous(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
-    rates = [_known(pose.angular_velocity) for pose in chosen]
+    rates = [_rate_or_nan(pose.angular_velocity) for pose in chosen]
     turn_rates = np.einsum('ij,ij->i', rotations[:, 2], np.array(rates))  # z of world_R_imu @ rate
     if np.isnan(turn_rates).all():
         turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))
@@ -700,7 +700,7 @@ def route_of(
     )
 
 
-def _known(rate: Float64Array | None) -> Float64Array:
+def _rate_or_nan(rate: Float64Array | None) -> Float64Array:
     """Return the (3,) velocity or angular velocity of a pose, NaN without one."""
     return np.full(3, np.nan) if rate is None else rate
 

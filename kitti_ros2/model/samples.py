@@ -366,19 +366,19 @@ class Trails:
         world_t_velo: Callable[[int], Transform | None],
     ) -> None:
         self._numbers: dict[int, list[int]] = {}
-        self._places: dict[int, list[Float64Array]] = {}
+        self._positions: dict[int, list[Float64Array]] = {}
         for number in sorted(frames):
             pose = world_t_velo(number)
             for cuboid in frames[number] if pose is not None else ():
                 if cuboid.track_id is not None and cuboid.track_id >= 0 and pose is not None:
                     self._numbers.setdefault(cuboid.track_id, []).append(number)
                     position = (pose @ cuboid.velo_T_box).translation
-                    self._places.setdefault(cuboid.track_id, []).append(position)
+                    self._positions.setdefault(cuboid.track_id, []).append(position)
 
     def up_to(self, number: int) -> dict[int, Float64Array]:
         """Map the track ids of a frame to their positions up to it, (N, 3) metres in the world."""
         return {
-            track: np.array(self._places[track][: numbers.index(number) + 1])
+            track: np.array(self._positions[track][: numbers.index(number) + 1])
             for track, numbers in self._numbers.items()
             if number in numbers
         }
@@ -387,16 +387,16 @@ class Trails:
 # The nearest of known stamps.
 
 
-def nearest_stamps(known_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Array, Int64Array]:
+def nearest_stamps(ordered_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Array, Int64Array]:
     """Return the place of the nearest of (N,) ascending stamps, and how much later (M,) are.
 
     Of two that are as near it is the earlier one.
     """
-    after = np.minimum(np.searchsorted(known_ns, stamps_ns), len(known_ns) - 1)
+    after = np.minimum(np.searchsorted(ordered_ns, stamps_ns), len(ordered_ns) - 1)
     before = np.maximum(after - 1, 0)
-    is_before = stamps_ns - known_ns[before] <= np.abs(known_ns[after] - stamps_ns)
+    is_before = stamps_ns - ordered_ns[before] <= np.abs(ordered_ns[after] - stamps_ns)
     nearest = np.where(is_before, before, after)
-    return nearest, stamps_ns - known_ns[nearest]
+    return nearest, stamps_ns - ordered_ns[nearest]
 
 
 # Assignment of the samples of each stream to frames, by their stamps alone.

@@ -17,7 +17,7 @@ from ..drawing.drawn_objects import colour_pixels, objects_of
 from ..files.image_files import decode_image
 from ..kitti.kitti_recording import KittiRecording
 from ..kitti.prepare import scan_at
-from ..messages.naming import base_t_imu, map_from_world, place_pose
+from ..messages.naming import base_t_imu, map_from_world, pose_in_map
 from ..model.errors import (
     BadFileError,
     KittiRos2Error,
@@ -260,7 +260,7 @@ class RecordingFrames:
         if number not in files:
             return None
         sample = self.recording.read(stream, files[number])
-        return place_pose(sample, self._map_t_world) if isinstance(sample, Pose) else sample
+        return pose_in_map(sample, self._map_t_world) if isinstance(sample, Pose) else sample
 
     def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
         """Read the scan of a frame as at one moment; None if the frame has none.
@@ -342,7 +342,7 @@ class RecordingFrames:
                 failures[number] = describe_error(error)
                 continue
             if isinstance(pose, Pose):
-                by_number[number] = place_pose(pose, self._map_t_world).world_T_imu.translation
+                by_number[number] = pose_in_map(pose, self._map_t_world).world_T_imu.translation
         every = np.array([*by_number.values()], np.float64).reshape(-1, 3)
         return np.array([*by_number], np.int64), every, failures
 

@@ -17,7 +17,7 @@ from kitti_ros2.importer.guess import guess_plan, unused_notes
 from kitti_ros2.importer.plan import NONE, TF, Incomplete
 from kitti_ros2.importer.survey import Survey
 from kitti_ros2.messages.camera_info import make_transform
-from kitti_ros2.messages.oxts import place_of
+from kitti_ros2.messages.oxts import position_of
 from kitti_ros2.messages.ros_types import TFMessage
 from kitti_ros2.messages.tf_tree import LinkTally
 from kitti_ros2.model import bag_formats as types
@@ -212,7 +212,7 @@ def test_a_unit_that_measures_goes_before_one_that_does_not():
     for name, value in (('/a', 0.0), ('/z', 9.8)):
         topics.append(topic(f'{name}/imu', types.IMU, imu_with(value), frame='lidar'))
         topics.append(topic(f'{name}/fix', types.FIX, fix_at(value), frame='lidar'))
-        topics[-1].places = array('d', place_of(fix_at(value)))
+        topics[-1].places = array('d', position_of(fix_at(value)))
     plan = guess(*topics, layout=Layout.RAW).plan
     assert (plan.imu, plan.fix) == ('/z/imu', '/z/fix')
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.importer.oxts_packets import UnitChecks
-from kitti_ros2.kitti.kitti_recording import geographic_places
+from kitti_ros2.kitti.kitti_recording import geographic_positions
 from kitti_ros2.kitti.text_file import COLUMNS, parse_packet
 from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity, make_packet
 from kitti_ros2.model.samples import OxtsPacket
@@ -25,7 +25,7 @@ def packets():
     stamps = np.arange(40) * 0.1
     yaws = 0.5 + 0.3 * stamps
     ways = 8.0 / 0.3 * np.column_stack([np.sin(yaws) - np.sin(0.5), np.cos(0.5) - np.cos(yaws)])
-    places = geographic_places(np.column_stack([ways, 0 * yaws]), GeoOrigin(49.0, 8.4, 110.0))
+    places = geographic_positions(np.column_stack([ways, 0 * yaws]), GeoOrigin(49.0, 8.4, 110.0))
     for yaw, (lat, lon, alt) in zip(yaws.tolist(), places.tolist(), strict=True):
         columns = {'lat': lat, 'lon': lon, 'alt': alt, 'yaw': yaw, 'wz': 0.3, 'ax': 0.1}
         columns |= {'ay': 2.4, 'az': 9.8, 've': 8 * np.cos(yaw), 'vn': 8 * np.sin(yaw)}

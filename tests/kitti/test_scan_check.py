@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kitti_ros2.kitti.scan_file import HEAD_BYTES, find_mismatch, look_at_scans
+from kitti_ros2.kitti.scan_file import HEAD_BYTES, detect_scan_format, find_mismatch
 from kitti_ros2.kitti.store import STORE
 from kitti_ros2.model.streams import Stream
 
@@ -263,7 +263,7 @@ def test_one_damaged_scan_is_not_the_whole_set(tmp_path):
     rng = np.random.default_rng(0)
     noise = np.frombuffer(rng.bytes(64_000), '<u1')
     assert (
-        look_at_scans(folder(tmp_path, [noise] + [street(rng, 900)] * 5), labelled=False).error
+        detect_scan_format(folder(tmp_path, [noise] + [street(rng, 900)] * 5), labelled=False).error
         is None
     )
 
@@ -271,6 +271,6 @@ def test_one_damaged_scan_is_not_the_whole_set(tmp_path):
 def test_small_scans_are_looked_at_together(tmp_path):
     rng = np.random.default_rng(0)
     few = [with_columns(street(rng, 12), *rng.dirichlet([0.3] * 4, 12).T) for _ in range(8)]
-    error = look_at_scans(folder(tmp_path, few), labelled=False).error
+    error = detect_scan_format(folder(tmp_path, few), labelled=False).error
     assert error is not None
     assert '8 float32 a point' in str(error)

@@ -47,7 +47,7 @@ def test_a_link_that_is_not_known_is_named_and_no_other_stamp_is_affected():
     stamps = np.array([-1, 0, 2 * STEP, 2 * STEP + 1])
     found = tree().transforms('map', 'base', stamps)
     assert [each is not None for each in found] == [False, True, True, False]
-    assert tree().known('map', 'base', stamps).tolist() == [False, True, True, False]
+    assert tree().covers('map', 'base', stamps).tolist() == [False, True, True, False]
     reason = tree().reason('map', 'base', 2 * STEP + 1)
     assert 'map -> odom and odom -> base has none before and after it' in reason
     assert 'at most 1.5 s apart' in reason

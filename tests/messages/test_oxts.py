@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.kitti_recording import MercatorWorld, geographic_places
+from kitti_ros2.kitti.kitti_recording import MercatorWorld, geographic_positions
 from kitti_ros2.kitti.text_file import COLUMNS, format_packet, parse_packet
 from kitti_ros2.messages.cdr import make_quaternion
 from kitti_ros2.messages.oxts import (
@@ -151,7 +151,7 @@ def test_an_antenna_away_from_the_unit_tells_the_same(source, imu_t_antenna):
     world = MercatorWorld.at(source)
     antenna = (world.pose(source) @ imu_t_antenna).translation
     here = GeoOrigin(source.lat, source.lon, source.alt)
-    there = GeoOrigin(*geographic_places(np.array([np.zeros(3), antenna]), here)[1])
+    there = GeoOrigin(*geographic_positions(np.array([np.zeros(3), antenna]), here)[1])
     fix = replace(fix, latitude=there.lat, longitude=there.lon, altitude=there.alt)
     made = make_packet(imu, fix, velocity, mounting=Mounting(imu_t_antenna=imu_t_antenna))
     np.testing.assert_allclose(world.pose(made).translation, np.zeros(3), atol=1e-3)

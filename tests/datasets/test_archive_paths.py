@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.kitti.archives import places, places_in
+from kitti_ros2.kitti.archives import paths_below, target_paths
 
 DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
 
@@ -47,22 +47,22 @@ DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
     ],
 )  # fmt: skip
 def test_a_place(archive, name, place):
-    assert places([name], archive) == [place or name]
+    assert target_paths([name], archive) == [place or name]
 
 
 def test_other_files_stay_beside_the_known_ones():
     files = ['kitti/training/calib/000000.txt', 'kitti/README.md', 'NOTES', 'kitti/planes/0.txt']
-    assert places(files, 'a.zip') == [
+    assert target_paths(files, 'a.zip') == [
         'training/calib/000000.txt', 'README.md', 'NOTES', 'planes/0.txt'
     ]  # fmt: skip
 
 
 def test_a_root_that_is_the_top_folder(tmp_path):
     scan = 'dataset/sequences/00/velodyne/000000.bin'
-    assert places_in(tmp_path, [scan]) == [scan]
-    assert places_in(tmp_path / 'dataset', [scan]) == ['sequences/00/velodyne/000000.bin']
-    assert places_in(tmp_path / '2011_09_26', [f'{DRIVE}/oxts/a']) == [
+    assert paths_below(tmp_path, [scan]) == [scan]
+    assert paths_below(tmp_path / 'dataset', [scan]) == ['sequences/00/velodyne/000000.bin']
+    assert paths_below(tmp_path / '2011_09_26', [f'{DRIVE}/oxts/a']) == [
         '2011_09_26_drive_0005_sync/oxts/a'
     ]
     (tmp_path / 'sequences').mkdir()
-    assert places_in(tmp_path, [scan]) == ['sequences/00/velodyne/000000.bin']
+    assert paths_below(tmp_path, [scan]) == ['sequences/00/velodyne/000000.bin']

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.kitti_recording import geographic_places
+from kitti_ros2.kitti.kitti_recording import geographic_positions
 from kitti_ros2.model.streams import GeoOrigin
 
 METRES = st.floats(-2e4, 2e4)
@@ -35,12 +35,13 @@ def devkit(places):
 @given(POSITIONS, ORIGINS)
 def test_distances_come_back(positions, origin):
     values = np.array(positions)
-    written = [[float(f'{each:.14g}') for each in row] for row in geographic_places(values, origin)]
+    rows = geographic_positions(values, origin)
+    written = [[float(f'{degrees:.14g}') for degrees in row] for row in rows]
     assert np.abs(devkit(written) - (values - values[0])).max() < 1e-5
 
 
 def test_the_origin_is_where_it_is_given():
-    (place,) = geographic_places(np.zeros((1, 3)), GeoOrigin(49.0, 8.4, 110.0))
+    (place,) = geographic_positions(np.zeros((1, 3)), GeoOrigin(49.0, 8.4, 110.0))
     assert place == pytest.approx([49.0, 8.4, 110.0], abs=1e-12)
 
 
