@@ -71,7 +71,7 @@ def draw_boxes_2d(
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
-        objects: Of the frame.
+        objects: Labels of the frame.
         projection: Into the picture, for the bounds of objects without a 2D box in it; None leaves
             those out.
         labelled: Whether the 2D boxes are in pixels of this picture.
@@ -164,7 +164,7 @@ def _shade(picture: Pixels, bounds: Float64Array) -> None:
     cv2.rectangle(picture, (left, top), (right, bottom), _HATCH_GREY, 1)
 
 
-# Drawing of 3D boxes on a camera image: their edges, with the front face marked.
+# Drawing of 3D boxes on a camera image: edges and a marked front face.
 
 _FRONT = np.array([0, 1, 5, 4])
 _WIRES = np.concatenate([EDGES, [(0, 5), (1, 4)]])
@@ -189,7 +189,7 @@ def draw_wireframes(
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
-        objects: Of the frame.
+        objects: Labels of the frame.
         projection: Into the picture.
         predictions: Drawn in the style of predictions.
         named: Whether boxes have tags.
@@ -243,8 +243,8 @@ def draw_wireframes(
 _PLUMB_BOB = 5
 _MOST_STEPS = 500
 _STEP = 1e-12
-_PIECES = 16
-"""Number of straight pieces of a line that the lens bends."""
+_SEGMENTS = 16
+"""Number of straight segments of a line that the lens bends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +271,7 @@ class Projection:
             camera: KITTI camera index.
 
         Raises:
-            ValueError: A required part of the calibration is missing; the message contains it.
+            ValueError: A required part of the calibration is missing.
         """
         intrinsics = calibration.cameras.get(camera)
         if intrinsics is None:
@@ -333,20 +333,20 @@ class Projection:
             ends: (M, 2, 3) in velo_link, metres.
 
         Returns:
-            (K, 2, 2) pieces in pixels, not clipped to an image; (K,) the line of each.
+            (K, 2, 2) segments in pixels, not clipped to an image; (K,) the line of each.
         """
-        seen, lines = _before(self.homogeneous(ends))
+        seen, lines = _clip_near(self.homogeneous(ends))
         if self.d is not None:
-            steps = np.linspace(0.0, 1.0, _PIECES + 1)[:, None]
+            steps = np.linspace(0.0, 1.0, _SEGMENTS + 1)[:, None]
             along = seen[:, :1] + steps * (seen[:, 1:] - seen[:, :1])
             seen = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2, 3)
-            lines = np.repeat(lines, _PIECES)
+            lines = np.repeat(lines, _SEGMENTS)
         pixels = self.pixels(seen)
         finite = np.isfinite(pixels).all(axis=(1, 2))
         return pixels[finite], lines[finite]
 
 
-def _before(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
+def _clip_near(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
     """Return (K, 2, 3) parts of (M, 2, 3) lines in front of the camera, and the line of each."""
     lines = np.flatnonzero(
         (seen[..., 2] >= NEAR_M).any(axis=1) & np.isfinite(seen).all(axis=(1, 2))
@@ -363,7 +363,7 @@ def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
     k1, k2, p1, p2, k3 = d
     x, y = flat[..., 0], flat[..., 1]
     squared = x * x + y * y
-    squared = np.where(squared < _fold(d), squared, np.nan)
+    squared = np.where(squared < _fold_radius(d), squared, np.nan)
     radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
     return np.stack(
         [
@@ -385,7 +385,7 @@ def _undistorted(bent: Float64Array, d: Float64Array) -> Float64Array:
     return np.where(np.abs(step) <= _STEP, flat, np.nan)
 
 
-def _fold(d: Float64Array) -> float:
+def _fold_radius(d: Float64Array) -> float:
     """Return the squared radius beyond which the distortion folds points back."""
     k1, k2, _, _, k3 = d
     roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
@@ -432,12 +432,12 @@ def annotate(
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
-        objects: Of the frame.
-        calibration: Of the frame, or the result of Projection.of. If it is missing or incomplete,
+        objects: Labels of the frame.
+        calibration: The frame's, or the result of Projection.of. If it is missing or incomplete,
             2D boxes are drawn if the labels have them for this camera.
         camera: KITTI camera index of the picture.
-        predictions: In their own style.
-        solid: Whether 3D boxes are drawn; else 2D boxes only.
+        predictions: Drawn in the style of predictions.
+        solid: True to draw 3D boxes; else 2D boxes only.
         named: Whether boxes have tags.
 
     Raises:
@@ -476,18 +476,18 @@ def projection_of(calibration: Calibration | Projection | None, camera: int) -> 
         return None
 
 
-# The 2D boxes of objects in a camera image, for outlets that draw them on their own.
+# The 2D boxes of objects in a camera image, for viewers that draw them themselves.
 
 _FONT_PX = 12.0
 _BLACK: Color = (0, 0, 0)
 
 
 class StyledBox(NamedTuple):
-    """A box with its looks; colours are red, green, blue, 0..255.
+    """A box with its style; colours are red, green, blue, 0..255.
 
     Attributes:
         bounds: left, top, right, bottom, pixels; (0, 0) is the centre of the first pixel.
-        color: Of the lines.
+        color: Colour of the lines.
         text: Class, track, score, and the result of the comparison.
         ink, fill: Colours of the text and of its background.
         line_px: Width of the lines.
@@ -519,7 +519,7 @@ def image_boxes(
     Args:
         objects: Labels of the frame.
         predictions: Drawn in the style of predictions.
-        calibration: Of the frame.
+        calibration: Calibration of the frame.
         camera: KITTI index of the camera.
         size: (width, height) of the image.
     """
@@ -530,13 +530,13 @@ def image_boxes(
     bounds = object_bounds([obj for obj, _ in both], projection, size, labelled=labelled)
     scale = scale_for(size)
     return [
-        _look(obj, four, scale, predicted=predicted)
+        _style(obj, four, scale, predicted=predicted)
         for (obj, predicted), four in zip(both, bounds, strict=True)
         if np.isfinite(four).all()
     ]
 
 
-def _look(obj: LabelledObject, four: np.ndarray, scale: float, *, predicted: bool) -> StyledBox:
+def _style(obj: LabelledObject, four: np.ndarray, scale: float, *, predicted: bool) -> StyledBox:
     left, top, right, bottom = four.tolist()
     bounds = left, top, right, bottom
     color = box_color(obj, predicted=predicted)

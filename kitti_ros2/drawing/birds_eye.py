@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from .strokes import Color
 
 
-# Boxes from above: outlines with their headings, and those that are out of range.
+# Boxes from above: outlines with their headings, and objects out of range.
 
 TEXT_SCALE = 0.36
 _SMALL = 30.0
@@ -99,8 +99,8 @@ def draw_footprints(
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.
-        objects: Those without a 3D box are left out.
-        view: Of the picture.
+        objects: Labels; objects without a 3D box are left out.
+        view: View of the picture.
         predictions: Drawn in the style of predictions.
         named: Whether boxes have tags.
 
@@ -133,13 +133,13 @@ def draw_footprints(
 
 
 @np.errstate(all='ignore')  # labels and scans may hold any numbers
-def left_out(
+def describe_omitted(
     objects: Sequence[LabelledObject],
     predictions: Sequence[LabelledObject],
     view: BirdView,
     size: tuple[int, int],
 ) -> list[str]:
-    """Return one line for each reason why objects are not in a view: their classes and number."""
+    """Describe objects that are not in a view, one line for each reason."""
     lines = []
     for title, shown in (('', objects), ('predictions ', predictions)):
         if not shown:
@@ -214,7 +214,7 @@ _LARGEST = 1 << 20
 BY_HEIGHT = PointColors(ColorBy.HEIGHT)
 _LEGEND_SCALE = 1.1
 _LEGEND_WIDTH = 230
-"""Of the colour bar at this scale, at least, pixels."""
+"""Least width of the colour bar at this scale, pixels."""
 
 _SHIFT = 4
 EGO_MIDDLE_X = 0.59
@@ -250,7 +250,7 @@ def birds_eye(
     _draw_ego(picture, view)
     if layer is not None:
         colors.draw_legend(picture, layer, _LEGEND_SCALE, below=True)
-    _draw_notes(picture, left_out(objects, predictions, view, size_of(picture)))
+    _draw_notes(picture, describe_omitted(objects, predictions, view, size_of(picture)))
     draw_footprints(picture, objects, view, predictions, named=named)
     return picture
 
@@ -350,7 +350,7 @@ _VIEW_ANGLE = math.radians(70.0)
 """Horizontal."""
 
 _GROUND_Z = -1.73
-"""Of KITTI's road below its scanner, metres."""
+"""Height of KITTI's road relative to its scanner, metres."""
 
 _GRID_X, _GRID_Y, _GRID_STEP = (-20, 80), (-40, 40), 10
 _LABELS = (10, 20, 30, 40, 60, 80)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The objects of a frame, the colours of classes, and the pixels and plots they are drawn on."""
+"""The objects of a frame, the colours of classes, pixel arrays and plot files."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def objects_of_boxes(labels: FrameLabels, rect_t_velo: Transform | None) -> list
     """Return the objects of label lines, their 3D boxes in velo_link.
 
     Args:
-        labels: Of a frame.
+        labels: Labels of a frame.
         rect_t_velo: velo_link to the rectified camera 0; None for 2D boxes only.
     """
     return [_object_of(identity, box, rect_t_velo) for identity, box in identified(labels)]
@@ -111,9 +111,9 @@ def compared(
     """Return labels and predictions with their matches.
 
     Args:
-        labels: Of a frame.
-        predictions: Of the same frame.
-        overlaps: The IoU above which a prediction finds a label.
+        labels: Labels of a frame.
+        predictions: Predictions of the same frame.
+        overlaps: The IoU above which a prediction matches a label.
     """
     matches = match(labels, predictions, overlaps)
     with_labels, with_predictions = (
@@ -124,7 +124,7 @@ def compared(
 
 
 def is_missed(obj: LabelledObject) -> bool:
-    """Whether an object is a label that no prediction finds."""
+    """Return whether an object is a label without a matching prediction."""
     return obj.match is not None and obj.match.verdict is Verdict.FALSE_NEGATIVE
 
 
@@ -144,7 +144,7 @@ def distance_of(obj: LabelledObject) -> float:
 
 
 def _mark(obj: LabelledObject) -> str:
-    """Format the result of the comparison of a prediction, or of a label that none finds."""
+    """Format the result of the comparison of a prediction, or of a missed label."""
     verdict, overlap = (None, 0.0) if obj.match is None else (obj.match.verdict, obj.match.overlap)
     if verdict is None or (obj.score is None and verdict is Verdict.TRUE_POSITIVE):
         return ''
@@ -202,14 +202,14 @@ VERDICT_COLORS = {
     Verdict.FALSE_POSITIVE: (213, 94, 0),
     Verdict.FALSE_NEGATIVE: (240, 228, 66),
 }
-"""Compared predictions, and labels that none finds: red, green, blue, 0..255.
+"""Compared predictions, and missed labels: red, green, blue, 0..255.
 
 M. Okabe, K. Ito, "Color Universal Design", 2008: bluish green, vermilion, yellow. Any two of them,
 NEUTRAL_COLOR and PREDICTION_COLOR are a CIEDE2000 difference of 15 apart, as above.
 """
 
 NEUTRAL_COLOR = (215, 215, 215)
-"""Labels that are found, and what a comparison does not count: red, green, blue, 0..255."""
+"""Matched labels, and objects that a comparison ignores: red, green, blue, 0..255."""
 
 EGO_COLOR = (0.30, 0.69, 0.31)
 """Red, green, blue, 0..1."""
@@ -286,7 +286,7 @@ SEMANTIC_COLORS = {number: color for number, (_, color) in _CLASSES.items()}
 """Class to 0xRRGGBB."""
 
 OTHER_COLOR = 0x808080
-"""Of classes that SemanticKITTI does not have."""
+"""Colour of classes that SemanticKITTI does not have."""
 
 _OTHER = 1
 _SHADES = {number: shade for shade, number in enumerate(_CLASSES, _OTHER + 1)}

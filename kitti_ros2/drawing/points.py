@@ -85,7 +85,7 @@ SCALES = {
     ColorBy.DEPTH: Scale(
         4.0, 60.0, (5.0, 10.0, 20.0, 40.0), 'depth, m', logarithmic=True, reverse=True
     ),
-    # Of velo_link: KITTI's road is at -1.73 m.
+    # Heights in velo_link: KITTI's road is at -1.73 m.
     ColorBy.HEIGHT: Scale(-2.5, 1.5, (-2.0, -1.0, 0.0, 1.0), 'height, m'),
     ColorBy.INTENSITY: Scale(0.0, 0.8, (0.0, 0.2, 0.4, 0.6, 0.8), 'intensity'),
 }
@@ -175,7 +175,7 @@ _TEXT_SCALE = 0.38
 
 
 class PointColors(NamedTuple):
-    """How the points of a scan are coloured.
+    """The colouring of a scan's points.
 
     Attributes:
         by: The quantity shown.
@@ -207,7 +207,7 @@ class PointColors(NamedTuple):
         return SCALES[self.by].shades(shown)
 
     def paint(self, picture: Pixels, layer: npt.NDArray[np.uint8]) -> None:
-        """Draw (H, W) shades on a picture; EMPTY ones leave it as it is."""
+        """Draw (H, W) shades on a picture; EMPTY ones are transparent."""
         cv2.copyTo(colored(layer, self._table()), layer, picture)
 
     def draw_legend(
@@ -218,7 +218,7 @@ class PointColors(NamedTuple):
         Args:
             picture: Drawn on in place.
             layer: The shades shown.
-            scale: Of the text, 1 for KITTI's images.
+            scale: Scale of the text, 1 for KITTI's images.
             below: Whether the bar is in the lower left corner; else it is in the upper left one.
         """
         if self.by is ColorBy.SEMANTIC:

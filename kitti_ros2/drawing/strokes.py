@@ -52,7 +52,7 @@ _FARTHEST = 1e12
 
 
 def has_pixels(picture: Pixels) -> bool:
-    """Whether a picture has any pixels.
+    """Return whether a picture has any pixels.
 
     Raises:
         ValueError: It is not a writable (H, W, 3) uint8 array.
@@ -106,7 +106,7 @@ def cut_segments(
 
 
 def slices_of(owners: npt.NDArray[np.intp], count: int) -> list[slice]:
-    """Return where the parts of each of `count` shapes are.
+    """Return the slices of the parts of each of `count` shapes.
 
     Args:
         owners: (K,) the shape of each part, ascending.
@@ -121,7 +121,7 @@ def dashes(segments: Float64Array, scale: float = 1.0) -> Float64Array:
 
     Args:
         segments: In pixels, clipped to an image.
-        scale: Of dash and gap.
+        scale: Scale of dash and gap.
     """
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     period = (_DASH + _GAP) * scale
@@ -219,7 +219,7 @@ def printable(text: str) -> str:
 
 @lru_cache(maxsize=1)
 def _blank() -> str:
-    """Return what is drawn for a blank: two where one is narrow, so that numbers stay apart."""
+    """Return one blank, or two if a blank is narrow, so that numbers stay apart."""
     (blank, _), _ = cv2.getTextSize(' ', _REGULAR, 1.0, 1)
     (digit, _), _ = cv2.getTextSize('0', _REGULAR, 1.0, 1)
     return ' ' if blank > 0.6 * digit else '  '
@@ -288,8 +288,8 @@ class Tag:
         text: One line.
         bounds: left, top, right, bottom of the box, pixels, within the image.
         color: The box's.
-        outlined: Whether the tag is dark with a coloured frame, not filled with the colour.
-        beside: Whether it is to the right of its box rather than above.
+        outlined: True if the tag is dark with a coloured border, not filled with the colour.
+        beside: True if it is to the right of its box rather than above.
     """
 
     text: str
@@ -312,7 +312,7 @@ def draw_tags(picture: Pixels, tags: Sequence[Tag], scale: float) -> None:
 
 
 def _place(tag: Tag, room: tuple[int, int], occupied: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """Place a tag above, below, in or farther from its box: the first place of least overlap."""
+    """Place a tag above, below, in or farther from its box, with the least overlap."""
     left, top, right, bottom = tag.bounds
     width, height = room
     near = (top - height, bottom, top, bottom - height)
@@ -326,7 +326,7 @@ def _place(tag: Tag, room: tuple[int, int], occupied: npt.NDArray[np.bool_]) -> 
     placed[:, 0] = placed[:, 0].clip(0, max(occupied.shape[1] - width, 0))
     placed[:, 1] = placed[:, 1].clip(0, max(highest, 0))
     corners = [(x, y) for x, y in placed.tolist()]
-    # Pixels, not tags, are counted: the cost of a place does not grow with the tags drawn.
+    # Pixels, not tags, are counted: the cost of a position does not grow with the tags drawn.
     best, least = corners[0], width * height + 1
     for corner in corners:
         overlap = int(np.count_nonzero(_part(occupied, corner, room)))
@@ -361,7 +361,7 @@ def _draw_tag(
 
 
 def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[int, int]) -> None:
-    """Return the line from a distant tag to its box."""
+    """Draw the line from a distant tag to its box."""
     column = round(min(max(tag.bounds[0], corner[0]), end[0]))
     above, below = round(tag.bounds[1]), round(tag.bounds[3])
     if end[1] + 1 < above:
@@ -408,7 +408,7 @@ def box_color(obj: LabelledObject, *, predicted: bool) -> Color:
 
 
 def is_quiet(obj: LabelledObject) -> bool:
-    """Whether an object was compared and is no error."""
+    """Return whether an object was compared and is no error."""
     errors = (Verdict.FALSE_POSITIVE, Verdict.FALSE_NEGATIVE)
     return obj.match is not None and obj.match.verdict not in errors
 

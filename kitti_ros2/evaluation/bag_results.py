@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results that are recorded in a bag -> label boxes by frame number of a recording."""
+"""Results recorded in a bag -> label boxes by frame number of a recording."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ NOMINAL_SIZE = (1242, 375)
 """Width and height of most of KITTI's images, for a recording without images."""
 
 _UNKNOWN = -1
-_SURE = 1.0
+_DEFAULT_SCORE = 1.0
 _LEFT = {3: 2, 1: 0}
 """Images of a right camera name the optical frame of the left one."""
 
@@ -85,7 +85,7 @@ class ResultBoxes:
     """Converts the messages of a topic.
 
     Args:
-        recording: Has the calibration of the frames and the size of the images.
+        recording: Source of calibrations and image sizes.
         msgtype: Type of the messages.
         frames: Finds the frames of boxes.
         classes: Maps their classes.
@@ -122,14 +122,14 @@ class ResultBoxes:
         return [replace(box, frame=result.number) for box in boxes]
 
     def losses(self, topic: str) -> tuple[Loss, ...]:
-        """Return the boxes so far that could not be used."""
+        """Return the unusable boxes so far."""
         return tuple(
             Loss(topic, count, f'{topic}: boxes {reason}')
             for reason, count in self._unusable.items()
         )
 
     def notes(self, topic: str) -> tuple[str, ...]:
-        """Return remarks on the boxes so far."""
+        """Return the notes on the boxes so far."""
         notes = [f'{topic}: {count} boxes {what}' for what, count in self._counts.items()]
         if self._nominal:
             width, height = NOMINAL_SIZE
@@ -177,7 +177,7 @@ class ResultBoxes:
         return cuboids
 
     def _classified(self, cuboids: Sequence[Cuboid]) -> list[Cuboid]:
-        """Return the boxes with KITTI's classes, without those that are left out."""
+        """Map boxes to KITTI's classes; unmapped ones are left out."""
         classified = []
         for cuboid in cuboids:
             namespace = cuboid.identity.rpartition('/')[0] if self._msgtype == MARKERS else ''
@@ -189,8 +189,8 @@ class ResultBoxes:
 
     def _score(self, score: float | None) -> float:
         if score is None:
-            self._counts[f'have no score; {_SURE:g} is used'] += 1
-        return _SURE if score is None else score
+            self._counts[f'have no score; {_DEFAULT_SCORE:g} is used'] += 1
+        return _DEFAULT_SCORE if score is None else score
 
     def _in_image(self, result: ResultMessage) -> list[Box]:
         detections, left_out = boxes_of_detections_2d(result.message)
@@ -223,7 +223,7 @@ class ResultBoxes:
         return boxes
 
     def _is_of_camera(self, box: ImageBox) -> bool:
-        """Whether a 2D box may be in pixels of the camera: its frame is not another camera's."""
+        """Return whether a 2D box may be in pixels of the camera, not of another one."""
         camera = self._frames.camera_of(box.frame)
         if camera in {None, self._camera, _LEFT.get(self._camera)}:
             return True
@@ -248,7 +248,7 @@ def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int
     """Return (width, height) of the images of a camera; see kitti.kitti_recording.
 
     Raises:
-        KittiRos2Error: The size is not known.
+        KittiRos2Error: The size is unknown.
     """
     varies = recording.layout.traits.calibration_per_frame
     seen_by = recording.calibration(number).cameras.get(camera)
@@ -263,7 +263,7 @@ def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int
     raise MissingDataError(f'{recording.root}: no image of camera {camera} with a known size')
 
 
-# The coordinate frames of results: velo_T_frame at a frame of the recording.
+# Coordinate frames of results: velo_T_frame at a frame of the recording.
 #
 # The recording's own sensors are where its calibration has them. Other frames are joined to these
 # by the bag's transforms, static ones and those that move at the stamp of the result. If the bag
@@ -279,12 +279,12 @@ class ResultFrames:
         bag: The bag of the results.
         topics: Type by topic of the bag.
         cameras: Names of the recording's cameras, by index.
-        limit_ns: How far before the first or after the last transform of a moving link it is used.
-        losses: Transforms that cannot be decoded are entered there.
+        limit_ns: Largest extrapolation beyond the transforms of a moving link.
+        losses: Collects transforms that cannot be decoded.
 
     Attributes:
-        completed: The frames for which the recording's own tree was needed.
-        damage: Of the transforms, with the number of messages lost; None: unknown.
+        completed: Frames that required the recording's own tree.
+        damage: Number of lost transform messages by topic; None if unknown.
     """
 
     def __init__(
@@ -323,9 +323,9 @@ class ResultFrames:
 
         Args:
             frame: Name without a leading slash.
-            calibration: That of the recording at the frame.
-            stamp_ns: The stamp of the result, at which a frame that moves is placed.
-            scan_ns: That of the scan, at which one that stands in the world is.
+            calibration: The recording's calibration at the frame.
+            stamp_ns: Stamp of the result, for frames that move with the vehicle.
+            scan_ns: Stamp of the scan, for frames fixed in the world.
 
         Raises:
             MissingDataError: Nothing joins the frame to the scanner.
@@ -336,7 +336,7 @@ class ResultFrames:
         if frame in sensors:
             return sensors[frame]
         static, tracks = self._transforms
-        at_ns = scan_ns if is_fixed(frame) or _stands(frame, static, tracks) else stamp_ns
+        at_ns = scan_ns if is_fixed(frame) or _is_still(frame, static, tracks) else stamp_ns
         poses = {link: _pose_at(track, at_ns, self._limit_ns) for link, track in tracks.items()}
         moved = [(*link, pose) for link, pose in poses.items() if pose is not None]
         lost = [link for link, pose in poses.items() if pose is None]
@@ -403,8 +403,8 @@ class ResultFrames:
         return static, {link: tracks[link] for link in moving if link in tracks}
 
 
-def _stands(frame: str, static: Sequence[Link], moving: Collection[tuple[str, str]]) -> bool:
-    """Whether no link above a frame moves."""
+def _is_still(frame: str, static: Sequence[Link], moving: Collection[tuple[str, str]]) -> bool:
+    """Return whether no link above a frame moves."""
     above = {child: parent for parent, child, _ in static}
     moved = {child for _, child in moving}
     line = [frame]
@@ -414,14 +414,14 @@ def _stands(frame: str, static: Sequence[Link], moving: Collection[tuple[str, st
 
 
 def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None:
-    """Return the pose at a stamp; just before the first and after the last it is that one."""
+    """Return the pose at a stamp, clamped to the first and last within the limit."""
     nearest = np.clip([stamp_ns], track.stamps_ns[0], track.stamps_ns[-1])
     if abs(int(nearest[0]) - stamp_ns) > limit_ns:
         return None
     return track.at(nearest)[0]
 
 
-# The messages of a topic with results, each with the frame that it belongs to.
+# The messages of a result topic, each assigned to a frame.
 #
 # A message belongs to the frame whose stamp is nearest to that in its header. Without such a stamp
 # (MarkerArrays may have none, some nodes use the time of the computer) it belongs to the last frame
@@ -437,9 +437,9 @@ class ResultMessage(NamedTuple):
     """A message with the results of a frame.
 
     Attributes:
-        number: Of the frame.
+        number: Frame number.
         distance_ns: From the stamp of the frame, nanoseconds.
-        stamp_ns: That in its header, else that of the frame.
+        stamp_ns: Header stamp, else that of the frame.
         scan_ns: At which boxes in frames that do not move are placed: the stamp of the frame, or
             its own if that is one of the sensors' or an end of the turn.
         log_ns: Log time.
@@ -461,8 +461,8 @@ class ResultMessages(NamedTuple):
         by_frame: By number of the frame, ascending.
         losses: Messages that cannot be decoded, belong to no frame or to one that has another
             message, and frames without one.
-        damage: Of the topic, with the number of messages lost; None: unknown.
-        notes: Remarks.
+        damage: Number of lost messages by topic; None if unknown.
+        notes: One line each.
         unanswered: The frames without a message, ascending.
     """
 
@@ -487,7 +487,7 @@ def choose_topic(bag: BagSource, types: Mapping[str, str], topic: str | None) ->
     Args:
         bag: For errors.
         types: Type by topic of the bag.
-        topic: As requested; None is the only one with boxes besides those of the recording itself.
+        topic: Requested topic; None for the only one with boxes besides the recording's own.
 
     Raises:
         UsageError: There is none, or several.
@@ -524,10 +524,10 @@ def read_messages(
         bag: The bag.
         types: Type by topic of the bag.
         topic: With results.
-        frames: Those of the recording.
+        frames: Frames of the recording.
 
     Raises:
-        BadBagError: Not one message belongs to a frame.
+        BadBagError: No message belongs to a frame.
     """
     tally = LossTally()
     received: list[_Received] = []
@@ -614,7 +614,7 @@ def _placed(
     A detector that gives the stamp of its scan has brought its boxes into the world by the pose at
     that stamp, whatever it is of the turn.
     """
-    scan_ns = stamp_ns if distance_ns <= ROUNDED_NS else frames.moment_of(number)
+    scan_ns = stamp_ns if distance_ns <= ROUNDED_NS else frames.reference_stamp_of(number)
     return ResultMessage(number, distance_ns, stamp_ns, scan_ns, received.log_ns, received.message)
 
 
@@ -631,7 +631,7 @@ def _no_frame(
 
 
 def _played_time(bag: BagSource, types: Mapping[str, str]) -> PlayedTime:
-    """Read the time of the player; messages of /clock that cannot be decoded are passed over."""
+    """Read the time of the player; messages of /clock that cannot be decoded are skipped."""
     topics = {name for name, msgtype in types.items() if msgtype == CLOCK}
     log_ns, clock_ns = [], []
     if topics:
@@ -678,10 +678,10 @@ class BagResults:
 
     Attributes:
         topic: Their topic.
-        boxes: By number of each frame with a message that can be used, ascending; see result_boxes.
+        boxes: By number of each frame with a usable message, ascending.
         unanswered: The frames without a message, ascending; they are also a loss.
-        losses: What could not be used.
-        notes: Remarks.
+        losses: Unusable messages and boxes.
+        notes: One line each.
     """
 
     topic: str
@@ -705,17 +705,17 @@ def read_bag_results(
 
     Args:
         bag: The bag.
-        topic: A topic of Detection3DArray, Detection2DArray or MarkerArray; None is the only one
+        topic: A topic of Detection3DArray, Detection2DArray or MarkerArray; None for the only one
             besides those of the recording itself.
         recording: The ground truth, with the stamps and the calibration of the frames.
         class_map: KITTI's class of classes of the results, see ClassMap.
-        classes: Classes that stand for themselves in any case.
+        classes: KITTI's own classes, matched in any case.
         tolerance_ns: The largest distance between the stamps of a message and of its frame; None is
             half the time between frames.
         camera: KITTI index of the camera whose pixels the 2D boxes are.
 
     Raises:
-        BadBagError: The bag cannot be read, or not one message belongs to a frame.
+        BadBagError: The bag cannot be read, or no message belongs to a frame.
         UsageError: There is no such topic, it has no boxes, or several topics have.
     """
     frames, tally = frames_of(recording, tolerance_ns), LossTally()

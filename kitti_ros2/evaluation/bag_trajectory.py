@@ -43,15 +43,15 @@ if TYPE_CHECKING:
     from ..options.evaluation import OdometryOptions
 
 
-# The trajectory that a topic or a link of a bag holds.
+# The trajectory of a topic or a link of a bag.
 
 _POSES = (types.ODOMETRY, types.POSE, types.PATH)
-_ONE_EACH = (types.ODOMETRY, types.POSE)
+_SINGLE_POSE = (types.ODOMETRY, types.POSE)
 _SHOWN = 8
 
 
 def survey_poses(bag: OpenBag) -> Survey:
-    """Survey the topics of a bag that hold poses or transforms.
+    """Survey the topics of a bag with poses or transforms.
 
     Raises:
         BadBagError: It cannot be read.
@@ -65,10 +65,10 @@ def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> Pos
     """Choose the topic or the link of a result, as the options name it.
 
     Raises:
-        UsageError: There is none, or there are several; the message lists what would do.
+        UsageError: There is none, or there are several; the message lists the choices.
     """
     if options.tf:
-        return _link(bag, survey, options.tf)
+        return _choose_link(bag, survey, options.tf)
     topics = survey.of_type(*_POSES)
     if options.topic is not None:
         chosen = [topic for topic in topics if topic.name == options.topic]
@@ -78,7 +78,7 @@ def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> Pos
         chosen = [topic for topic in topics if topic.name not in own_topics()] or topics
         reason = 'has several topics with poses' if chosen else 'has no topic with poses'
     if len(chosen) != 1:
-        raise UsageError(f'{bag.path}: {reason}; {_usable(survey)}')
+        raise UsageError(f'{bag.path}: {reason}; {_choices(survey)}')
     (topic,) = chosen
     return plan_of(topic)
 
@@ -90,16 +90,16 @@ def plan_of(topic: TopicSurvey) -> PosePlan:
     return PosePlan(topic.name, body, topic.frame)
 
 
-def _link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
+def _choose_link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:
     parent, child = (name.lstrip('/') for name in link)
     topics = [topic for topic in survey.of_type(*types.TF_TYPES) if 'static' not in topic.name]
     if not topics or (parent, child) not in survey.moving:
-        raise UsageError(f'{bag.path}: has no moving link {parent} -> {child}; {_usable(survey)}')
+        raise UsageError(f'{bag.path}: has no moving link {parent} -> {child}; {_choices(survey)}')
     plain = [topic for topic in topics if topic.name == '/tf']
     return PosePlan((plain or topics)[0].name, child, parent)
 
 
-def _usable(survey: Survey, other_than: str = '') -> str:
+def _choices(survey: Survey, other_than: str = '') -> str:
     """List the topics and links that may be a result."""
     others = [topic for topic in survey.of_type(*_POSES) if topic.name != other_than]
     topics = [f'{other.name} ({other.msgtype})' for other in others]
@@ -113,19 +113,19 @@ def read_poses(bag: OpenBag, survey: Survey, plan: PosePlan) -> CameraTrajectory
     """Read the poses of a topic or link, by stamp.
 
     Raises:
-        UsageError: It holds no valid pose.
+        UsageError: There is no valid pose.
     """
     tally, topic = LossTally(), survey.topics[plan.topic]
     try:
         track = read_track([bag], plan, survey, tally, child=plan_of(topic).body)
     except UsageError as error:
-        raise UsageError(f'{bag.path}: {error}; {_usable(survey, plan.topic)}') from None
+        raise UsageError(f'{bag.path}: {error}; {_choices(survey, plan.topic)}') from None
     lost = tally.losses()
     losses = [*damage(survey.losses, bag.path.name), *lost]
     twice = topic.count - sum(loss.count for loss in lost) - len(track)
-    if topic.msgtype in _ONE_EACH and twice:
+    if topic.msgtype in _SINGLE_POSE and twice:
         losses.append(Loss(plan.topic, twice, f'{plan.topic}: a second pose of the same stamp'))
-    reason = topic.stamps()[1] if topic.msgtype in _ONE_EACH else None
+    reason = topic.stamps()[1] if topic.msgtype in _SINGLE_POSE else None
     notes = [f'{plan.topic}: {reason}'] if reason else []
     is_link = topic.msgtype in types.TF_TYPES
     what = f'{plan.world} -> {plan.body}' if is_link else plan.topic

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from .object_benchmark import Curve, ObjectTable, Overlaps, Scores
 
 
-# The labels and results that are compared, from files, folders and bags.
+# Labels and results from files, folders and bags.
 
 
 def no_progress() -> None:
@@ -135,7 +135,7 @@ def _read_bag(
     return FrameBoxes(path, recorded.boxes, losses=recorded.losses, notes=recorded.notes)
 
 
-# The frames that have both labels and results; all others are named.
+# The frames that have both labels and results; all others are losses.
 
 
 def common_frames(
@@ -149,7 +149,7 @@ def common_frames(
         listed: A list of the frames to score; None for all with labels and results.
 
     Raises:
-        UsageError: There is none to score.
+        UsageError: No frame can be scored.
     """
     labelled, answered = ({*side.boxes, *_unread(side)} for side in (truth, results))
     chosen, losses = (labelled | answered, []) if listed is None else _read_list(listed, truth)
@@ -209,7 +209,7 @@ def _no_frames(truth: FrameBoxes, results: FrameBoxes, listed: Path | None) -> U
     )
 
 
-# The frames in which a detector errs most.
+# The frames with the most errors of a detector.
 
 _COUNT = 20
 
@@ -258,8 +258,8 @@ def worst_frames(
     worst = []
     for number, boxes in ground_truth.items():
         labels, predictions = compared(_objects(boxes), _objects(results.get(number, ())), overlaps)
-        missed = _of_verdict(labels, Verdict.FALSE_NEGATIVE, classes)
-        wrong = _of_verdict(predictions, Verdict.FALSE_POSITIVE, classes)
+        missed = _with_verdict(labels, Verdict.FALSE_NEGATIVE, classes)
+        wrong = _with_verdict(predictions, Verdict.FALSE_POSITIVE, classes)
         if missed or wrong:
             wrong.sort(key=weigh, reverse=True)
             penalty = len(missed) + sum(map(weigh, wrong))
@@ -273,7 +273,7 @@ def _objects(boxes: Sequence[Box]) -> list[LabelledObject]:
     return objects_of_boxes(FrameLabels(boxes), Transform.identity())
 
 
-def _of_verdict(
+def _with_verdict(
     objects: Sequence[LabelledObject], verdict: Verdict, classes: Collection[str]
 ) -> list[LabelledObject]:
     return [
@@ -316,7 +316,7 @@ LOOSE = {'car': 0.5, 'pedestrian': 0.25, 'cyclist': 0.25}
 """Overlaps of the second table that most papers print, for boxes on the ground and in space."""
 
 _NO_ANGLE = -10.0
-_NO_PLACE = -1000.0
+_NO_LOCATION = -1000.0
 
 
 @dataclass(frozen=True)
@@ -327,11 +327,11 @@ class DetectionScores:
         scores: Curves by class in lower case, metric (3d, bev, 2d, aos) and Difficulty; r40 and
             r11 of a curve are percent. None where the devkit evaluates nothing: no detection of the
             class has such a box, or, for aos, a detection has the invalid alpha -10.
-        loose: The same with the loose overlaps, in bev and 3d; empty unless requested.
+        loose: Curves with the loose overlaps, in bev and 3d; empty unless requested.
         limits: The overlap above which a detection matches, by class.
         frames: Number of frames that were scored.
         losses: Frames, files and lines that were not scored.
-        notes: Remarks on figures that may surprise, one line each.
+        notes: Unusual figures, one line each.
         worst: The frames with the most errors; None unless requested.
     """
 
@@ -363,7 +363,7 @@ def evaluate_detection(
             folder of a recording with labels.
         results: A folder of result files, NNNNNN.txt, a tracker's file, or a bag.
         progress: Called for each file that is read.
-        options: Those of `kitti-ros2 eval detection --help`, with the same defaults:
+        options: Options of `kitti-ros2 eval detection --help`, with the same defaults:
             classes={'car': 0.7, 'truck': 0.5}, frames='ImageSets/val.txt', loose=True, worst=20.
 
     Returns:
@@ -399,7 +399,7 @@ def score_detection(
         ground_truth: The labels.
         results: Result files, or a bag.
         read: Layout and sequence of the ground truth.
-        options: What is scored.
+        options: Classes, overlaps and frames to score.
         recorded: Options of a bag.
         progress: Called for each file that is read.
 
@@ -463,7 +463,7 @@ def _score_class(
 ) -> dict[str, dict[Difficulty, Curve | None]]:
     """Return the curves of a class by metric and level."""
     spaces = _evaluated(detections, class_name)
-    angles = Space.IMAGE in spaces and not _lacks_angle(detections)
+    angles = Space.IMAGE in spaces and not _has_invalid_alpha(detections)
     by_metric: dict[str, dict[Difficulty, Curve | None]] = {space.value: {} for space in overlaps}
     by_metric |= {ORIENTATION: {}} if Space.IMAGE in overlaps else {}
     for level in Difficulty:
@@ -486,7 +486,7 @@ def _evaluated(detections: ObjectTable, class_name: str) -> set[Space]:
     own = detections.of_classes({class_name})
     if not own.any():
         return {*Space}
-    x, y, z = (detections.location[own] != _NO_PLACE).T
+    x, y, z = (detections.location[own] != _NO_LOCATION).T
     height, width, length = (detections.size_hwl[own] > 0).T
     boxes = {
         Space.IMAGE: detections.box_2d[own, 0] >= 0,
@@ -496,11 +496,11 @@ def _evaluated(detections: ObjectTable, class_name: str) -> set[Space]:
     return {space for space, have in boxes.items() if have.any()}
 
 
-def _lacks_angle(detections: ObjectTable) -> bool:
-    """Whether the devkit computes no AOS, for any class: a detection has alpha -10.
+def _has_invalid_alpha(detections: ObjectTable) -> bool:
+    """Return whether the devkit computes no AOS, for any class: a detection has alpha -10.
 
     Source: compute_aos in loadDetections of evaluate_object.cpp. DontCare lines, which have no
-    place in results but do in labels that are scored as results, are passed over here.
+    place in results but do in labels that are scored as results, are skipped here.
     """
     invalid = (detections.alpha == _NO_ANGLE) & ~detections.of_classes({DONT_CARE.lower()})
     return bool(invalid.any())
@@ -531,7 +531,7 @@ def _figure(curve: Curve | None, name: str) -> float | None:
 
 _PANEL_INCHES = (2.9, 2.3)
 _TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}
-_LOOKS = {
+_LINE_STYLES = {
     Difficulty.EASY: ('#2a9d5c', (0, ())),
     Difficulty.MODERATE: ('#e0861a', (0, (5, 1.5))),
     Difficulty.HARD: ('#c03a4b', (0, (2, 1.2))),
@@ -572,7 +572,7 @@ def _draw(axes: Any, curves: Mapping[Difficulty, Curve | None]) -> None:  # noqa
     recall = 100 * np.arange(SAMPLES) / (SAMPLES - 1)
     for level, curve in curves.items():
         if curve is not None and curve.objects:
-            color, dashes = _LOOKS[level]
+            color, dashes = _LINE_STYLES[level]
             label = f'{level.value} {curve.r40:.2f}'
             axes.plot(recall, 100 * curve.values, color=color, ls=dashes, lw=1.4, label=label)
     if axes.lines:

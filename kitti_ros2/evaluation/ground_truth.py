@@ -64,16 +64,16 @@ class StampMatch(NamedTuple):
         numbers: (M,) of the frame, NONE where the nearest is too far.
         distances_ns: (M,) from the nearest stamp of the frame, nanoseconds.
         offsets_ns: (M,) how much later than the frame they are: 0 at the stamp of a sensor.
-        moment: What they are stamps of; empty: of sensors, or of nothing known.
+        stamped_at: What they are stamps of, such as start of turn; empty for sensors, or unknown.
     """
 
     numbers: Int64Array
     distances_ns: Int64Array
     offsets_ns: Int64Array
-    moment: str = ''
+    stamped_at: str = ''
 
 
-class _Moments(NamedTuple):
+class _StampSeries(NamedTuple):
     """A stamp of each of N frames.
 
     Attributes:
@@ -89,7 +89,7 @@ class _Moments(NamedTuple):
     late_ns: Int64Array
 
     def frames_at(self, stamps_ns: Int64Array, within_ns: int) -> int:
-        """Return how many of the frames have one of (M,) stamps."""
+        """Count the frames that have one of (M,) stamps."""
         nearest, off = nearest_stamps(self.stamps_ns, stamps_ns)
         return len(np.unique(nearest[np.abs(off) <= within_ns]))
 
@@ -104,14 +104,14 @@ class StampedFrames:
     of a turn is also the start of the next, so all stamps of a result are judged together.
 
     Args:
-        samples: Of the sensors, by number of the frame; the first is the moment of the frame.
+        samples: Of the sensors, by number of the frame; the first has the stamp of the frame.
         tolerance_ns: The largest distance from the stamp of a frame.
         turns: By number of the frame.
 
     Attributes:
-        numbers: Of the frames to be answered, ascending.
+        numbers: Numbers of the frames with expected results, ascending.
         stamps_ns: (N,) those of the samples, ascending.
-        tolerance_ns: As given.
+        tolerance_ns: The largest distance from the stamp of a frame.
         first_ns: The stamp of the first frame.
     """
 
@@ -128,10 +128,10 @@ class StampedFrames:
         self._first_of: dict[int, int] = {}
         for number, stamp in zip(self._numbers.tolist(), self.stamps_ns.tolist(), strict=True):
             self._first_of.setdefault(number, stamp)
-        self._known, first = np.unique(numbers, return_index=True)
-        self._moments_ns = stamps[first]
-        self._moments = _moments_of(samples, turns or {})
-        self.numbers: list[int] = self._known.tolist()
+        self._frame_numbers, first = np.unique(numbers, return_index=True)
+        self._reference_ns = stamps[first]
+        self._frame_stamps = _stamps_of(samples, turns or {})
+        self.numbers: list[int] = self._frame_numbers.tolist()
         self.first_ns = int(self.stamps_ns[0])
         self.tolerance_ns = tolerance_ns
 
@@ -139,9 +139,9 @@ class StampedFrames:
         """Return the first stamp of a frame."""
         return self._first_of[number]
 
-    def moment_of(self, number: int) -> int:
+    def reference_stamp_of(self, number: int) -> int:
         """Return the stamp of a frame: that of its scan, or of the first of its other samples."""
-        return int(self._moments_ns[np.searchsorted(self._known, number)])
+        return int(self._reference_ns[np.searchsorted(self._frame_numbers, number)])
 
     def match(self, stamps_ns: Int64Array, tolerance_ns: int | None = None) -> StampMatch:
         """Match the stamps of a result to frames.
@@ -153,11 +153,11 @@ class StampedFrames:
         tolerance = self.tolerance_ns if tolerance_ns is None else tolerance_ns
         indices, off = nearest_stamps(self.stamps_ns, stamps_ns)
         distances, nearest = np.abs(off), self._numbers[indices]
-        offsets = stamps_ns - self._moments_ns[np.searchsorted(self._known, nearest)]
+        offsets = stamps_ns - self._reference_ns[np.searchsorted(self._frame_numbers, nearest)]
         numbers = np.where(distances <= tolerance, nearest, NONE)
         rounded = min(ROUNDED_NS, tolerance)
         frames, best = max(
-            ((stamps.frames_at(stamps_ns, rounded), stamps) for stamps in self._moments),
+            ((stamps.frames_at(stamps_ns, rounded), stamps) for stamps in self._frame_stamps),
             key=lambda pair: pair[0],
         )
         if 2 * frames < min(len(stamps_ns), len(self.numbers)):
@@ -223,7 +223,7 @@ def _stamped_by(
     Args:
         recording: The recording.
         streams: the first has the numbers of frames where others have their own.
-        tolerance_ns: As frames_of.
+        tolerance_ns: See frames_of.
     """
     used = [recording.streams[stream] for stream in streams]
     if tolerance_ns is None:
@@ -233,7 +233,7 @@ def _stamped_by(
     return StampedFrames(used, tolerance_ns, _turns(recording))
 
 
-def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> list[_Moments]:
+def _stamps_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> list[_StampSeries]:
     """Return the samples of each sensor, and starts and ends of turns."""
     none = np.zeros(1, dtype=np.int64)
     stamps = [('', index.numbers, index.stamps_ns, none) for index in samples]
@@ -249,14 +249,14 @@ def _moments_of(samples: Sequence[StreamIndex], turns: Mapping[int, Turn]) -> li
 
 def _in_order(
     name: str, numbers: Int64Array, stamps_ns: Int64Array, late_ns: Int64Array
-) -> _Moments:
+) -> _StampSeries:
     order = np.argsort(stamps_ns, kind='stable')
     late = np.broadcast_to(late_ns, order.shape)
-    return _Moments(name, numbers[order], stamps_ns[order], late[order])
+    return _StampSeries(name, numbers[order], stamps_ns[order], late[order])
 
 
 def _turns(recording: NumberedRecording) -> Mapping[int, Turn]:
-    """Return the turns of a recording, also of scans that it has not, or that are compensated.
+    """Return the turns of a recording, also of missing and of compensated scans.
 
     Its scans may have been played with --undo-deskew.
     """
@@ -299,7 +299,7 @@ class GroundTruth:
 
     Attributes:
         name: Sequence or drive, such as 09.
-        trajectory: Of camera 0, in its first frame.
+        trajectory: Poses of camera 0, in its first frame.
         frames: Its frames by stamp; None without stamps.
         links: Static transforms up to camera 0; empty without a calibration.
         epoch_ns: Stamp of second 0 in recordings without absolute time; None for others.
@@ -316,7 +316,7 @@ def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
     """Read a poses file; stamps and calibration are read from the folder of its sequence, if any.
 
     Raises:
-        KittiRos2Error: It holds no poses.
+        KittiRos2Error: There are no poses.
         OSError: It cannot be read.
     """
     trajectory = read_trajectory(path)
@@ -411,11 +411,11 @@ class FrameBoxes:
     Attributes:
         source: The file or folder.
         boxes: By frame number, ascending; a frame may have none.
-        complete: Whether frames that are not in boxes have no objects, as in a tracker's file;
-            otherwise nothing is known of them.
+        complete: True if frames that are not in boxes have no objects, as in a tracker's file;
+            otherwise they are unknown.
         losses: Lines and files that could not be read.
-        notes: Other remarks, one line each.
-        frames: How the frames are named.
+        notes: One line each.
+        frames: The names of the frames.
     """
 
     source: Path
@@ -438,10 +438,10 @@ def read_boxes(
         path: See ResultFiles.
         stream: For losses: invalid lines and files.
         progress: Called for each frame.
-        frames: How the frames of the labels are named.
+        frames: The names of the labels' frames.
 
     Raises:
-        UsageError: The path contains no such files; the message says what to give.
+        UsageError: The path contains no such files; the message contains the remedy.
         BadFileError: A tracker's file is no text, or has no frame numbers.
         OSError: A tracker's file cannot be read.
     """
@@ -477,7 +477,7 @@ def read_ground_truth(
         progress: Called for each frame.
 
     Raises:
-        KittiRos2Error: There are no labels; the message says what to give.
+        KittiRos2Error: There are no labels; the message contains the remedy.
     """
     if not path.exists():
         raise MissingPathError(path)
@@ -493,7 +493,7 @@ def read_ground_truth(
 
 
 def holds_bag(path: Path) -> bool:
-    """Whether a path is a bag; a text file named .txt is none, even if it is empty."""
+    """Return whether a path is a bag; a text file named .txt is none, even if it is empty."""
     return path.suffix != TXT and is_bag(path)
 
 
@@ -523,8 +523,8 @@ def recording_of(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
     """Return the path of the recording that labels belong to, and the options to open it.
 
     Args:
-        path: As given to read_ground_truth.
-        options: The same.
+        path: See read_ground_truth.
+        options: See read_ground_truth.
     """
     whole = path.absolute()
     if whole.name == TRACKING_LABELS:

@@ -66,14 +66,14 @@ if TYPE_CHECKING:
     from ..player.run import LivePlayer
 
 
-# Scores of a run: what is checked before it, and the evaluation of its results after it.
+# Scores of a run: checks before it, and the evaluation of its results after it.
 
 if TYPE_CHECKING:
     OptionValues = Mapping[str, object]
 
 
 def check_task(task: str, source: Path, played: OptionValues) -> None:
-    """Check that results can be scored: there is ground truth, and what is needed is installed.
+    """Check that results can be scored: ground truth exists, and required packages are installed.
 
     Args:
         task: The evaluation.
@@ -83,7 +83,7 @@ def check_task(task: str, source: Path, played: OptionValues) -> None:
     Raises:
         KittiRos2Error: They cannot.
     """
-    _TASKS[task].check(source, _of_truth(task, played))
+    _TASKS[task].check(source, _truth_options(task, played))
 
 
 def score_results(
@@ -91,7 +91,7 @@ def score_results(
 ) -> Any:  # noqa: ANN401 - DetectionScores, TrackingScores or OdometryScores
     """Score the results in a bag with the ground truth of a source.
 
-    Losses that concern frames without an answer are left out: those of the run name them.
+    Losses of frames without an answer are left out: the run has them already.
 
     Args:
         task: The evaluation.
@@ -99,9 +99,9 @@ def score_results(
         bag: The results.
         played: The options of the player.
         run: The run, whose frames are scored.
-        align: How poses are aligned; None is the default.
+        align: Alignment of poses; None is the default.
     """
-    values = {**_of_truth(task, played), 'topic': run.topic}
+    values = {**_truth_options(task, played), 'topic': run.topic}
     if task == 'odometry':
         values['align'] = align
     scores = _TASKS[task].score(source, bag, values, run)
@@ -110,8 +110,8 @@ def score_results(
     return replace(scores, losses=tuple(loss for loss in losses if loss is not None))
 
 
-def _of_truth(task: str, played: OptionValues) -> OptionValues:
-    """Return the options of the player that are those of the ground truth, too."""
+def _truth_options(task: str, played: OptionValues) -> OptionValues:
+    """Select the options of the player that also apply to the ground truth."""
     names = {'sequence'} if task == 'tracking' else {'layout', 'sequence'}
     return {name: value for name, value in played.items() if name in names}
 
@@ -166,19 +166,19 @@ _TASKS = {
 }
 
 
-# What happened in a run of a stack: its answers; what it did not answer, as losses and notes.
+# A run of a stack: its answers; frames without an answer, as losses and notes.
 
 
 @dataclass
 class LiveRun:
-    """What happened in a run.
+    """The course of a run.
 
     Attributes:
         answers: The answers of the stack.
         topic: The topic with its results.
         msgtype: The type of the topic.
-        losses: What the stack did not answer, and what could not be played.
-        notes: Other remarks, one line each.
+        losses: Frames without an answer, and data that could not be played.
+        notes: One line each.
     """
 
     answers: Answers
@@ -194,8 +194,8 @@ class LiveRun:
         return tuple(number for number in self.answers.frames() if number not in answered)
 
 
-def why_nothing(run: LiveRun, problem: str) -> str:
-    """Describe why no frame was answered; problem is what ended the run, empty for nothing."""
+def describe_no_answer(run: LiveRun, problem: str) -> str:
+    """Describe why no frame was answered; problem is the reason of an early end, or empty."""
     answers = run.answers
     frames = format_count(len(answers.frames()), 'frame')
     said = f'{run.topic}: no frame was answered ({frames} sent)'
@@ -206,12 +206,12 @@ def why_nothing(run: LiveRun, problem: str) -> str:
     return f'{said}; {_describe_strays(answers)}' if answers.strays else said
 
 
-def enter_losses(run: LiveRun, problem: str, total: int) -> None:
-    """Enter what was not sent or answered into the losses and notes of a run.
+def add_losses(run: LiveRun, problem: str, total: int) -> None:
+    """Add unsent and unanswered frames to the losses and notes of a run.
 
     Args:
-        run: With its answers.
-        problem: What ended the run early, empty for nothing.
+        run: The run.
+        problem: The reason of an early end, empty without one.
         total: Number of frames to send.
     """
     answers = run.answers
@@ -250,11 +250,11 @@ def _describe_strays(answers: Answers) -> str:
 # The process of a node under test, in a process group of its own.
 
 _STOPS = ((signal.SIGINT, 8.0), (signal.SIGTERM, 4.0), (signal.SIGKILL, 2.0))
-"""How a node is stopped, each signal with the seconds until the next one."""
+"""Signals that stop a node, each with the seconds until the next one."""
 _SHELL = re.compile(r'^\s*(source|export|cd|\.|\w+=\S*)\s|[;&|<>]')
 _SHELL_HINT = '; no shell interprets it: for what a shell does, give "bash -c \'...\'"'
 _NO_SIGNAL = 0  # only checks whether there is a process
-_LOOK_EVERY_S = 0.02
+_POLL_S = 0.02
 _LAST_OUTPUT_S = 0.5
 
 
@@ -267,7 +267,7 @@ class NodeProcess:
 
     Args:
         command: Its words as for a shell; no shell interprets it.
-        show: Called with each line of its output, from another thread.
+        show: Called with each line of output, from another thread.
 
     Raises:
         UsageError: The command is invalid, or cannot be started.
@@ -305,7 +305,7 @@ class NodeProcess:
         self.stop()
 
     def ended(self) -> str:
-        """Return how it ended and the last line of its output; empty while it runs."""
+        """Describe the exit and the last line of output; empty while it runs."""
         code = self._process.poll()
         if code is None:
             return ''
@@ -331,7 +331,7 @@ class NodeProcess:
         while self._signal(_NO_SIGNAL):
             if time.monotonic() > end:
                 return False
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_S)
         return True
 
     def _signal(self, number: int) -> bool:
@@ -374,10 +374,10 @@ def record_run(
 
     Args:
         source: A KITTI folder or a bag.
-        options: Those of the run.
-        played: Those of the player, by name.
+        options: Options of the run.
+        played: Options of the player, by name.
         bag: The bag to write.
-        accept: Called with the type of the topic; raises an error if it cannot be scored.
+        accept: Called with the type of the topic; raises if it cannot be scored.
         show: Called with each line of the node's output.
         progress: Called with the numbers of answered frames and of all.
 
@@ -393,7 +393,7 @@ def record_run(
         open_live_player(source, played, options.wait_for, answers) as player,
         nullcontext() if options.node is None else NodeProcess(options.node, show) as node,
     ):
-        stage = _Stage(player, node, options, writer, answers, accept)
+        stage = _LiveSession(player, node, options, writer, answers, accept)
         try:
             stage.wait_until_ready()
             stage.play(progress)
@@ -404,7 +404,7 @@ def record_run(
     return stage.run
 
 
-class _Stage:
+class _LiveSession:
     """The player, the node and the bag of a run."""
 
     def __init__(
@@ -437,12 +437,12 @@ class _Stage:
         """
         self._refuse_own_topic()
         end = time.monotonic() + self._options.start_timeout_ns / NS_PER_S
-        while not (self._hears() and not self._player.playback.state().waiting):
+        while not (self._connect_topic() and not self._player.playback.state().waiting):
             if self._node is not None and (how := self._node.ended()):
                 raise StackError(f'the node ended before the first frame: {how}')
             if time.monotonic() > end:
-                raise StackError(self._what_is_missing())
-            time.sleep(_LOOK_EVERY_S)
+                raise StackError(self._describe_missing())
+            time.sleep(_POLL_S)
         topic = self._options.topic
         if (publishers := self._player.count_publishers(topic)) > 1:
             self.run.notes.append(f'{topic} has {publishers} publishers: their results are mixed')
@@ -450,7 +450,7 @@ class _Stage:
             self._record(channel)
 
     def play(self, progress: Progress) -> None:
-        """Play everything and wait for the last answer; what went wrong becomes a loss.
+        """Play everything and wait for the last answer; problems become losses.
 
         Raises:
             StackError: The stack has answered no frame.
@@ -461,7 +461,7 @@ class _Stage:
         player.playback.resume()
         problem = ''
         while not (problem or player.error or (player.ended.is_set() and answers.all_in())):
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_S)
             progress(len(answers.latencies_ns), total)
             problem = self._problem()
         player.playback.stop()
@@ -469,12 +469,12 @@ class _Stage:
         if player.error is not None:
             raise player.error
         if not answers.latencies_ns:
-            raise StackError(why_nothing(self.run, problem))
-        enter_losses(self.run, problem, total)
+            raise StackError(describe_no_answer(self.run, problem))
+        add_losses(self.run, problem, total)
         for reason, lost in player.session.counts.dropped.items():
             self.run.losses.append(Loss('player', max(1, lost), reason))
 
-    def _hears(self) -> bool:
+    def _connect_topic(self) -> bool:
         """Subscribe to the topic once it has a publisher; return whether it is connected."""
         topic = self._options.topic
         msgtypes = [] if self.run.msgtype else self._player.types_of(topic)
@@ -520,7 +520,7 @@ class _Stage:
             self._recording = False
 
     def _problem(self) -> str:
-        """Return why the run cannot continue; empty if it can."""
+        """Describe why the run cannot continue; empty if it can."""
         answers = self._answers
         if self._error is not None:
             raise self._error
@@ -538,7 +538,7 @@ class _Stage:
         if self._options.topic in topics:
             raise UsageError(f'{self._options.topic} is played itself; give a topic of the node')
 
-    def _what_is_missing(self) -> str:
+    def _describe_missing(self) -> str:
         topic, seconds = self._options.topic, self._options.start_timeout_ns / NS_PER_S
         if not self._player.hears(topic):
             others = self._player.others()
@@ -585,16 +585,16 @@ class LiveScores:
     """The scores of a running stack.
 
     Attributes:
-        task: What was scored: detection, odometry or tracking.
-        scores: As the function of that evaluation returns them, such as DetectionScores.
-        frames: Number of frames that the stack was sent.
-        missing: The numbers of those that it did not answer.
-        stragglers: Answers that came after the answer to a later frame.
-        latency: Of the answers.
+        task: The evaluation: detection, odometry or tracking.
+        scores: The result of that evaluation, such as DetectionScores.
+        frames: Number of frames sent.
+        missing: Numbers of the frames without an answer.
+        stragglers: Number of answers received after the answer to a later frame.
+        latency: Latency of the answers.
         latencies_ns: By frame, nanoseconds.
         bag: The bag of the results, if it is kept.
-        losses: What was not answered or not played, and what could not be scored.
-        notes: Other remarks, one line each.
+        losses: Frames without an answer, and data that was not played or scored.
+        notes: One line each.
     """
 
     task: str
@@ -610,14 +610,14 @@ class LiveScores:
 
 
 def evaluate_live(source: str | os.PathLike[str], **options: Unpack[LiveKeywords]) -> LiveScores:
-    """Play a recording to a stack, score what it says, and measure its latency.
+    """Play a recording to a stack, score its results, and measure its latency.
 
     The player is lossless: it sends a frame when the one before is answered, with /clock. The
     command of `node` runs in a process group of its own and is stopped at the end.
 
     Args:
         source: A KITTI folder or a bag, with ground truth.
-        options: Those of `kitti-ros2 eval live --help`, with the same defaults; topic is required.
+        options: Options of `kitti-ros2 eval live --help`, same defaults; topic is required.
 
     Returns:
         The scores. Each loss is also a KittiRos2Warning.
@@ -638,12 +638,12 @@ def run_live(
     show: Callable[[bytes], object] = lambda _: None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> LiveScores:
-    """Do the same with options that are made already.
+    """Run evaluate_live with parsed options.
 
     Args:
         source: A KITTI folder or a bag.
-        options: Those of the run.
-        played: Those of the player, by name.
+        options: Options of the run.
+        played: Options of the player, by name.
         show: Called with each line of the node's output, from another thread.
         progress: Called with the numbers of answered frames and of all.
     """

@@ -12,7 +12,7 @@ eval_class). Its rules, in the order of the code:
   Person_sitting for Pedestrian), are ignored: they are no misses, and a detection on one of them is
   neither right nor wrong. Labels of other classes do not exist.
 - A detection lower than 40, 25 or 25 px is ignored, of whatever class it is: the devkit looks at
-  the height first. It may take a label, which is then neither found nor missed.
+  the height first. It may match a label, which is then neither detected nor missed.
 - Labels choose among the detections left over by earlier lines of the file. Detections that
   overlap by the limit exactly do not match.
 - First all labels choose the detection of the highest score, the first line of equals. The scores
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 
 
 SAMPLES = 41
-"""Of recall, 0 to 1."""
+"""Number of samples of recall, 0 to 1."""
 _STEP_R11 = 4
 _COUNTED, _IGNORED, _OTHER = 0, 1, -1
 _LEAST_SCORE = -10_000_000.0
@@ -152,7 +152,7 @@ def evaluate_class(objects: ClassObjects, overlaps: Overlaps, limit: float) -> C
 
     Args:
         objects: The objects that concern it.
-        overlaps: Of all labels and detections, in one space.
+        overlaps: Overlaps of all labels and detections, in one space.
         limit: The overlap above which a detection matches.
     """
     label, detection, overlap = (column[overlaps.overlap > limit] for column in overlaps)
@@ -178,7 +178,7 @@ def sample_scores(scores: Sequence[float], objects: int) -> list[float]:
     """Return the scores at which recall is nearest to 0, 1/40, ... 1; getThresholds of the devkit.
 
     Args:
-        scores: Of the true positives.
+        scores: Scores of the true positives.
         objects: Number of labels that count.
     """
     ordered = sorted(scores, reverse=True)
@@ -201,7 +201,7 @@ def _count_from(thresholds: Float64Array, objects: ClassObjects, covered: BoolAr
 
 
 class _Candidates:
-    """The pairs of a label and a detection that match, and how labels choose among them."""
+    """The candidate pairs of a label and a detection, and the choice of labels among them."""
 
     def __init__(
         self,
@@ -245,7 +245,7 @@ class _Candidates:
         return right.sum(axis=0), similarity @ right, counted
 
     def _choose(self, order: Int64Array, exists: BoolArray) -> BoolArray:
-        """Let each label take its first free pair; return (P, T) which pairs are taken.
+        """Match each label to its first free pair; return (P, T) the matched pairs.
 
         The n-th pairs of all frames are done at once: they have no label or detection in common.
 
@@ -272,7 +272,7 @@ def _all_free(indices: Int64Array, columns: int) -> tuple[BoolArray, Int64Array]
 
 
 def _nth_of_each(groups: Int64Array) -> list[Int64Array]:
-    """Return the places of the first of each group, of the second, ...; groups are ascending."""
+    """Return the indices of the first of each group, of the second, ...; groups are ascending."""
     if not len(groups):
         return []
     starts = np.flatnonzero(np.r_[True, groups[1:] != groups[:-1]])
@@ -425,8 +425,8 @@ class Overlaps(NamedTuple):
     overlap: Float64Array
 
 
-class _Shares(NamedTuple):
-    """(P,) areas or volumes of labels, of detections, and of what they have in common."""
+class _Areas(NamedTuple):
+    """(P,) areas or volumes of labels, of detections, and of their intersections."""
 
     label: Float64Array
     detection: Float64Array
@@ -455,7 +455,7 @@ def _joined(parts: list[Overlaps]) -> Overlaps:
     return Overlaps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mapping[Space, _Shares]:
+def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mapping[Space, _Areas]:
     first, second = labels.box_2d[pairs.label], detections.box_2d[pairs.detection]
     ground = _ground_shares(labels, detections, pairs)
     heights = labels.size_hwl[pairs.label, 0], detections.size_hwl[pairs.detection, 0]
@@ -464,13 +464,13 @@ def _shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> Mappi
         bottoms[0] - heights[0], bottoms[1] - heights[1]
     )
     return {
-        Space.IMAGE: _Shares(
+        Space.IMAGE: _Areas(
             _area(first[:, 2:] - first[:, :2]),
             _area(second[:, 2:] - second[:, :2]),
             shared_areas_2d(first, second),
         ),
         Space.GROUND: ground,
-        Space.SOLID: _Shares(
+        Space.SOLID: _Areas(
             heights[0] * ground.label,
             heights[1] * ground.detection,
             ground.common * np.maximum(common_height, 0.0),
@@ -483,8 +483,8 @@ def _area(sides: Float64Array) -> Float64Array:
     return area
 
 
-def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> _Shares:
-    """Return the areas on the ground; those of far pairs have nothing in common."""
+def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -> _Areas:
+    """Return the areas on the ground; far pairs have no intersection."""
     first, second = _footprints(labels), _footprints(detections)
     reach = [np.hypot(footprints[:, 2], footprints[:, 3]) / 2 for footprints in (first, second)]
     apart = first[pairs.label, :2] - second[pairs.detection, :2]
@@ -492,7 +492,7 @@ def _ground_shares(labels: ObjectTable, detections: ObjectTable, pairs: Pairs) -
     common = np.zeros(len(pairs.label))
     common[near] = intersect_rectangles(first[pairs.label[near]], second[pairs.detection[near]])
     areas = [np.abs(_area(footprints[:, 2:4])) for footprints in (first, second)]
-    return _Shares(areas[0][pairs.label], areas[1][pairs.detection], common)
+    return _Areas(areas[0][pairs.label], areas[1][pairs.detection], common)
 
 
 def _footprints(table: ObjectTable) -> Float64Array:
@@ -526,7 +526,7 @@ def _corners_in(first: Float64Array, second: Float64Array) -> Float64Array:
     return np.array([u, v])
 
 
-# Remarks on results whose figures may surprise, each with its reason in the benchmark's rules.
+# Notes on unusual figures, each with its reason in the benchmark's rules.
 
 _MOST_CELLS = 4
 _NO_SIZE = -1.0
@@ -543,7 +543,7 @@ def left_out_note(count: int) -> tuple[str, ...]:
 def notes_on(
     scores: Scores, results: FrameBoxes, labels: ObjectTable, detections: ObjectTable
 ) -> Iterator[str]:
-    """Yield remarks on the scores of some results."""
+    """Yield notes on the scores of some results."""
     unknown = labels.of_classes({*scores}) & (labels.occluded == UNKNOWN_OCCLUSION)
     yield from left_out_note(int(np.count_nonzero(unknown)))
     unscored = sum(box.score is None for boxes in results.boxes.values() for box in boxes)
@@ -576,7 +576,7 @@ def notes_on(
 
 
 def _invalid_boxes(results: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
-    """Yield remarks on boxes that match no label, whatever they are compared with."""
+    """Yield notes on invalid boxes, which match no label."""
     left, top, right, bottom = detections.box_2d.T
     sizes = detections.size_hwl
     counts = {

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 __all__ = ['OdometryScores', 'evaluate_odometry']
 
 
-# Opens the ground truth and the result of an evaluation, whose kinds are detected.
+# Opening of the ground truth and the result of an evaluation, whose kinds are detected.
 
 _EXPECTED = 'a result is a poses file, a TUM file or a bag'
 
@@ -145,7 +145,7 @@ def _open_bag_result(
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a path is a file and no bag.
+    """Return whether a path is a file and no bag.
 
     Raises:
         BadFileError: It is empty.
@@ -178,10 +178,10 @@ class FrameMatch:
 
     Attributes:
         indices: (N,) index of the pose of each frame of the ground truth, NONE where it has none.
-        by: What they are matched by, for users.
+        by: The criterion of the match, for users.
         offsets_ns: (N,) how much later than its frame each pose is; None without stamps.
         losses: Frames without a pose, and poses without a frame.
-        notes: Remarks that are no loss.
+        notes: One line each.
     """
 
     indices: Int64Array
@@ -281,8 +281,8 @@ def _by_stamp(
     indices, offsets_ns = np.full((2, len(numbers)), [[NONE], [0]], dtype=np.int64)
     indices[frame_indices], offsets_ns[frame_indices] = used, match.offsets_ns[used]
     by = f'stamp, at most {np.abs(offsets_ns).max() / 1e6:.1f} ms apart'
-    if match.moment:
-        by = f'stamp ({match.moment})'
+    if match.stamped_at:
+        by = f'stamp ({match.stamped_at})'
     true_ns = truth.trajectory.stamps_ns
     if true_ns is not None and (np.diff(true_ns) <= 0).any():
         text = 'stamps are not ascending; poses are compared with those of their frames as they are'
@@ -292,7 +292,7 @@ def _by_stamp(
 
 
 def _nearest_poses(numbers: Int64Array, match: StampMatch) -> tuple[Int64Array, Int64Array]:
-    """Return the places of the frames that have poses, and the nearest pose of each."""
+    """Return the indices of the frames that have poses, and the nearest pose of each."""
     frame_indices = np.minimum(np.searchsorted(numbers, match.numbers), len(numbers) - 1)
     order = np.argsort(np.abs(match.offsets_ns), kind='stable')
     order = order[numbers[frame_indices[order]] == match.numbers[order]]
@@ -305,7 +305,7 @@ def poses_at_frames(
 ) -> Float64Array:
     """Return (N, 4, 4) poses of a result at the frames of a ground truth.
 
-    A pose is that of the moment of its stamp, which may be another one than that of its frame: the
+    A pose is valid at its stamp, which may differ from that of its frame: the
     start of the scanner's turn is half a turn earlier. So it is moved along with the truth, by the
     true motion from its stamp to the frame, which is to compare it with the truth at its stamp. The
     result itself is not interpolated, and frames without a pose remain without.
@@ -354,10 +354,10 @@ class OdometryScores:
         distances_m: (N,) along the ground truth up to each frame.
         segments: KITTI's segment errors.
         errors: APE and RPE of the frames with a result.
-        alignment: How the result was aligned for APE and RPE; segments have its scale, too.
-        matched_by: What poses and frames were matched by.
-        losses: What was missing or could not be used.
-        notes: Remarks that are no loss.
+        alignment: Alignment of the result for APE and RPE; segments have its scale, too.
+        matched_by: The criterion by which poses and frames were matched.
+        losses: Missing or unusable data.
+        notes: One line each.
     """
 
     name: str
@@ -409,7 +409,7 @@ def evaluate_odometry(
         result: A poses file (12 columns, or 13 with the frame number first), a TUM file or a bag.
         frames: Numbers of the frames to score, such as those that were played; None is all. Only
             these are losses if they have no pose.
-        options: Those of `kitti-ros2 eval odometry --help`, with the same defaults:
+        options: Options of `kitti-ros2 eval odometry --help`, with the same defaults:
             topic='/odom', tf=['odom', 'base_link'], frame='velo_link', align='se3',
             tolerance=0.02, sequence='09'.
 
@@ -496,7 +496,7 @@ def _scaled_poses(
 
 
 def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
-    """Return the reason why there are no figures of KITTI's, if there are none."""
+    """Return a note with the reason if there are no KITTI segments."""
     if len(segments):
         return ()
     reason = f'the ground truth is {length_m:.1f} m long, and the shortest {LENGTHS_M[0]} m'
@@ -505,7 +505,7 @@ def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:
     return (f"there are no segments of KITTI's: {reason}",)
 
 
-# Draws a scored trajectory: the paths from above, and the errors.
+# Drawing of a scored trajectory: the paths from above, and the errors.
 #
 # Axes are those of matplotlib.
 

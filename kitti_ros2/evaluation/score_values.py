@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scores as plain values, for JSON, and what is collected from them."""
+"""Scores as plain values, for JSON, and the combined scores of several results."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def tracking_values(scores: TrackingScores) -> dict[str, object]:
     }
 
 
-# Scores of several results, read from JSON: their figures, and those of all together.
+# Combined scores of several results, read from JSON.
 #
 # KITTI's errors of a trajectory are means over the segments of all sequences, and APE and RPE are
 # roots of mean squares over their frames, so both follow from the figures of single sequences and

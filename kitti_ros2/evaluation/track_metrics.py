@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Box
 
 
-# The classes of results as KITTI's.
+# Mapping of the classes of results to KITTI's.
 
 CLASSES = ('Car', 'Van', 'Truck', 'Pedestrian', 'Person_sitting', 'Cyclist', 'Tram', 'Misc')
 """The classes of KITTI's labels; those of tracking have Person for Person_sitting."""
@@ -45,18 +45,18 @@ _PUNCTUATION = re.compile(r'[\s()_-]+')
 
 
 class ClassMap:
-    """Maps the classes of results to KITTI's, and counts those without one.
+    """Maps the classes of results to KITTI's, and counts unmapped ones.
 
     Args:
         class_map: KITTI's class by the name or numeric id of a class; an empty one leaves its boxes
             out, and the name * stands for all other classes.
-        classes: Classes that stand for themselves, in any case and with any blanks or brackets.
+        classes: KITTI's own classes, matched in any case and with any blanks or brackets.
     """
 
     def __init__(self, class_map: Mapping[str, str], classes: Iterable[str] = CLASSES) -> None:
-        self._known = {_word(name): name for name in classes}
-        self._given = {own: self._known.get(_word(name), name) for own, name in class_map.items()}
-        self._known |= {_word(name): name for name in self._given.values() if name}
+        self._kitti = {_word(name): name for name in classes}
+        self._map = {own: self._kitti.get(_word(name), name) for own, name in class_map.items()}
+        self._kitti |= {_word(name): name for name in self._map.values() if name}
         self._unknown: Counter[str] = Counter()
 
     def find(self, *names: str) -> str:
@@ -65,13 +65,13 @@ class ClassMap:
         Empty for a box that is left out.
         """
         for name in names:
-            if name in self._given:
-                return self._given[name]
+            if name in self._map:
+                return self._map[name]
         for name in names:
-            if _word(name) in self._known:
-                return self._known[_word(name)]
-        if _OTHERS in self._given:
-            return self._given[_OTHERS]
+            if _word(name) in self._kitti:
+                return self._kitti[_word(name)]
+        if _OTHERS in self._map:
+            return self._map[_OTHERS]
         self._unknown[next(filter(None, names), '')] += 1
         return ''
 
@@ -98,7 +98,7 @@ def _word(name: str) -> str:
     return _PUNCTUATION.sub('_', name).strip('_').lower()
 
 
-# The boxes of tracks that are compared: of label_02, of a tracker's files, or of a bag.
+# The boxes of tracks from label_02, a tracker's files, or a bag.
 
 SCORED = ('car', 'pedestrian')
 """The classes of KITTI's tracking benchmark."""
@@ -115,7 +115,7 @@ _OF_TRUTH = {
     'person_sitting': 'person',
     _REGION: _REGION,
 }
-"""By class of a label that of TrackEval; other labels have no part in the benchmark."""
+"""TrackEval's class by the class of a label; other labels are ignored."""
 
 
 class TrackBox(NamedTuple):
@@ -131,8 +131,8 @@ class TrackBoxes(NamedTuple):
     """The boxes of a sequence.
 
     Attributes:
-        boxes: Of classes that have a part in the benchmark.
-        losses: Lines that could not be used.
+        boxes: Boxes of the benchmark's classes.
+        losses: Unusable lines.
         others: Number of boxes of KITTI's other classes.
     """
 
@@ -160,7 +160,7 @@ def read_truth(path: Path, length: int) -> TrackBoxes:
     """
     rows, losses = _read_rows(path, 'ground truth')
     boxes = [(row, box, _OF_TRUTH.get(box.class_name.lower(), '')) for row, box in rows.items()]
-    regions = [_made(box, name) for _, box, name in boxes if name == _REGION]
+    regions = [_track_box_of(box, name) for _, box, name in boxes if name == _REGION]
     objects = [line for line in boxes if line[2] not in {'', _REGION}]
     tracked, lost = _tracked(objects, path, 'ground truth', length)
     inside = [region for region in regions if 0 <= region.frame < length]
@@ -236,7 +236,7 @@ def _tracked(
     tracked: dict[tuple[str, int, int], TrackBox] = {}
     untracked, beyond = 0, Counter[int]()
     for row, box, name in classified:
-        track_box = _made(box, name)
+        track_box = _track_box_of(box, name)
         if track_box.track_id < 0:
             untracked += 1
         elif not 0 <= track_box.frame < length:
@@ -258,7 +258,7 @@ def _tracked(
     return list(tracked.values()), [loss for loss in lost if loss.count]
 
 
-def _made(box: Box, class_name: str) -> TrackBox:
+def _track_box_of(box: Box, class_name: str) -> TrackBox:
     track_id = -1 if box.track_id is None else box.track_id
     return TrackBox(class_name, -1 if box.frame is None else box.frame, track_id, box)
 
@@ -286,10 +286,10 @@ class TrackedSequence(NamedTuple):
     """A sequence with its tracks.
 
     Attributes:
-        name: Such as 0000.
+        name: Sequence, such as 0000.
         length: Number of frames.
         truth: The labels.
-        tracks: Those of the tracker.
+        tracks: The boxes of the tracker.
     """
 
     name: str
@@ -302,8 +302,8 @@ class TrackFigures(NamedTuple):
     """Figures by class and by TrackEval's name: counts, or percent; None if no side has the class.
 
     Attributes:
-        combined: Of all sequences together.
-        by_sequence: Of each sequence.
+        combined: Figures of all sequences together.
+        by_sequence: Figures of each sequence.
         parts: TrackEval's results by sequence, class and metric, of which combined is made.
     """
 
@@ -351,7 +351,7 @@ def score_sequences(
 def _evaluate(
     root: Path, names: Sequence[str], progress: Callable[[int, int], None]
 ) -> TrackFigures:
-    """Do what Evaluator.evaluate of TrackEval does, without its output."""
+    """Evaluate as TrackEval's Evaluator.evaluate, without its output."""
     library = load_trackeval()
     dataset = library.datasets.Kitti2DBox(
         {
@@ -384,7 +384,7 @@ def combine_parts(parts: TrackParts) -> dict[str, Figures]:
     """Return the figures of several sequences together, by class.
 
     Args:
-        parts: As in TrackFigures; lists in place of arrays, such as of JSON, are accepted.
+        parts: See TrackFigures; lists in place of arrays, such as of JSON, are accepted.
     """
     metrics = _metrics(load_trackeval())
     return {
@@ -480,7 +480,7 @@ def _words(track: TrackBox, numbers: Mapping[int, int]) -> Iterable[str]:
 
 
 def load_trackeval() -> Any:  # noqa: ANN401 - without types
-    """Import TrackEval, without its remarks on data sets of other benchmarks."""
+    """Import TrackEval, without its output on data sets of other benchmarks."""
     with redirect_stdout(StringIO()):
         import trackeval  # noqa: PLC0415 - an extra
     return trackeval

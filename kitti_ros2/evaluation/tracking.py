@@ -61,7 +61,7 @@ class TruthSequence(NamedTuple):
     """A sequence with labels.
 
     Attributes:
-        name: Such as 0000.
+        name: Sequence, such as 0000.
         labels: Its file in label_02.
         length: Number of frames.
         recording: The sequence, open.
@@ -77,12 +77,12 @@ class ResultSource(NamedTuple):
     """The results of a tracker.
 
     Attributes:
-        path: As given.
-        sequences: Those with results, at least one.
-        files: By sequence the file of its tracks.
+        path: The requested path.
+        sequences: Sequences with results, at least one.
+        files: File of tracks by sequence.
         frames: Boxes by frame of the only sequence, None for files.
         losses: Sequences without results, and the losses of a bag.
-        notes: Remarks.
+        notes: One line each.
     """
 
     path: Path
@@ -98,7 +98,7 @@ def find_sequences(path: Path, read: ReadOptions) -> list[TruthSequence]:
 
     Args:
         path: A tracking set or a split of it, label_02, or one of its files.
-        read: Names the sequence if only one is requested.
+        read: Contains the sequence if only one is requested.
 
     Raises:
         KittiRos2Error: There is none.
@@ -141,7 +141,7 @@ def _listed_length(name: str, folder: Path) -> int:
     its content is the other split's.
 
     Args:
-        name: Such as 0000.
+        name: Sequence, such as 0000.
         folder: label_02.
     """
     split = folder.parent
@@ -181,8 +181,8 @@ def find_results(
     Args:
         path: A folder of a tracker's files, directly or in its data/, one of them, or a bag.
         sequences: The sequences with labels.
-        options: Those of a bag.
-        complete: Whether these are all sequences, so that results of others have no labels.
+        options: Options of a bag.
+        complete: True if these are all sequences, so that results of others have no labels.
 
     Raises:
         KittiRos2Error: There are no results of these sequences.
@@ -190,9 +190,9 @@ def find_results(
     if not path.exists():
         raise MissingPathError(path)
     if path.is_dir() and not looks_like_bag(path):
-        return _in_folder(path, sequences, complete=complete)
+        return _from_folder(path, sequences, complete=complete)
     if path.suffix == TXT:
-        return _in_file(path, sequences)
+        return _from_file(path, sequences)
     if len(sequences) > 1:
         names = some_of([sequence.name for sequence in sequences])
         raise UsageError(
@@ -210,7 +210,7 @@ def find_results(
     return ResultSource(path, sequences, {}, results.boxes, results.losses, results.notes)
 
 
-def _in_file(path: Path, sequences: Sequence[TruthSequence]) -> ResultSource:
+def _from_file(path: Path, sequences: Sequence[TruthSequence]) -> ResultSource:
     named = [sequence for sequence in sequences if sequence.name == path.stem]
     chosen = sequences if len(sequences) == 1 else named
     if not chosen:
@@ -221,7 +221,7 @@ def _in_file(path: Path, sequences: Sequence[TruthSequence]) -> ResultSource:
     return ResultSource(path, chosen, {chosen[0].name: path})
 
 
-def _in_folder(path: Path, sequences: Sequence[TruthSequence], *, complete: bool) -> ResultSource:
+def _from_folder(path: Path, sequences: Sequence[TruthSequence], *, complete: bool) -> ResultSource:
     folder = find_frame_files(path, SEQUENCE_DIGITS)
     if folder is None:
         entries = STORE.names(path)
@@ -267,11 +267,11 @@ class TrackingScores:
 
     Attributes:
         classes: By class (car, pedestrian) the figures of all sequences together.
-        sequences: The same of each sequence.
+        sequences: The figures of each sequence.
         frames: Number of frames.
-        losses: What could not be used, and sequences without results.
-        notes: Remarks.
-        parts: TrackEval's own results, of which those of other sequences together can be made.
+        losses: Unusable data, and sequences without results.
+        notes: One line each.
+        parts: TrackEval's own results, for combination with other sequences.
     """
 
     classes: Mapping[str, Figures]
@@ -295,7 +295,7 @@ def evaluate_tracking(
         ground_truth: A tracking set with label_02, one of its files, or label_02 itself.
         results: A folder of a tracker's files (0000.txt), one of them, or a bag.
         progress: Called with the number of sequences done, and of all.
-        options: Those of `kitti-ros2 eval tracking --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 eval tracking --help`, with underscores, same defaults:
             sequence='0000', topic='/tracks', class_map={'car': 'Car'}, tolerance=0.05.
 
     Returns:
@@ -331,14 +331,14 @@ def score_tracking(
 
     Args:
         ground_truth: See evaluate_tracking.
-        results: The same.
+        results: See evaluate_tracking.
         read: Options of the ground truth.
-        options: Those of a bag.
+        options: Options of a bag.
         progress: Called with the number of sequences done, and of all.
         frames: The frames to score; None is all.
 
     Raises:
-        KittiRos2Error: As evaluate_tracking.
+        KittiRos2Error: See evaluate_tracking.
     """
     check_trackeval()
     labelled = find_sequences(ground_truth, read)
@@ -374,7 +374,7 @@ def score_tracking(
 
 
 def _count(length: int, frames: Container[int] | None) -> int:
-    """Return how many frames of a sequence are scored."""
+    """Count the scored frames of a sequence."""
     return length if frames is None else sum(number in frames for number in range(length))
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Float32Array, Int64Array
 
 
-# Trajectories, and the text files that hold them.
+# Trajectories and their text files.
 #
 # - KITTI's poses file: twelve numbers a line, a row-major 3x4 matrix; line n is frame n. Some tools
 #   write the frame number before them, which is a line of thirteen.
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
 
 _FARTHEST_M = 1e9
 _QUATERNION = 1e-2
-"""How far the length of a quaternion may be from 1, as in tf2."""
+"""Tolerance of the length of a quaternion, as in tf2."""
 _ROTATION = 0.1
-"""The same of R^T R; the devkit accepts any matrix, and products of many are not exact."""
+"""Tolerance of R^T R; the devkit accepts any matrix, and products of many are not exact."""
 _REPORTED_ROTATION = 1e-3
 EXPECTED = '12 numbers a line (KITTI), 13 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
 
@@ -69,8 +69,8 @@ class CameraTrajectory:
         stamps_ns: (N,) nanoseconds, ascending; None if they have none.
         frame: The frame whose poses they are; empty for the rectified camera 0.
         frame_T_cam0: (4, 4) camera 0 in the frame whose poses they were; None if they were its own.
-        losses: What could not be used.
-        notes: Remarks that are no loss.
+        losses: Unusable lines.
+        notes: One line each.
     """
 
     source: str
@@ -158,13 +158,13 @@ def _read_lines(path: Path) -> list[str]:
 
 
 def _may_hold_pose(line: str) -> bool:
-    """Whether a line is neither blank nor a comment."""
+    """Return whether a line is neither blank nor a comment."""
     words = line.split(maxsplit=1)
     return bool(words) and words[0][0] != '#'
 
 
 def _has_number(line: str) -> bool:
-    """Whether a line has a number, with any separators."""
+    """Return whether a line has a number, with any separators."""
     for word in line.replace(',', ' ').replace(';', ' ').split():
         with suppress(ValueError):
             float(word)
@@ -236,7 +236,7 @@ def _parse_tum(words: list[str], _: int) -> tuple[int, list[float]]:
 
 
 def _faults(poses: Float64Array) -> dict[int, str]:
-    """Return by index why one of (N, 4, 4) poses is no rotation and translation."""
+    """Return the faults of (N, 4, 4) poses by index: no rotation, or a position too far."""
     off, sign = _errors_of_rotation(poses), np.linalg.det(poses[:, :3, :3])
     far = np.abs(poses).max(axis=(1, 2), initial=0) > _FARTHEST_M
     faults = {}
@@ -251,7 +251,7 @@ def _faults(poses: Float64Array) -> dict[int, str]:
 
 
 def _errors_of_rotation(poses: Float64Array) -> Float64Array:
-    """Return (N,) how far R^T R is from the identity."""
+    """Return (N,) greatest differences of R^T R from the identity."""
     rotations = np.clip(poses[:, :3, :3], -_FARTHEST_M, _FARTHEST_M)
     products = rotations.transpose(0, 2, 1) @ rotations
     errors: Float64Array = np.abs(products - np.eye(3)).max(axis=(1, 2), initial=0)
@@ -265,8 +265,8 @@ class _PoseFormat:
     Attributes:
         name: For users.
         parse: Parses the words of a row at a position to its key and the 12 numbers of its matrix.
-        expected: What a line holds.
-        timed: Whether poses are identified by a stamp, and not by a frame number.
+        expected: The content of a line.
+        timed: True if poses are identified by a stamp, and not by a frame number.
     """
 
     name: str
@@ -276,7 +276,7 @@ class _PoseFormat:
 
     @property
     def key(self) -> str:
-        """What poses are identified by."""
+        """The kind of the poses' keys."""
         return 'stamp' if self.timed else 'frame number'
 
 
@@ -311,7 +311,7 @@ def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Flo
     Args:
         frame: The frame.
         own: Static transforms of the bag that it is from.
-        others: Those of the ground truth, for frames that the bag does not have.
+        others: Static transforms of the ground truth, for frames that the bag does not have.
 
     Raises:
         MissingDataError: They do not connect the two.
@@ -531,7 +531,7 @@ def pose_errors(
         numbers: (M,) frame numbers.
         ground_truth: (M, 4, 4) poses.
         result: (M, 4, 4) poses.
-        alignment: How the result is aligned first.
+        alignment: Alignment of the result.
 
     Raises:
         UsageError: The alignment is not possible.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the frames in which a detector errs most."""
+"""Pictures of the frames with the most errors of a detector."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def open_pictures(ground_truth: Path, options: ReadOptions) -> RecordingFrames:
     """Open the images and scans of the recording to which labels belong.
 
     Args:
-        ground_truth: As given to read_ground_truth.
+        ground_truth: See read_ground_truth.
         options: Layout and sequence of a recording.
 
     Raises:
@@ -70,18 +70,18 @@ def draw_worst_frames(
 
     Args:
         source: The recording of the ground truth.
-        worst: Of worst_frames.
+        worst: The result of worst_frames.
         results: The predictions by number.
         folder: An existing folder.
-        overlaps: As given to worst_frames.
-        classes: The same; only these and the classes that look like them are drawn.
+        overlaps: See worst_frames.
+        classes: See worst_frames; only these and similar classes are drawn.
         progress: Called with the number of frames done.
 
     Returns:
-        Data of the frames that is missing or damaged.
+        Missing or damaged data of the frames.
 
     Raises:
-        MissingDataError: Not one frame could be drawn.
+        MissingDataError: No frame could be drawn.
         UsageError: The source does not have a frame.
         OSError: A picture cannot be written.
     """

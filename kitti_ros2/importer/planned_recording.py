@@ -103,7 +103,7 @@ class PlannedRecording:
         streams: Index by stream, of frames that have a sample, with the stamps of the frames.
         base_t_imu: imu_link in the body that the poses are of.
         no_calibration: Why there is none, by part; empty for a plan without.
-        picture_notes: On what may make pictures wrong, such as guessed axes; one line each.
+        picture_notes: Guesses that may make pictures wrong, such as axes; one line each.
 
     Raises:
         BadBagError: The bag cannot be read.

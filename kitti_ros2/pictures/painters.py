@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Boxes and points drawn on a camera image of any size, from above, and in perspective.
 
-Each raises MissingDataError if required data is missing.
+All functions raise MissingDataError if required data is missing.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def camera_image(frame: FrameData, options: PictureOptions) -> tuple[int, Pixels
     """
     camera = chosen_camera(frame.images, options)
     if camera is None:
-        raise _lacking(frame, 'image', 'image_')
+        raise _missing(frame, 'image', 'image_')
     if camera not in frame.images:
-        raise _lacking(frame, f'image of camera {camera}', f'image_{camera}')
+        raise _missing(frame, f'image of camera {camera}', f'image_{camera}')
     return camera, frame.images[camera]
 
 
@@ -66,7 +66,7 @@ def frame_points(frame: FrameData) -> Float32Array:
         MissingDataError: The frame has no scan.
     """
     if frame.points is None:
-        raise _lacking(frame, 'scan', Stream.SCAN.value)
+        raise _missing(frame, 'scan', Stream.SCAN.value)
     return frame.points
 
 
@@ -89,8 +89,8 @@ def point_colors(frame: FrameData, options: PictureOptions, default: ColorBy) ->
     by = options.color_by or default
     if by is ColorBy.SEMANTIC and frame.points is not None and frame.point_labels is None:
         if POINT_LABELS in frame.missing:
-            raise _lacking(frame, 'labels of points', POINT_LABELS)
-        raise _lacking(frame, "labels of points: semantic takes SemanticKITTI's, NNNNNN.label", '-')
+            raise _missing(frame, 'labels of points', POINT_LABELS)
+        raise _missing(frame, "labels of points: semantic takes SemanticKITTI's, NNNNNN.label", '-')
     return PointColors(by, options.color_map, frame.point_labels)
 
 
@@ -101,7 +101,7 @@ def frame_projection(frame: FrameData, camera: int) -> Projection:
         MissingDataError: The calibration is missing or incomplete.
     """
     if frame.calibration is None:
-        raise _lacking(frame, 'calibration', _CALIBRATION)
+        raise _missing(frame, 'calibration', _CALIBRATION)
     try:
         return Projection.of(frame.calibration, camera)
     except ValueError as error:
@@ -136,14 +136,14 @@ def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     )
 
 
-def _lacking(frame: FrameData, what: str, stream: str) -> MissingDataError:
-    """Make the error for a missing part of a frame, with the reason if it is known."""
+def _missing(frame: FrameData, what: str, stream: str) -> MissingDataError:
+    """Make the error for a missing part of a frame, with the reason if known."""
     reason = _reason(frame, stream)
     return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
 
 
 def _reason(frame: FrameData, stream: str) -> str:
-    """Return the reason why a stream is missing, '' if unknown."""
+    """Return the reason for a missing stream, '' if unknown."""
     return next((why for name, why in frame.missing.items() if name.startswith(stream)), '')
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel: one page with the images, the scan, the objects, and the facts of a frame.
 
-A part that cannot be drawn shows the reason in its place.
+A part that cannot be drawn shows the reason instead.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .recording_frames import FrameData
 
 
-# The places of the parts of a panel.
+# The areas of the parts of a panel.
 #
 # Left, the camera image three times; right, the view from above, the facts, and the scan by
 # direction. For a recording without images the view from above is on the left, larger, and the path
@@ -96,7 +96,7 @@ INTENSITY = DISTANCE._replace(top=DISTANCE.top - _MAP_HEIGHT - TITLE_ROOM - 9)
 
 
 class PanelParts(NamedTuple):
-    """The place of each part on a page, None for one that it does not have.
+    """The area of each part on a page, None for a part that it does not have.
 
     Attributes:
         images: With 2D boxes, with 3D boxes, and with the scan.
@@ -157,7 +157,7 @@ _WARNING: Color = (96, 176, 245)
 _BAR_HEIGHT = 8
 
 
-def moment_of(frame: FrameData) -> str | None:
+def format_time(frame: FrameData) -> str | None:
     """Format the frame's time to the millisecond; None if the layout has no times."""
     return f'{format_stamp(frame.stamp_ns)[:-6]} UTC' if frame.timed else None
 
@@ -180,7 +180,7 @@ def facts_of(frame: FrameData, options: PictureOptions) -> list[tuple[str, str]]
 
 
 def _compared(frame: FrameData) -> list[tuple[str, str]]:
-    """Return the number of predictions that are right and wrong, and of labels that none finds."""
+    """Return the numbers of true positives, false positives and misses."""
     matches = (
         [label.match for label in frame.objects],
         [prediction.match for prediction in frame.predictions],
@@ -193,7 +193,7 @@ def _compared(frame: FrameData) -> list[tuple[str, str]]:
 
 
 def _motion(frame: FrameData) -> list[tuple[str, str]]:
-    """Return the facts from the GPS/IMU unit, or else from the pose."""
+    """Return the facts from the GPS/IMU, or else from the pose."""
     packet, pose = frame.packet, frame.pose
     if packet is not None:
         speed = math.hypot(packet.vn, packet.ve)
@@ -299,7 +299,7 @@ def draw_panel(frame: FrameData, options: PictureOptions) -> Pixels:
 def _draw_head(page: Pixels, frame: FrameData) -> None:
     """Draw source and frame on the left, time on the right."""
     number = f'frame {frame.number}'
-    stamp = moment_of(frame) or ''
+    stamp = format_time(frame) or ''
     baseline = 34
     right = SIZE[0] - EDGE - extent_of(stamp, _HEAD_SCALE).width
     put_text(page, stamp, (right, baseline), _HEAD_SCALE, _QUIET)
@@ -310,7 +310,7 @@ def _draw_head(page: Pixels, frame: FrameData) -> None:
     put_text(page, number, (left, baseline), _HEAD_SCALE, _QUIET)
 
 
-def _say(window: Pixels, frame: FrameData, error: MissingDataError) -> None:
+def _draw_reason(window: Pixels, frame: FrameData, error: MissingDataError) -> None:
     """Draw the reason for missing data in the middle of a window."""
     window[:] = cv2.convertScaleAbs(window, alpha=_DIM)
     width = window.shape[1]
@@ -328,7 +328,7 @@ def _draw_images(
         shown = fit_image(*camera_image(frame, options), (areas[0].width, areas[0].height))
     except MissingDataError as error:
         for area in areas:
-            _say(area.of(page), frame, error)
+            _draw_reason(area.of(page), frame, error)
         return
     height, width = shown.picture.shape[:2]
     for area, paint in zip(areas, (paint_boxes_2d, paint_boxes_3d, paint_scan), strict=True):
@@ -338,18 +338,18 @@ def _draw_images(
         try:
             paint(window, shown, frame, options)
         except MissingDataError as error:
-            _say(area.of(page), frame, error)
+            _draw_reason(area.of(page), frame, error)
 
 
 def _draw_bird(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
     """Draw the scan and the boxes from above."""
     try:
-        window[:] = draw_bird(frame, replace(options, bird=_filling(options.bird, window)))
+        window[:] = draw_bird(frame, replace(options, bird=_fill_window(options.bird, window)))
     except MissingDataError as error:
-        _say(window, frame, error)
+        _draw_reason(window, frame, error)
 
 
-def _filling(bird: BirdOptions, window: Pixels) -> BirdOptions:
+def _fill_window(bird: BirdOptions, window: Pixels) -> BirdOptions:
     """Return the view with ranges widened about their centres to fill a window."""
     height, width = window.shape[:2]
     spans = (bird.y_range[1] - bird.y_range[0], bird.x_range[1] - bird.x_range[0])
@@ -369,7 +369,7 @@ def _draw_maps(
         maps = range_maps(frame_points(frame), areas[0].width)
     except MissingDataError as error:
         for area in areas:
-            _say(area.of(page), frame, error)
+            _draw_reason(area.of(page), frame, error)
         return
     table = color_table(options.color_map)
     kinds = (ColorBy.INTENSITY, ColorBy.DEPTH)
@@ -389,8 +389,8 @@ class Mode:
 
     Attributes:
         draw: Draws it from a frame; raises MissingDataError if required data is missing.
-        image: Whether it shows a camera image.
-        others: The other streams that it shows.
+        image: True if it shows a camera image.
+        others: Other streams that it shows.
         instead: Streams that it shows if there are no images.
     """
 

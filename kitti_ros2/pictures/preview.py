@@ -69,8 +69,8 @@ class PreviewPage:
 
     Args:
         cameras: By KITTI's index the title of the images of each camera.
-        labelled: Whether there are labels.
-        calibrated: Whether there is a calibration.
+        labelled: True if there are labels.
+        calibrated: True if there is a calibration.
         tile: Most width and height of an image, pixels.
     """
 
@@ -94,11 +94,11 @@ class PreviewPage:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What could not be drawn; a reason that frames have in common is there once."""
+        """The reasons for missing parts; one that several frames have is there once."""
         return tuple(self._missing)
 
-    def lack(self, reason: str) -> None:
-        """Enter what could not be drawn."""
+    def add_missing(self, reason: str) -> None:
+        """Add the reason for a missing part."""
         self._missing[reason] = None
 
     def extend(self, other: PreviewPage) -> None:
@@ -106,7 +106,7 @@ class PreviewPage:
         self._rows += other._rows
         self._missing |= other._missing
 
-    def in_a_row(self) -> PreviewPage:
+    def in_one_row(self) -> PreviewPage:
         """Return a page with all pictures in one row."""
         self._rows = [[tile for row in self._rows for tile in row]] if self._rows else []
         return self
@@ -115,14 +115,14 @@ class PreviewPage:
         """Add the row of a frame.
 
         Args:
-            frame: As it was read back.
-            title: Of its images.
-            name: Of the frame, for what is missing.
+            frame: The frame, read back.
+            title: Title of its images.
+            name: Name of the frame, for missing parts.
         """
         for part, reason in frame.missing.items():
             if self._calibrated or not part.startswith(Stream.CALIBRATION.value):
                 # Without the path of the file, which is gone when it is read.
-                self.lack(f'{name}: no {part}: {_PATH.sub("", reason)}')
+                self.add_missing(f'{name}: no {part}: {_PATH.sub("", reason)}')
         row = [self._image(frame, camera, title) for camera in self._cameras]
         if frame.points is not None and not _is_projected(frame, self._cameras):
             text = f"{title}: bird's-eye view{self._labels(frame)}"
@@ -152,7 +152,7 @@ class PreviewPage:
         """Return the rows below each other.
 
         Raises:
-            MissingDataError: There is nothing to show.
+            MissingDataError: No row was added.
         """
         if not self._rows:
             reason = '; '.join(self.missing) or 'no frame'
@@ -175,7 +175,7 @@ class PreviewPage:
 
 
 def _is_projected(frame: FrameData, cameras: Iterable[int]) -> bool:
-    """Whether points can be shown on the image of any camera."""
+    """Return whether points can be shown on the image of any camera."""
     for camera in cameras:
         with suppress(MissingDataError):
             frame_projection(frame, camera)
@@ -186,7 +186,7 @@ def _is_projected(frame: FrameData, cameras: Iterable[int]) -> bool:
 _FRAMES = 3
 _MOST_SETS = 6
 _SET_TILE = (640, 400)
-"""The same of camera sets."""
+"""Most width and height of an image of camera sets, pixels."""
 _UNCALIBRATED = 'no calibration in the plan: no points on images, no labels'
 
 
@@ -197,8 +197,8 @@ class Preview:
     Attributes:
         picture: (H, W, 3) uint8 BGR.
         numbers: The frames, by position in the conversion.
-        missing: What could not be drawn, a line each.
-        losses: What was skipped.
+        missing: Parts that could not be drawn, a line each.
+        losses: Skipped data.
     """
 
     picture: Pixels
@@ -215,10 +215,10 @@ def draw_preview(
     Of the bags only the messages of these frames are read, and all poses.
 
     Args:
-        bags: Those of one recording.
+        bags: Bags of one recording.
         plan: The rules of the conversion.
         survey: The content of the bags.
-        options: Of the conversion: its selection counts.
+        options: Options of the conversion, with its selection.
 
     Raises:
         KittiRos2Error: The plan or a bag is invalid.
@@ -229,8 +229,8 @@ def draw_preview(
     with TemporaryDirectory(prefix='kitti_ros2_preview_') as folder:
         try:
             if plan.camera_sets:
-                return _drawn_sets(bags, plan, survey, options, Path(folder))
-            return _drawn(bags, plan, survey, options, Path(folder) / 'whole')
+                return _draw_camera_sets(bags, plan, survey, options, Path(folder))
+            return _draw_plan(bags, plan, survey, options, Path(folder) / 'whole')
         except KittiRos2Error as error:
             if plan.calibration == NONE:
                 raise
@@ -240,7 +240,7 @@ def draw_preview(
             }
             bare = replace(plan, calibration=NONE, labels=None, cameras=cameras)
             try:
-                preview = _drawn(bags, bare, survey, options, Path(folder) / 'bare')
+                preview = _draw_plan(bags, bare, survey, options, Path(folder) / 'bare')
             except KittiRos2Error:
                 raise error from None
             others = (reason for reason in preview.missing if reason != _UNCALIBRATED)
@@ -248,11 +248,11 @@ def draw_preview(
 
 
 def draw_recorded(source: RecordingFrames, selection: SelectionOptions) -> Preview:
-    """Draw the first, the middle and the last complete frame of a recording that comes back.
+    """Draw the first, the middle and the last complete frame of a recording in an own bag.
 
     Args:
         source: The recording in a bag written by to-bag.
-        selection: Of its frames.
+        selection: Selection of its frames.
 
     Raises:
         UsageError: The selection takes no frame.
@@ -273,22 +273,22 @@ def draw_recorded(source: RecordingFrames, selection: SelectionOptions) -> Previ
     return Preview(page.picture(), tuple(chosen), page.missing, ())
 
 
-def _drawn(
+def _draw_plan(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, stage: Path
 ) -> Preview:
-    return _preview([_paged(bags, plan, survey, options, Target(stage))])
+    return _stack([_page(bags, plan, survey, options, Target(stage))])
 
 
-def _drawn_sets(
+def _draw_camera_sets(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, options: ImportOptions, folder: Path
 ) -> Preview:
     plans = plans_of(plan)
     common = common_frames(bags, plans, survey, options.selection)
     pages = [
-        _paged(bags, plans[name], survey, options, Target(folder / name, 0, common.get(name)), name)
+        _page(bags, plans[name], survey, options, Target(folder / name, 0, common.get(name)), name)
         for name in list(plans)[:_MOST_SETS]
     ]
-    drawn = _preview([replace(drawn_page, page=drawn_page.page.in_a_row()) for drawn_page in pages])
+    drawn = _stack([replace(set_page, page=set_page.page.in_one_row()) for set_page in pages])
     if len(plans) <= _MOST_SETS:
         return drawn
     rest = f'the first {_MOST_SETS} of {len(plans)} camera sets are shown'
@@ -296,31 +296,31 @@ def _drawn_sets(
 
 
 @dataclass(frozen=True, eq=False)
-class _Paged:
-    """Rows of pictures, the numbers of their frames, and what was skipped."""
+class _DrawnPage:
+    """Rows of pictures, the numbers of their frames, and skipped data."""
 
     page: PreviewPage
     numbers: tuple[int, ...]
     losses: tuple[Loss, ...]
 
 
-def _preview(pages: Sequence[_Paged]) -> Preview:
+def _stack(pages: Sequence[_DrawnPage]) -> Preview:
     """Return the picture of pages below each other, which have the same frames."""
     page = PreviewPage({}, labelled=False)
-    for drawn_page in pages:
-        page.extend(drawn_page.page)
-    losses = dict.fromkeys(loss for drawn_page in pages for loss in drawn_page.losses)
+    for set_page in pages:
+        page.extend(set_page.page)
+    losses = dict.fromkeys(loss for set_page in pages for loss in set_page.losses)
     return Preview(page.picture(), pages[0].numbers, page.missing, tuple(losses))
 
 
-def _paged(
+def _page(
     bags: Sequence[BagSource],
     plan: Plan,
     survey: Survey,
     options: ImportOptions,
     target: Target,
     name: str = '',
-) -> _Paged:
+) -> _DrawnPage:
     """Convert the frames into the folder of a target, and draw them; a name is that of a set."""
     target.stage.mkdir()
     excerpt = Excerpt(_FRAMES)
@@ -337,14 +337,14 @@ def _paged(
         tile=_SET_TILE if name else TILE,
     )
     if plan.scan is None:
-        page.lack('no scan in the plan')
+        page.add_missing('no scan in the plan')
     if not plan.cameras:
-        page.lack('no camera in the plan')
+        page.add_missing('no camera in the plan')
     if plan.calibration == NONE:
-        page.lack(_UNCALIBRATED)
+        page.add_missing(_UNCALIBRATED)
     seconds = ((excerpt.stamps_ns - excerpt.stamps_ns[:1]) / NS_PER_S).tolist()
     for position, number in enumerate(excerpt.numbers.tolist()):
         title = f'{of_set}frame {number} (0 to {excerpt.total - 1}), {seconds[position]:.1f} s'
         if position in source.numbers:
             page.add(source.frame(position, page.streams), title, f'{of_set}frame {number}')
-    return _Paged(page, tuple(excerpt.numbers.tolist()), report.losses)
+    return _DrawnPage(page, tuple(excerpt.numbers.tolist()), report.losses)

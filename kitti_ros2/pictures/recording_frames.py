@@ -79,14 +79,14 @@ class FrameData:
         point_labels: (N,) SemanticKITTI labels of the points; None without, or if not read.
         calibration: Calibration of this frame, None without any.
         objects: Labels.
-        labelled: Whether the frame has labels, possibly none of an object.
+        labelled: True if the frame has labels, possibly none of an object.
         predictions: Objects found by a detector, drawn in a second style.
-        packet: Packet of the GPS/IMU unit, if any.
+        packet: Packet of the GPS/IMU, if any.
         pose: Pose of the vehicle, if known.
         path: (N, 3) positions of the vehicle up to this frame, in the frame of its pose, metres;
             None without poses, or if not read.
-        imaged, scanned: Whether the recording has images and scans, this frame's or others.
-        timed: Whether the layout has times; otherwise stamps are nominal.
+        imaged, scanned: True if the recording has images and scans, this frame's or others.
+        timed: True if the layout has times; otherwise stamps are nominal.
         missing: Missing or unreadable data of this frame: name to the reason, one line.
     """
 
@@ -132,8 +132,8 @@ class RecordingFrames:
         base_t_imu: imu_link in base_link, or in the body that the poses of a bag are of.
         origins: By number the raw drive's frame of an object set in real time; else empty.
         losses: Data missing or damaged from the start, by stream or topic.
-        picture_notes: On what may make pictures wrong, such as guessed axes; one line each.
-        notes: Other non-fatal remarks; one line each.
+        picture_notes: Guesses that may make pictures wrong, such as axes; one line each.
+        notes: Other notes; one line each.
 
     Raises:
         MissingDataError: The recording has neither images nor scans nor labels.
@@ -202,7 +202,7 @@ class RecordingFrames:
         samples: dict[Stream, Sample] = {}
         images: dict[int, Pixels] = {}
         for stream in self._samples:
-            if not _wants(stream, streams):
+            if not _is_requested(stream, streams):
                 continue
             try:
                 if stream.camera is None:
@@ -228,9 +228,9 @@ class RecordingFrames:
             calibration=None if _is_empty(calibration) else calibration,
             objects=objects_of(labels, calibration),
             labelled=Stream.LABELS in samples
-            or (_wants(Stream.LABELS, streams) and number in self.without_objects),
+            or (_is_requested(Stream.LABELS, streams) and number in self.without_objects),
             packet=_of(samples, Stream.OXTS, OxtsPacket),
-            path=self._path(index, missing) if _wants_path(streams) else None,
+            path=self._path(index, missing) if _is_path_requested(streams) else None,
             imaged=bool(self.cameras),
             scanned=Stream.SCAN in self.recording.streams,
             pose=_of(samples, Stream.POSE, Pose),
@@ -254,7 +254,7 @@ class RecordingFrames:
 
         Raises:
             KittiRos2Error: It cannot be read.
-            OSError: The same.
+            OSError: It cannot be read.
         """
         files = self._samples.get(stream, {})
         if number not in files:
@@ -263,12 +263,12 @@ class RecordingFrames:
         return pose_in_map(sample, self._map_t_world) if isinstance(sample, Pose) else sample
 
     def scan_at(self, number: int, stamp_ns: int) -> Scan | None:
-        """Read the scan of a frame as at one moment; None if the frame has none.
+        """Read the scan of a frame, compensated to one time; None if the frame has none.
 
         Raises:
-            MissingDataError: The motion, or the time of the points, is not known.
+            MissingDataError: The motion, or the time of the points, is unknown.
             KittiRos2Error: It cannot be read.
-            OSError: The same.
+            OSError: It cannot be read.
         """
         if not isinstance(self.recording, _NUMBERED):
             raise MissingDataError(
@@ -307,7 +307,7 @@ class RecordingFrames:
             self.recording.close()
 
     def _path(self, index: int, missing: dict[str, str]) -> Float64Array | None:
-        """Return (N, 3) positions up to a frame, by its place; None without any."""
+        """Return (N, 3) positions up to a frame, by its index; None without any."""
         with self._reading_poses:
             numbers, positions, failures = self._all_positions
         if isinstance(self.recording, _NUMBERED):
@@ -355,11 +355,11 @@ class RecordingFrames:
         return frozenset(self.numbers.tolist()) - labelled.keys()
 
 
-def _wants_path(streams: frozenset[str] | None) -> bool:
+def _is_path_requested(streams: frozenset[str] | None) -> bool:
     return streams is not None and Stream.PATH.value in streams
 
 
-def _wants(stream: Stream, streams: frozenset[str] | None) -> bool:
+def _is_requested(stream: Stream, streams: frozenset[str] | None) -> bool:
     return streams is None or stream.value in streams
 
 
@@ -401,7 +401,7 @@ def _of(samples: Mapping[Stream, Sample], stream: Stream, kind: type[S]) -> S | 
     return sample if isinstance(sample, kind) else None
 
 
-# Opens the source of pictures: a KITTI folder or a bag.
+# Opening of the source of pictures: a KITTI folder or a bag.
 
 
 def open_frames(path: Path, options: ReadOptions) -> RecordingFrames:

@@ -128,7 +128,7 @@ class PictureTally:
         """Raise if nothing was drawn.
 
         Raises:
-            MissingDataError: Nothing was drawn; contains the reason.
+            MissingDataError: Nothing was drawn; the message contains the reason.
         """
         if not self.drawn:
             losses = self.losses() or (Loss('picture', 0, 'no frames'),)
@@ -252,7 +252,7 @@ class Movie:
 
 
 def has_h264() -> bool:
-    """Whether PyAV is installed."""
+    """Return whether PyAV is installed."""
     try:
         import av  # noqa: F401, PLC0415 - an extra
     except ImportError:
@@ -333,7 +333,7 @@ class _Mpeg4:
             )
 
 
-# Writes pictures in the format of their file names, and limits what --overwrite replaces.
+# Writing of pictures in the format of their file names; the files that --overwrite may replace.
 
 
 # An MP4 file begins with the length of its first box, which is short.

@@ -43,7 +43,7 @@ class Issue:
     """A loss, a warning or a note about the recording.
 
     Attributes:
-        severity: Whether data is lost.
+        severity: Severity.
         where: Stream, topic or part; empty for the whole recording.
         text: One line.
     """
@@ -54,7 +54,7 @@ class Issue:
 
     @property
     def is_loss(self) -> bool:
-        """Whether data is lost or damaged."""
+        """True if data is lost or damaged."""
         return self.severity is Severity.LOSS
 
 
@@ -211,7 +211,7 @@ class Report:
 
     @property
     def sound(self) -> bool:
-        """Whether no data is lost or damaged."""
+        """True if no data is lost or damaged."""
         return not self._count(Severity.LOSS)
 
     def _count(self, severity: Severity) -> int:
@@ -226,7 +226,7 @@ class ClassFacts:
     """The objects of one class.
 
     Attributes:
-        class_name: Such as Car.
+        class_name: Class, such as Car.
         count: Number of boxes.
         frames: Number of frames with one.
         most: Maximum number in a frame.
@@ -388,7 +388,7 @@ class Timing:
         rate_hz: Samples per second between the first and the last; None if they are equal.
         jitter_ns: 95th percentile of the deviation of distances from the median, without gaps; None
             with less than three stamps.
-        regular: Whether most distances are near the median, so that gaps are meaningful.
+        regular: True if most distances are near the median, so that gaps are meaningful.
         gaps: In order of time; none unless regular.
         repeated: Number of stamps equal to the one before.
         backward: Number of samples stamped earlier than the one before.

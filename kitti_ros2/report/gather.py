@@ -255,7 +255,7 @@ def bag_streams(
         survey: The survey of the bag.
         clock: The meaning of its stamps.
         issues: Issues are appended here.
-        independent: Whether the frames are independent, and may be any time apart.
+        independent: True if the frames are independent, any time apart.
     """
     streams = []
     for topic in topics:
@@ -350,7 +350,7 @@ def _image_facts(
         stream: Their stream.
         paths: Their files.
         issues: Damaged images are appended here, and those of another size unless sizes vary.
-        varying: Whether images of a recording may be of several sizes.
+        varying: True if images of a recording may be of several sizes.
     """
     by_size: dict[tuple[int, int], list[Path]] = defaultdict(list)
     bad = []

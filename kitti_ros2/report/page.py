@@ -70,7 +70,7 @@ def scores_section(report: Report) -> dict[str, object] | None:
         f' {format_count(scores.frames, "frame")}, percent: at 40 values of recall, and at 11 in'
         f' brackets.'
     )
-    plots = {name: _plot(name, metrics[_PLOTTED]) for name, metrics in scores.scores.items()}
+    plots = {name: _curves_plot(name, metrics[_PLOTTED]) for name, metrics in scores.scores.items()}
     return {
         'words': words,
         'tables': [_scores_table(class_name, scores) for class_name in scores.scores],
@@ -81,19 +81,19 @@ def scores_section(report: Report) -> dict[str, object] | None:
 def _scores_table(class_name: str, scores: DetectionScores) -> Table:
     columns = [('Metric', TEXT), *((level.value, NUMBER) for level in Difficulty)]
     rows = [
-        [title, *(_figure(scores.scores[class_name][name][level]) for level in Difficulty)]
+        [title, *(_format_curve(scores.scores[class_name][name][level]) for level in Difficulty)]
         for name, title in _ROWS.items()
     ]
     return Table(f'{class_name}, IoU above {scores.limits[class_name]:g}', columns, rows)
 
 
-def _figure(curve: Curve | None) -> str:
+def _format_curve(curve: Curve | None) -> str:
     if curve is None or not curve.objects:
         return _NONE
     return f'{curve.r40:.2f} ({curve.r11:.2f})'
 
 
-def _plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
+def _curves_plot(class_name: str, curves: Mapping[Difficulty, Curve | None]) -> str:
     """Draw the curves of a class; empty without any."""
     precisions = {
         level.value: 100 * curve.values
@@ -141,11 +141,11 @@ def route_section(report: Report) -> dict[str, object] | None:
         'jumps': route.jumps,
         'timed': report.clock is not Clock.NOMINAL,
         'plot': plot,
-        'courses': list(_courses(route)),
+        'courses': list(_time_plots(route)),
     }
 
 
-def _courses(route: Route) -> Iterator[tuple[str, str, str]]:
+def _time_plots(route: Route) -> Iterator[tuple[str, str, str]]:
     """Yield name, extent and plot of speed, altitude and yaw over time."""
     times = (route.stamps_ns - route.stamps_ns[0]) / 1e9
     heights, origin, axis = route.positions[:, 2] - route.positions[0, 2], 'the start', 'the x axis'
@@ -594,7 +594,7 @@ class IndexEntry:
     """The report of a recording or bag.
 
     Attributes:
-        name: Of the recording or bag in the collection.
+        name: Name of the recording or bag in the collection.
         page: Its report, relative to the index.
         frames: Number of frames.
         losses: Number of issues that are losses.
@@ -615,7 +615,7 @@ def make_index(name: str, entries: Sequence[IndexEntry]) -> str:
     """Make the HTML document that lists reports.
 
     Args:
-        name: Of the collection.
+        name: Name of the collection.
         entries: The reports, in their order.
     """
     page = environment().get_template('index.html')

@@ -152,7 +152,7 @@ _DIGIT = 7.5
 
 _MOST_BANDS = 200
 _LEAST_MARGIN = 0.05
-"""Of the values of a line above and below it."""
+"""Margin above and below the values of a line."""
 
 
 def strip(timing: Timing, start_ns: int, end_ns: int) -> str:
@@ -462,7 +462,7 @@ def mounts_of(links: Sequence[LinkSummary]) -> list[Mount]:
 
 
 def is_finite(link: LinkSummary) -> bool:
-    """Whether the values of a link are finite; those of a zero quaternion are not."""
+    """Return whether the values of a link are finite; those of a zero quaternion are not."""
     return bool(np.isfinite([*link.xyz_m, *link.rpy_deg]).all())
 
 

@@ -14,9 +14,9 @@ from kitti_ros2.drawing.birds_eye import (
     BACKGROUND,
     BirdView,
     birds_eye,
+    describe_omitted,
     draw_footprints,
     draw_points_from_above,
-    left_out,
 )
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UsageError
@@ -101,21 +101,21 @@ def test_rings_are_at_equal_distances():
 
 def test_objects_out_of_range_are_named_and_counted():
     objects = [solid(10), solid(26.9), solid(27.1), solid(-40), solid(0, 50, kind='Van')]
-    lines = left_out(objects, [solid(99, kind='Cyclist')], VIEW, OPTIONS.size)
+    lines = describe_omitted(objects, [solid(99, kind='Cyclist')], VIEW, OPTIONS.size)
     assert lines == ['out of range: 2 Car, 1 Van', 'predictions out of range: 1 Cyclist']
-    assert left_out([solid(10)], [], VIEW, OPTIONS.size) == []
+    assert describe_omitted([solid(10)], [], VIEW, OPTIONS.size) == []
 
 
 def test_objects_without_a_3d_box_are_named_and_counted():
     objects = [flat(0, 0, 9, 9), flat(0, 0, 9, 9, kind=DONT_CARE), solid(10)]
-    assert left_out(objects, [], VIEW, OPTIONS.size) == ['without a 3D box: 1 Car']
+    assert describe_omitted(objects, [], VIEW, OPTIONS.size) == ['without a 3D box: 1 Car']
 
 
 @pytest.mark.parametrize('x', np.linspace(24.0, 28.0, 9))
 def test_an_object_is_either_drawn_or_out_of_range(x):
     """The view ends at x = 25, and the rear of the car is at x - 2."""
     car = solid(x)
-    assert bool(left_out([car], [], VIEW, OPTIONS.size)) == (x > 26.9)
+    assert bool(describe_omitted([car], [], VIEW, OPTIONS.size)) == (x > 26.9)
     assert footprint(solid(x, size_lwh=(4.0, 8.0, 1.5))).any() == (x <= 26.9)
 
 

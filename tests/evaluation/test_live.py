@@ -204,7 +204,7 @@ def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monke
 def new_stage(folder, player, answers):
     options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
     with open_bag(folder / 'a.mcap', BagOptions(), TYPESTORE) as bag:
-        yield live._Stage(player, None, options, bag, answers, options.task_of)
+        yield live._LiveSession(player, None, options, bag, answers, options.task_of)
 
 
 def test_a_flood_is_stopped(tmp_path):
@@ -224,7 +224,7 @@ def test_answers_with_the_current_time_are_explained(tmp_path):
     answers.sent(0, 1_317_000_000 * 10**9, scan=True)
     answers.received(1_700_000_000 * 10**9)
     with new_stage(tmp_path, Waiting(True), answers) as stage:
-        assert live.why_nothing(stage.run, 'no answer within 30 s') == (
+        assert live.describe_no_answer(stage.run, 'no answer within 30 s') == (
             '/answering/bxes: no frame was answered (1 frame sent); no answer within 30 s; 1'
             ' message with the stamp of no frame, the first 2023-11-14 22:13:20.000000000; a result'
             ' must have the stamp of the scan or image that it was made from'
