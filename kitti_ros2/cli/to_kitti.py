@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ..importer.kitti_frames import ImportReport
     from ..options.outputs import ImportOptions
     from ..options.table import BatchOptions
-    from ..own_bags.to_kitti import Outlook
+    from ..own_bags.to_kitti import PlanProposal
     from ..pictures.preview import Preview
 
 
@@ -57,26 +57,26 @@ _SHORT = {Stream.CALIBRATION.value: 'calib'}
 """Short names of streams for the table."""
 
 
-def print_plan(names: str, outlook: Outlook, overview: PlanOverview) -> None:
+def print_plan(names: str, proposal: PlanProposal, overview: PlanOverview) -> None:
     """Print which topic becomes which stream, and the unused topics.
 
     Args:
         names: Names of the bags.
-        outlook: The plan and how it was made.
+        proposal: The plan and how it was made.
         overview: Streams, topics and faults by the plan.
     """
     from rich.console import Console
 
     console = Console(highlight=False, soft_wrap=True)
-    console.print(one_line(f'{names}: {_head(outlook, overview)}'), style='bold', markup=False)
+    console.print(one_line(f'{names}: {_head(proposal, overview)}'), style='bold', markup=False)
     console.print(_topic_table(overview), soft_wrap=False)
     if overview.unused:
         say(f'{_UNUSED}: passed over in this layout')
 
 
-def _head(outlook: Outlook, overview: PlanOverview) -> str:
+def _head(proposal: PlanProposal, overview: PlanOverview) -> str:
     plan = overview.plan
-    because = f' ({outlook.reason})' if outlook.reason else ''
+    because = f' ({proposal.reason})' if proposal.reason else ''
     head = f'layout {plan.layout.value}{because}, {plan.name}'
     if overview.frames is None:
         return head
@@ -106,19 +106,19 @@ def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
     table.add_row(stream, cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame))
 
 
-def print_notes(outlook: Outlook, overview: PlanOverview) -> None:
+def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:
     """Print why a conversion would fail, the notes, and the layouts to choose from."""
     from rich.console import Console
 
     for fault in overview.faults:
         say(f'cannot be converted: {fault}')
-    for note in _joined(dict.fromkeys((*outlook.notes, *overview.notes))):
+    for note in _joined(dict.fromkeys((*proposal.notes, *overview.notes))):
         say(f'note: {note}')
-    if outlook.layouts:
+    if proposal.layouts:
         table = plain_table('layout')
         table.add_column('streams', overflow='fold')
-        for layout, streams in outlook.layouts.items():
-            shown = ' (shown)' if layout is outlook.plan.layout else ''
+        for layout, streams in proposal.layouts.items():
+            shown = ' (shown)' if layout is proposal.plan.layout else ''
             table.add_row(layout.value + shown, ' '.join(streams))
         Console(highlight=False).print(table)
 
@@ -147,7 +147,7 @@ def print_next(commands: Iterable[tuple[str, str]]) -> None:
 
 
 def plan_values(
-    paths: Iterable[Path], outlook: Outlook, overview: PlanOverview
+    paths: Iterable[Path], proposal: PlanProposal, overview: PlanOverview
 ) -> dict[str, object]:
     """Return a plan and its overview for JSON."""
     return {
@@ -157,17 +157,17 @@ def plan_values(
         'topics': [asdict(topic) for topic in overview.used],
         'passed_over': [asdict(topic) for topic in overview.unused],
         'faults': overview.faults,
-        'notes': tuple(dict.fromkeys((*outlook.notes, *overview.notes))),
-        'layouts': _by_name(outlook),
+        'notes': tuple(dict.fromkeys((*proposal.notes, *overview.notes))),
+        'layouts': _by_name(proposal),
         'plan': asdict(overview.plan),
     }
 
 
-def _by_name(outlook: Outlook) -> Mapping[str, object]:
+def _by_name(proposal: PlanProposal) -> Mapping[str, object]:
     """Return the streams of each possible layout."""
-    if outlook.layouts is None:
+    if proposal.layouts is None:
         return {}
-    return {layout.value: streams for layout, streams in outlook.layouts.items()}
+    return {layout.value: streams for layout, streams in proposal.layouts.items()}
 
 
 # The plan before anything is written: its table, its preview.
@@ -197,7 +197,7 @@ class PlanRequest:
 class PreparedPlan(NamedTuple):
     """A plan, and its preview if one is requested."""
 
-    outlook: Outlook
+    proposal: PlanProposal
     drawn: Preview | None
 
 
@@ -232,7 +232,7 @@ def prepare_plan(
         any_layout: Whether a missing layout is chosen by the content of the bags.
     """
     from ..files.staging import staged_file
-    from ..own_bags.to_kitti import make_outlook
+    from ..own_bags.to_kitti import propose_plan
 
     with ExitStack() as exit_stack:
         picture_path = None
@@ -242,46 +242,46 @@ def prepare_plan(
             refusal = keep_all_but_pictures if request.options.overwrite else keep_all
             # Entered first: an existing file is refused before bags are read.
             picture_path = exit_stack.enter_context(staged_file(request.preview, refusal))
-        outlook = make_outlook(bags, request.options, request.plan_file, any_layout=any_layout)
+        proposal = propose_plan(bags, request.options, request.plan_file, any_layout=any_layout)
         drawn = None
         if picture_path is not None:
             from ..pictures.series import write_picture
 
-            drawn = _draw(request, bags, outlook)
+            drawn = _draw(request, bags, proposal)
             write_picture(picture_path, drawn.picture)
-    return PreparedPlan(outlook, drawn)
+    return PreparedPlan(proposal, drawn)
 
 
-def _draw(request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook) -> Preview:
+def _draw(request: PlanRequest, bags: Sequence[OpenBag], proposal: PlanProposal) -> Preview:
     """Draw frames as a conversion would write them: by the plan, or the original files."""
     from ..importer.survey import survey_bags
     from ..own_bags.recording import open_own_recording
     from ..pictures.preview import draw_preview, draw_recorded
     from ..pictures.recording_frames import RecordingFrames
 
-    if outlook.restored:
-        survey = outlook.survey if len(bags) == 1 else survey_bags(bags[:1])
+    if proposal.restored:
+        survey = proposal.survey if len(bags) == 1 else survey_bags(bags[:1])
         recording = open_own_recording(bags[0], survey)
         if recording is not None:
             with closing(RecordingFrames(recording)) as source:
                 return draw_recorded(source, request.options.selection)
-    return draw_preview(bags, outlook.plan, outlook.survey, outlook.options)
+    return draw_preview(bags, proposal.plan, proposal.survey, proposal.options)
 
 
-def print_table(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+def print_table(bags: Sequence[OpenBag], proposal: PlanProposal) -> PlanOverview:
     """Print which topic becomes which stream."""
     from ..bags.bag_files import path_of
 
     names = ', '.join(format_path(path_of(bag)) for bag in bags)
-    overview = _plan_overview(bags, outlook)
-    print_plan(names, outlook, overview)
+    overview = _plan_overview(bags, proposal)
+    print_plan(names, proposal, overview)
     return overview
 
 
-def _plan_overview(bags: Sequence[OpenBag], outlook: Outlook) -> PlanOverview:
+def _plan_overview(bags: Sequence[OpenBag], proposal: PlanProposal) -> PlanOverview:
     from ..importer.apply_plan import make_plan_overview
 
-    return make_plan_overview(bags, outlook.plan, outlook.survey, outlook.options.selection)
+    return make_plan_overview(bags, proposal.plan, proposal.survey, proposal.options.selection)
 
 
 def show_plan(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, json: bool) -> int:
@@ -291,13 +291,13 @@ def show_plan(request: PlanRequest, bags: Sequence[OpenBag], *, quiet: bool, jso
     prepared = prepare_plan(request, bags, any_layout=True)
     losses = () if prepared.drawn is None else prepared.drawn.losses
     if json:
-        overview = _plan_overview(bags, prepared.outlook)
-        values = plan_values([path_of(bag) for bag in bags], prepared.outlook, overview)
+        overview = _plan_overview(bags, prepared.proposal)
+        values = plan_values([path_of(bag) for bag in bags], prepared.proposal, overview)
         print_json(values | drawn_values(request, prepared.drawn))
     elif request.preview is None:
-        overview = print_table(bags, prepared.outlook)
-        print_notes(prepared.outlook, overview)
-        print_next(_commands(request, bags, prepared.outlook, overview))
+        overview = print_table(bags, prepared.proposal)
+        print_notes(prepared.proposal, overview)
+        print_next(_commands(request, bags, prepared.proposal, overview))
     elif not quiet:
         say_drawn(request, prepared)
     show_losses(losses)
@@ -314,7 +314,7 @@ def say_drawn(request: PlanRequest, prepared: PreparedPlan) -> None:
     numbers = ', '.join(map(str, drawn.numbers))
     height, width = drawn.picture.shape[:2]
     size = format_bytes(request.preview.stat().st_size)
-    layout = prepared.outlook.plan.layout.value
+    layout = prepared.proposal.plan.layout.value
     summary = f'layout {layout}, frames {numbers}, {width}x{height}, {size}'
     say(f'{format_path(request.preview)}: preview, {summary}')
 
@@ -328,18 +328,18 @@ def drawn_values(request: PlanRequest, drawn: Preview | None) -> dict[str, objec
 
 
 def _commands(
-    request: PlanRequest, bags: Sequence[OpenBag], outlook: Outlook, overview: PlanOverview
+    request: PlanRequest, bags: Sequence[OpenBag], proposal: PlanProposal, overview: PlanOverview
 ) -> Iterator[tuple[str, str]]:
     """Yield the purpose and the words of commands that may follow."""
     from ..bags.bag_files import path_of
 
     given = dict(request.given)
     plan_file = [] if request.plan_file is None else ['--plan-file', str(request.plan_file)]
-    if not plan_file and not outlook.restored:
-        given['layout'] = outlook.plan.layout.value
+    if not plan_file and not proposal.restored:
+        given['layout'] = proposal.plan.layout.value
     start = ['kitti-ros2', 'to-kitti', *(str(path_of(bag)) for bag in bags)]
     of_the_plan = _words({name: given[name] for name in _OF_THE_PLAN if name in given})
-    if not overview.faults and (outlook.plan.scan or outlook.plan.cameras):
+    if not overview.faults and (proposal.plan.scan or proposal.plan.cameras):
         preview = [*start, *plan_file, *_words(given), '--preview', 'preview.png']
         yield 'see points and boxes of three frames on the images', shlex.join(preview)
     if not plan_file:
@@ -429,14 +429,14 @@ def _convert(
     if shown or request.preview is not None:
         prepared = prepare_plan(request, bags)
         if shown:
-            print_table(bags, prepared.outlook)
+            print_table(bags, prepared.proposal)
         if not (quiet or json):
             say_drawn(request, prepared)
     started = time.monotonic()
     notes: list[str] = []
     note = _note if not (quiet or json) else notes.append
     progress = partial(conversion_progress, show=not (quiet or json))
-    survey = None if prepared is None else prepared.outlook.survey
+    survey = None if prepared is None else prepared.proposal.survey
     conversion = Conversion(bags, out, request.options, request.plan_file, note, progress, survey)
     reports = conversion.run()
     elapsed = time.monotonic() - started
@@ -485,11 +485,11 @@ def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
 def _print_plan(paths: Sequence[Path], options: ImportOptions) -> int:
     """Print the plan as YAML, with missing data as comments."""
     from ..importer.plan import format_plan
-    from ..own_bags.to_kitti import make_outlook
+    from ..own_bags.to_kitti import propose_plan
 
     with ExitStack() as exit_stack:
-        outlook = make_outlook(_open(paths, exit_stack), options)
-        sys.stdout.write(format_plan(outlook.plan, outlook.notes))
+        proposal = propose_plan(_open(paths, exit_stack), options)
+        sys.stdout.write(format_plan(proposal.plan, proposal.notes))
     return EXIT_OK
 
 

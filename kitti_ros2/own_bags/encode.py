@@ -96,17 +96,17 @@ def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream)
     return False
 
 
-# Non-fatal remarks on samples, collected while they are encoded.
+# Notes on samples, collected while they are encoded.
 
 
 @dataclass(frozen=True)
-class Remarks:
-    """Remarks on the samples encoded so far.
+class SampleNotes:
+    """Notes on the samples encoded so far.
 
     Attributes:
         nominal: Parts of the calibration for which a nominal value is used.
         calibration: Notes on calibration files.
-        estimated: The scans that a remark is on, by its text.
+        estimated: Scan numbers by the text of their note.
     """
 
     nominal: set[str] = field(default_factory=set)
@@ -119,11 +119,11 @@ class Remarks:
         self.calibration.update(calibration.notes)
 
     def add_estimated(self, text: str, number: int) -> None:
-        """Add a remark on a scan."""
+        """Add a note on a scan."""
         self.estimated.setdefault(text, set()).add(number)
 
-    def add(self, other: Remarks) -> None:
-        """Add the remarks on other samples."""
+    def add(self, other: SampleNotes) -> None:
+        """Add the notes on other samples."""
         self.nominal.update(other.nominal)
         self.calibration.update(other.calibration)
         for text, numbers in other.estimated.items():
@@ -233,7 +233,7 @@ class Encoder:
 
     Attributes:
         table: The rows with messages, in the order of Message.topic.
-        remarks: On the samples encoded so far.
+        sample_notes: Notes on the samples encoded so far.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ class Encoder:
             self._rows[row.stream].append((index, row))
         self._rig = make_rig(recording, options)
         self._pose_numbers = schedule.numbers_of(Stream.POSE)
-        self.remarks = Remarks()
+        self.sample_notes = SampleNotes()
 
     def encode(
         self, entry: Entry, active: Collection[int] | None = None
@@ -292,7 +292,7 @@ class Encoder:
             mounted = with_nominal_mounts(
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
-            self.remarks.add_calibration(mounted)
+            self.sample_notes.add_calibration(mounted)
         context = EncodeContext(
             self._rig,
             entry.stamp_ns,
@@ -303,7 +303,7 @@ class Encoder:
             _once(decode_image),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
-            lambda text: self.remarks.add_estimated(text, entry.number),
+            lambda text: self.sample_notes.add_estimated(text, entry.number),
         )
         messages, losses = self._serialize(rows, sample, context)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -327,8 +327,8 @@ class Encoder:
         return None
 
     def notes(self) -> tuple[str, ...]:
-        """Return non-fatal remarks on the samples encoded so far."""
-        notes = self.remarks.on_calibration()
+        """Return the notes on the samples encoded so far."""
+        notes = self.sample_notes.on_calibration()
         options, in_map = self._rig.options, any(self._rows[stream] for stream in _IN_MAP)
         if in_map and has_no_gravity(self._recording.start, options.map):
             notes.append(
@@ -345,7 +345,7 @@ class Encoder:
             scans = {e.number: e.stamp_ns for e in self._schedule if e.stream is Stream.SCAN}
             notes += turn_notes(scans, self._recording.turns, FORMATS[options.cloud])
             notes += self._missing_source()
-        notes += self.remarks.on_scans()
+        notes += self.sample_notes.on_scans()
         if options.stack is not None:
             notes += stack_notes(options, self.table, self._images, self._schedule) + self._unmade
         return (*notes, *self._unmatched)

@@ -184,7 +184,7 @@ def row_frames(lines: Iterable[str]) -> Iterator[int]:
 
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
-"""The remark on a bag that was not written by to-bag."""
+"""The note on a bag that was not written by to-bag."""
 
 _HEADLESS = frozenset({ANNOTATIONS, STRING, MARKERS, *TF_TYPES})
 
@@ -228,7 +228,7 @@ class NumberedBag(NamedTuple):
 
     @property
     def common(self) -> bool:
-        """Whether a number is the same moment in all streams; not in a raw extract."""
+        """Whether a number is the same time in all streams; not in a raw extract."""
         return has_common_numbers(self.source_files)
 
     @property
@@ -277,7 +277,7 @@ class NumberedBag(NamedTuple):
 
 
 def has_common_numbers(source_files: SourceFiles) -> bool:
-    """Whether a file number is the same moment in all streams of a recording."""
+    """Whether a file number is the same time in all streams of a recording."""
     return not source_files.layout.traits.is_extract(source_files.name)
 
 

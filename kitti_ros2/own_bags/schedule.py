@@ -39,7 +39,7 @@ _CAMERA = re.compile(r'(?:image|camera|cam)_?0?(\d)', re.ASCII)
 _PACKETS = {Stream.OXTS, Stream.OXTS_EXTRACT}
 
 
-def wanted_streams(asked: tuple[str, ...]) -> set[Stream]:
+def requested_streams(asked: tuple[str, ...]) -> set[Stream]:
     """Return the streams of the option --streams; all without names.
 
     Raises:
@@ -102,7 +102,7 @@ def select_window(
     Args:
         streams: The samples of a recording, but those of UNNUMBERED streams.
         selection: Its start and end.
-        common: Whether a number is the same moment in all streams.
+        common: Whether a number is the same time in all streams.
     """
     numbers, stamps = list(UNLIMITED), list(UNLIMITED)
     for side, bound in enumerate((selection.start, selection.end)):
@@ -216,7 +216,7 @@ class Schedule:
         streams: (N,) indices into Stream.
         numbers: (N,) int64 file numbers.
         spans: First and last selected file number, by selected stream.
-        common_numbers: Whether a file number is the same moment in all streams.
+        common_numbers: Whether a file number is the same time in all streams.
         turns: The turn of the scanner of each scan, by file number, if known.
     """
 
@@ -301,7 +301,7 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
 
     Args:
         numbers: The file numbers of each stream.
-        common: Whether a number is the same moment in all streams.
+        common: Whether a number is the same time in all streams.
     """
     arrays = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
     every = np.concatenate([*(arrays if common else arrays[:1]), np.empty(0, np.int64)])
@@ -351,7 +351,7 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     Raises:
         UsageError: A stream's name is unknown, or the selection is empty.
     """
-    streams = wanted_streams(selection.streams)
+    streams = requested_streams(selection.streams)
     common = recording.common_numbers
     own = numbered(recording)
     window = select_window(own, selection, common=common)

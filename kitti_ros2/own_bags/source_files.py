@@ -71,8 +71,8 @@ class Folder:
 
     def has(self, number: int) -> bool:
         """Whether the recording has a file of this number."""
-        place = bisect_left(self.numbers, number)
-        return self.numbers[place : place + 1] == (number,)
+        index = bisect_left(self.numbers, number)
+        return self.numbers[index : index + 1] == (number,)
 
 
 def owner_of(path: PurePosixPath, folders: Mapping[Stream, Folder]) -> tuple[Stream, int] | None:
@@ -147,7 +147,7 @@ class DescribedRecording:
         name: Drive, sequence or split.
         epoch_ns: The time of the first frame in layouts without absolute time.
         period_ns: Distance of the frames in layouts without time.
-        scan_stamp: The moment of a scan used as its stamp.
+        scan_stamp: The time of a scan used as its stamp.
         folders: By stream.
         times: The true stamps of an object set in real time; None for others.
         deskew: What to-bag did to the scans; None: they are those of the files.
@@ -203,8 +203,8 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
         if len(stems) > _MOST_FILES:
             raise ValueError(f'more than {_MOST_FILES} names')
         folders = {Stream(name): _folder(entry, stems, path) for name, entry in entries.items()}
-        places = {(folder.path, folder.names.suffix.lower()) for folder in folders.values()}
-        if len(places) < len(folders):
+        patterns = {(folder.path, folder.names.suffix.lower()) for folder in folders.values()}
+        if len(patterns) < len(folders):
             raise ValueError('two streams in one folder')
         return RecordingDescription(
             layout=Layout(values['layout']),
@@ -567,14 +567,14 @@ class TextFiles:
     def _refuse_taken(self, topic: str, path: PurePosixPath) -> None:
         if path in self._taken:
             raise ValueError(f'a text named {path}, which is a folder')
-        for place in (path, *path.parents):
-            stream, number = owner_of(place, self._folders) or (None, 0)
-            if stream is Stream.CALIBRATION and topic == CALIBRATION and place == path:
+        for prefix in (path, *path.parents):
+            stream, number = owner_of(prefix, self._folders) or (None, 0)
+            if stream is Stream.CALIBRATION and topic == CALIBRATION and prefix == path:
                 return
             if stream is not None:
                 raise ValueError(f'a text named {path}, which is {stream.value} {number}')
-            if place in self._found:
-                raise ValueError(f'a text named {path}, though {place} is a file')
+            if prefix in self._found:
+                raise ValueError(f'a text named {path}, though {prefix} is a file')
 
     def _refuse_unlisted(self, topic: str, path: PurePosixPath) -> None:
         listed = self._listed.get(topic)

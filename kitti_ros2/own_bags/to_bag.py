@@ -20,7 +20,7 @@ from ..messages.cdr import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error, Loss
 from ..options.messages import Images
-from .encode import Encoder, Remarks
+from .encode import Encoder, SampleNotes
 from .schedule import make_schedule
 
 if TYPE_CHECKING:
@@ -63,12 +63,12 @@ class EncodedRun:
 
     Attributes:
         outcomes: Messages and losses of each sample.
-        remarks: On the samples that this process has encoded since its last run.
+        sample_notes: Notes on the samples that this process has encoded since its last run.
         late_losses: All those of its recording so far.
     """
 
     outcomes: list[Outcome]
-    remarks: Remarks
+    sample_notes: SampleNotes
     late_losses: tuple[Loss, ...]
 
 
@@ -90,12 +90,12 @@ class RunEncoder:
         """Encode the run that begins at a position of the schedule, in a process for this alone."""
         hold_to_one_thread()
         encoder = self._encoder
-        encoder.remarks = Remarks()
+        encoder.sample_notes = SampleNotes()
         outcomes = [
             ([message._replace(parts=_buffers(message.parts)) for message in messages], losses)
             for messages, losses in map(encoder.encode, self._schedule.part(start, start + _RUN))
         ]
-        return EncodedRun(outcomes, encoder.remarks, tuple(self._recording.late_losses))
+        return EncodedRun(outcomes, encoder.sample_notes, tuple(self._recording.late_losses))
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def _outcomes(
     runs: Iterable[EncodedRun], encoder: Encoder, late: dict[Loss, None]
 ) -> Iterator[Outcome]:
     for run in runs:
-        encoder.remarks.add(run.remarks)
+        encoder.sample_notes.add(run.sample_notes)
         late.update(dict.fromkeys(run.late_losses))
         yield from run.outcomes
 
@@ -208,7 +208,7 @@ class ExportReport:
         size_bytes: Of all messages.
         first_ns, last_ns: Stamps.
         losses: What was skipped.
-        notes: Non-fatal remarks.
+        notes: What cost no data, a line each.
     """
 
     path: Path

@@ -224,7 +224,7 @@ class _Writer:
         }
         self._grey: dict[Stream, set[int]] = {}
         self._as_png: dict[Stream, set[int]] = {}
-        self._unplaced: Counter[Stream] = Counter()
+        self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
         self._differences: dict[str, set[int]] = {}
@@ -256,7 +256,7 @@ class _Writer:
         if numbers:
             self._lost[stream].add(numbers.pop(0))
         else:
-            self._unplaced[stream] += 1
+            self._unnumbered[stream] += 1
 
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """Make the file of a text of one frame, unless the whole file is known."""
@@ -286,7 +286,7 @@ class _Writer:
         stream = own_topics()[message.topic].stream
         numbers = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
         if not numbers:
-            self._lose(message, self._why_unplaced(stream))
+            self._lose(message, self._why_unnumbered(stream))
             return None
         number = numbers.pop(0)
         path = self._source_files.folders[stream].file(number)
@@ -299,7 +299,7 @@ class _Writer:
         content = partial(format_sample, sample, self._root / path, columns)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
 
-    def _why_unplaced(self, stream: Stream) -> str:
+    def _why_unnumbered(self, stream: Stream) -> str:
         folder = self._source_files.folders.get(stream)
         if folder is not None and self._numbers[stream] is None:
             streams = (self._source_files.stamped_as(stream), stream)
@@ -342,7 +342,7 @@ class _Writer:
                 written = {number for number in folder.carried if folder.file(number) in files}
             requested = self._source_files.requested(stream)
             absent = sorted(requested - written - self._lost[stream])
-            if len(absent) > self._unplaced[stream]:
+            if len(absent) > self._unnumbered[stream]:
                 text = f'the bag does not hold {stream.value} of frames {{}}'
                 missing.append(Loss(stream.value, len(absent), text, tuple(absent)))
             others = sorted({*folder.numbers} - {*folder.carried})
@@ -376,7 +376,7 @@ class _Writer:
         )
 
     def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
-        """Return the loss of the columns that to-bag was told to skip."""
+        """Return the loss of the columns that to-bag skipped."""
         columns = self._source_files.columns
         if columns is None or not columns.skipped or not scans:
             return []
@@ -475,16 +475,16 @@ class Conversion:
         reported = set[str]()
         if self.plan_file is not None:
             plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
-            for remark in unused_notes(survey, plan):
-                self.note(remark)
+            for note in unused_notes(survey, plan):
+                self.note(note)
         else:
             guessed = guess(self.bags, survey, self.options)
             plan, losses = guessed.plan, (*losses, *guessed.losses)
-            for remark in guessed.notes:
-                self.note(remark)
+            for note in guessed.notes:
+                self.note(note)
             reported |= set(guessed.notes)
-        for remark in mend(self.out) if self.options.append else ():
-            self.note(remark)
+        for note in mend(self.out) if self.options.append else ():
+            self.note(note)
         plans = plans_of(plan).values()
         options = replace(self.options, selection=selected(recordings, plan, self.options))
         samples = sum(
@@ -493,10 +493,10 @@ class Conversion:
         with self.progress(samples, samples) as show:
             reports = convert(self.bags, plan, survey, self.out, options, show)
         reported |= {loss.text() for loss in losses}
-        for place, report in enumerate(reports):
+        for index, report in enumerate(reports):
             notes = tuple(note for note in report.notes if note not in reported)
-            before = losses if place == 0 else ()
-            reports[place] = replace(report, losses=(*before, *report.losses), notes=notes)
+            before = losses if index == 0 else ()
+            reports[index] = replace(report, losses=(*before, *report.losses), notes=notes)
         return reports
 
 
@@ -576,14 +576,14 @@ def own_bags(
 
 
 @dataclass(frozen=True)
-class Outlook:
+class PlanProposal:
     """The plan of a conversion.
 
     Attributes:
         survey: The content of the bags.
         plan: The plan that was given, or the one that was guessed.
         options: Of the conversion, with the layout and the selection of the plan.
-        notes: Remarks, missing data and damage, a line each.
+        notes: Notes, missing data and damage, a line each.
         restored: Whether to-bag wrote the bags and no option changes that: without a plan the
             original files come back.
         reason: Why the layout was chosen; empty if it was given.
@@ -599,13 +599,13 @@ class Outlook:
     layouts: Mapping[Layout, tuple[str, ...]] | None = None
 
 
-def make_outlook(
+def propose_plan(
     bags: Sequence[OpenBag],
     options: ImportOptions,
     plan_file: Path | None = None,
     *,
     any_layout: bool = False,
-) -> Outlook:
+) -> PlanProposal:
     """Survey bags, and make or read the plan of their conversion.
 
     Args:
@@ -622,7 +622,7 @@ def make_outlook(
         plan = adapt(parse_plan(STORE.read_text(plan_file), plan_file), options)
         survey = with_tracklets(survey_bags(bags), own)
         options = replace(options, selection=selected(own, plan, options))
-        return Outlook(survey, plan, options, (*survey.notes, *survey.losses))
+        return PlanProposal(survey, plan, options, (*survey.notes, *survey.losses))
     restored = is_restored(own, options)
     notes: tuple[str, ...] = ()
     if own:
@@ -639,7 +639,7 @@ def make_outlook(
     notes += (*survey.notes, *survey.losses)
     options = replace(options, selection=selected(own, guessed.plan, options))
     notes = tuple(dict.fromkeys(notes))
-    return Outlook(survey, guessed.plan, options, notes, restored, reason, layouts)
+    return PlanProposal(survey, guessed.plan, options, notes, restored, reason, layouts)
 
 
 def _as_recorded(

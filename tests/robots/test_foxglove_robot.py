@@ -24,7 +24,7 @@ from kitti_ros2.messages.foxglove import JsonFields
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
-from kitti_ros2.own_bags.to_kitti import make_outlook
+from kitti_ros2.own_bags.to_kitti import propose_plan
 
 pytest.importorskip('mcap_protobuf')
 pytest.importorskip('foxglove_schemas_protobuf')
@@ -352,7 +352,7 @@ def test_schemas_that_are_no_ros_messages_are_named(tmp_path):
 def test_the_plan_gives_one_reason_for_them(tmp_path):
     found = [*RECORDS, ('/video', robot.START_NS, 'CompressedVideo', {'format': 'h264'})]
     path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
-    notes = make_outlook([open_bag_source(path)], ImportOptions(layout=Layout.OBJECT)).notes
+    notes = propose_plan([open_bag_source(path)], ImportOptions(layout=Layout.OBJECT)).notes
     told = [note for note in notes if '/video' in note]
     assert len(told) == 2
     assert 'single images of a video cannot be read' in ' '.join(told)

@@ -17,7 +17,7 @@ from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.cli import main
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
-from kitti_ros2.own_bags.to_kitti import make_outlook
+from kitti_ros2.own_bags.to_kitti import propose_plan
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -181,9 +181,9 @@ def test_the_layout_that_has_files_for_them_is_preferred(tmp_path):
         tmp_path / 'bag', lambda number: points_of(number, ('label', '<u2', classes))
     )
     with OpenBag(bag) as opened:
-        outlook = make_outlook([opened], ImportOptions(), any_layout=True)
-    assert outlook.plan.layout is Layout.ODOMETRY
-    assert outlook.reason == 'the points have labels'
+        proposal = propose_plan([opened], ImportOptions(), any_layout=True)
+    assert proposal.plan.layout is Layout.ODOMETRY
+    assert proposal.reason == 'the points have labels'
 
 
 def test_clouds_without_the_labels_of_others_are_a_loss(tmp_path, capsys):
