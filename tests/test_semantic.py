@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis.extra import numpy as arrays
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.drawing.drawn_objects import SEMANTIC_COLORS as COLORS
+from kitti_ros2.drawing.labelled_objects import SEMANTIC_COLORS as COLORS
 from kitti_ros2.kitti.opening import guess_layout, open_recording
 from kitti_ros2.kitti.scan_file import format_point_labels, parse_point_labels
 from kitti_ros2.messages.cdr import deserialize

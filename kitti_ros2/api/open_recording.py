@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
-from ..drawing.drawn_objects import objects_of
+from ..drawing.labelled_objects import objects_of
 from ..files.image_files import decode_image, encode_png
 from ..files.remote import as_path, is_remote
 from ..files.remote_reads import forget
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from typing_extensions import Self, Unpack
 
-    from ..drawing.drawn_objects import LabelledObject, Pixels
+    from ..drawing.labelled_objects import LabelledObject, Pixels
     from ..model.boxes import Box, Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Float64Array

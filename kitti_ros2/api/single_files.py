@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..drawing.drawn_objects import colour_pixels
+from ..drawing.labelled_objects import colour_pixels
 from ..files.image_files import decode_image, encode_png, parse_image
 from ..files.remote import as_path
 from ..kitti import names

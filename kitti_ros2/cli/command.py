@@ -403,7 +403,7 @@ def _streams(_: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _classes(_: Mapping[str, Any]) -> Iterable[str]:
-    from ..drawing.drawn_objects import CLASS_COLORS
+    from ..drawing.labelled_objects import CLASS_COLORS
 
     return [name for name in CLASS_COLORS if ' ' not in name]
 

@@ -88,7 +88,7 @@ def draw_worst(
     quiet: bool,
 ) -> tuple[Loss, ...]:
     """Draw frames with their errors into a new folder; return the losses."""
-    from ..evaluation.worst_pictures import draw_worst_frames
+    from ..evaluation.error_pictures import draw_worst_frames
     from ..files.staging import staged
 
     with (
@@ -105,7 +105,7 @@ def draw_worst(
 
 
 def _open_pictures(ground_truth: Path, read: ReadOptions) -> closing[RecordingFrames]:
-    from ..evaluation.worst_pictures import open_pictures
+    from ..evaluation.error_pictures import open_pictures
 
     return closing(open_pictures(ground_truth, read))
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
     from contextlib import AbstractContextManager
 
-    from ..drawing.drawn_objects import Pixels
+    from ..drawing.labelled_objects import Pixels
     from ..model.errors import Loss
     from ..options.table import ViewSettings
     from ..pictures.recording_frames import FrameData, RecordingFrames

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.drawn_objects import SEMANTIC_NAMES
+from ..drawing.labelled_objects import SEMANTIC_NAMES
 from ..files.threads import ordered_map, worker_count
 from ..kitti.kitti_recording import no_calibration, rect_from_imu
 from ..model.boxes import (

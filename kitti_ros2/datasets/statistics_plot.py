@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from ..drawing.drawn_objects import (
+from ..drawing.labelled_objects import (
     INK,
     OTHER_COLOR,
     SEMANTIC_COLORS,

@@ -14,8 +14,8 @@ import numpy as np
 from ..model.boxes import DONT_CARE, EDGES, NEAR_M, clip_bounds, cuboid_corners
 from ..model.geometry import Transform
 from ..model.samples import rect_from_velo
-from .drawn_objects import LABEL_CAMERA, NEUTRAL_COLOR, distance_of, name_of
-from .strokes import (
+from .labelled_objects import LABEL_CAMERA, NEUTRAL_COLOR, distance_of, name_of
+from .primitives import (
     Tag,
     box_color,
     caption_2d,
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, CameraCalibration
-    from .drawn_objects import LabelledObject, Pixels
-    from .strokes import Bounds, Color
+    from .labelled_objects import LabelledObject, Pixels
+    from .primitives import Bounds, Color
 
 
 # Drawing of 2D boxes on a camera image.
@@ -222,8 +222,8 @@ def draw_wireframes(
         seen = None if math.isnan(left) else (left, top, right, bottom)
         edge_width = 1 if predicted else line_width(obj, seen, scale)
         for chosen, width in ((cross, 1), (~cross, edge_width)):
-            strokes = parts[mine][chosen]
-            draw_segments(picture, dashes(strokes, scale) if predicted else strokes, color, width)
+            drawn = parts[mine][chosen]
+            draw_segments(picture, dashes(drawn, scale) if predicted else drawn, color, width)
         if seen is not None:
             tags.append(Tag(caption_3d(obj), seen, color, predicted))
     if named:

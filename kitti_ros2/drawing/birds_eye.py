@@ -16,9 +16,9 @@ from ..model.boxes import DONT_CARE, EDGES, Cuboid, cuboid_corners
 from ..model.geometry import Transform
 from ..options.outputs import ColorBy
 from .annotate import Projection, draw_wireframes
-from .drawn_objects import EGO_COLOR, EGO_SIZE_LWH, name_of
+from .labelled_objects import EGO_COLOR, EGO_SIZE_LWH, name_of
 from .points import DIM, SCALES, PointColors, scatter, seen_points
-from .strokes import (
+from .primitives import (
     Tag,
     bgr,
     box_color,
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array
     from ..options.outputs import BirdOptions
-    from .drawn_objects import LabelledObject, Pixels
-    from .strokes import Color
+    from .labelled_objects import LabelledObject, Pixels
+    from .primitives import Color
 
 
 # Boxes from above: outlines with their headings, and objects out of range.

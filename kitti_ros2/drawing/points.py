@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..options.outputs import ColorBy, ColorMap
-from .drawn_objects import semantic_names, semantic_shades, semantic_table
-from .strokes import WHITE, extent_of, has_pixels, put_text, scale_of, size_of
+from .labelled_objects import semantic_names, semantic_shades, semantic_table
+from .primitives import WHITE, extent_of, has_pixels, put_text, scale_of, size_of
 
 if TYPE_CHECKING:
     from ..model.samples import Float32Array
     from .annotate import Projection
-    from .drawn_objects import Pixels
+    from .labelled_objects import Pixels
 
 
 # Colour scales: values to shades, shades to colours, and the colour bar.

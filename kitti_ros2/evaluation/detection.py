@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..api.arguments import by_name, warn_of
-from ..drawing.drawn_objects import compared, objects_of_boxes, plot_file
+from ..drawing.labelled_objects import compared, objects_of_boxes, plot_file
 from ..files.remote import as_path
 from ..kitti.names import parse_image_set
 from ..kitti.store import STORE
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Unpack
 
-    from ..drawing.drawn_objects import LabelledObject
+    from ..drawing.labelled_objects import LabelledObject
     from ..model.boxes import Box
     from ..options.evaluation import DetectionOptions
     from ..options.keywords import DetectionKeywords

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.locate import locate_bag, looks_like_bag
-from ..drawing.drawn_objects import INK, plot_file
+from ..drawing.labelled_objects import INK, plot_file
 from ..files.remote import as_path
 from ..messages.naming import FrameNames
 from ..model.errors import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..drawing.drawn_objects import SEMANTIC_NAMES
+from ..drawing.labelled_objects import SEMANTIC_NAMES
 from ..files.remote import as_path
 from ..kitti.store import STORE
 from ..messages.camera_info import camera_model

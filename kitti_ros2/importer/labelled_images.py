@@ -19,7 +19,7 @@ import numpy as np
 from ..bags.reader import Decoder, open_messages
 from ..bags.single_messages import MessagesByIndex
 from ..drawing.annotate import annotate
-from ..drawing.drawn_objects import colour_pixels, objects_of
+from ..drawing.labelled_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
 from ..messages.naming import LABEL_LINES, decode_text
 from ..model.errors import KittiRos2Error, LossTally, UsageError, describe_error
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..bags.bag_files import OpenBag
-    from ..drawing.drawn_objects import Pixels as Picture
+    from ..drawing.labelled_objects import Pixels as Picture
     from ..messages.images import Pixels
     from ..model.samples import Int64Array
     from .plan import Plan

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.single_messages import MessagesByPosition, positions_of
-from ..drawing.drawn_objects import colour_pixels
+from ..drawing.labelled_objects import colour_pixels
 from ..files.image_files import parse_png
 from ..kitti.kitti_recording import no_calibration
 from ..kitti.label_file import labels_of_text
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource
     from ..bags.single_messages import MessagePosition
-    from ..drawing.drawn_objects import Pixels
+    from ..drawing.labelled_objects import Pixels
     from ..messages.moving_tree import MovingTree, Track
     from ..model.boxes import Cuboid
     from ..model.errors import Loss

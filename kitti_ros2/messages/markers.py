@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..drawing.drawn_objects import (
+from ..drawing.labelled_objects import (
     EGO_COLOR,
     EGO_SIZE_LWH,
     NEUTRAL_COLOR,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from ..drawing.annotate import StyledBox
-    from ..drawing.drawn_objects import LabelledObject
+    from ..drawing.labelled_objects import LabelledObject
     from ..model.boxes import Cuboid
     from ..model.geometry import Float64Array
     from .cdr import Parts

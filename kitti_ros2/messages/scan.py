@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.drawn_objects import OTHER_COLOR, SEMANTIC_COLORS
+from ..drawing.labelled_objects import OTHER_COLOR, SEMANTIC_COLORS
 from ..model.bag_formats import EXTRA, FORMATS, Order, Points
 from ..model.recording import turned_to
 from ..model.samples import Scan

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..drawing.drawn_objects import colour_pixels, compared, is_missed, objects_of
+from ..drawing.labelled_objects import colour_pixels, compared, is_missed, objects_of
 from ..model.bag_formats import (
     ANNOTATIONS,
     CAMERA_INFO,
@@ -113,7 +113,7 @@ from .scan import decode_scan, encode_scan
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 
-    from ..drawing.drawn_objects import LabelledObject
+    from ..drawing.labelled_objects import LabelledObject
     from ..model.boxes import Cuboid
     from ..model.samples import (
         Calibration,

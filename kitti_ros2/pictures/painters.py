@@ -15,7 +15,7 @@ import numpy as np
 
 from ..drawing.annotate import Projection, draw_boxes_2d, draw_wireframes, is_labelled
 from ..drawing.birds_eye import birds_eye, draw_perspective
-from ..drawing.drawn_objects import LABEL_CAMERA, compared, objects_of, resized
+from ..drawing.labelled_objects import LABEL_CAMERA, compared, objects_of, resized
 from ..drawing.points import PointColors, draw_points
 from ..model.boxes import DONT_CARE
 from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
@@ -27,7 +27,7 @@ from .recording_frames import POINT_LABELS
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from ..drawing.drawn_objects import Pixels
+    from ..drawing.labelled_objects import Pixels
     from ..model.samples import Float32Array, FrameLabels
     from ..options.outputs import PictureOptions
     from .recording_frames import FrameData

@@ -17,7 +17,14 @@ import numpy as np
 
 from ..drawing.birds_eye import BACKGROUND, draw_route
 from ..drawing.points import ROWS, SCALES, color_table, colored, draw_ramp, range_maps
-from ..drawing.strokes import PREDICTION_BGR, class_color, extent_of, fitted, new_picture, put_text
+from ..drawing.primitives import (
+    PREDICTION_BGR,
+    class_color,
+    extent_of,
+    fitted,
+    new_picture,
+    put_text,
+)
 from ..model.boxes import DONT_CARE, Verdict
 from ..model.errors import MissingDataError
 from ..model.streams import Stream, format_stamp
@@ -40,8 +47,8 @@ from .painters import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from ..drawing.drawn_objects import Pixels
-    from ..drawing.strokes import Color
+    from ..drawing.labelled_objects import Pixels
+    from ..drawing.primitives import Color
     from ..options.outputs import BirdOptions, PictureOptions
     from .painters import Painter
     from .recording_frames import FrameData

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..drawing.birds_eye import BACKGROUND
-from ..drawing.strokes import captioned, new_picture
+from ..drawing.primitives import captioned, new_picture
 from ..importer.apply_plan import common_frames, plans_of
 from ..importer.kitti_frames import Excerpt, spread
 from ..importer.plan import NONE
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from ..bags.bag_files import BagSource
-    from ..drawing.drawn_objects import Pixels
+    from ..drawing.labelled_objects import Pixels
     from ..importer.plan import Plan
     from ..importer.survey import Survey
     from ..model.errors import Loss

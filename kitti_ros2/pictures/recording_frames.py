@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bags.bag_files import OpenBag
 from ..bags.open_source import open_source
-from ..drawing.drawn_objects import colour_pixels, objects_of
+from ..drawing.labelled_objects import colour_pixels, objects_of
 from ..files.image_files import decode_image
 from ..kitti.kitti_recording import KittiRecording
 from ..kitti.prepare import scan_at
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..drawing.drawn_objects import LabelledObject, Pixels
+    from ..drawing.labelled_objects import LabelledObject, Pixels
     from ..importer.planned_recording import PlannedRecording
     from ..model.errors import Loss
     from ..model.geometry import Float64Array, Transform

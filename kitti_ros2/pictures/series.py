@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from ..drawing.drawn_objects import Pixels
+    from ..drawing.labelled_objects import Pixels
     from ..options.outputs import PictureOptions
     from ..options.read import SelectionOptions
     from .panel import Mode

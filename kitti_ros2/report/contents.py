@@ -17,7 +17,7 @@ from ..model.errors import format_count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from ..drawing.drawn_objects import LabelledObject
+    from ..drawing.labelled_objects import LabelledObject
     from ..evaluation.detection import DetectionScores
     from ..model.geometry import Float64Array
     from ..model.recording import Route, StreamIndex

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.drawn_objects import rgb_of
+from ..drawing.labelled_objects import rgb_of
 from ..model.geometry import Transform, rotation_from_rpy
 
 if TYPE_CHECKING:

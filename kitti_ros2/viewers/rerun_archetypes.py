@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import rerun as rr
 
-from ..drawing.drawn_objects import PREDICTION_COLOR, rgb_of
+from ..drawing.labelled_objects import PREDICTION_COLOR, rgb_of
 from ..messages.camera_info import camera_model
 from ..messages.cdr import stamp_ns_of, transform_of
 from ..messages.clouds import decode_cloud, guess_intensity_scale

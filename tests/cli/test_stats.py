@@ -17,7 +17,7 @@ from label_set import FRAMES, TRAINING, write_labels
 
 from kitti_ros2.cli import main
 from kitti_ros2.cli.stats_tables import titles_of
-from kitti_ros2.drawing import drawn_objects
+from kitti_ros2.drawing import labelled_objects
 from kitti_ros2.model.streams import Layout
 
 needs_matplotlib = pytest.mark.skipif(
@@ -29,7 +29,7 @@ CAR = 'Car 0.00 0 -1.5 600 100 650 150 1.5 1.6 4.0 3.0 1.7 4.0 0.0\n'
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(drawn_objects, '_DPI', 60)
+    monkeypatch.setattr(labelled_objects, '_DPI', 60)
 
 
 @pytest.fixture(scope='session')

@@ -19,8 +19,8 @@ from kitti_ros2.drawing.annotate import (
     draw_wireframes,
     projected_bounds,
 )
-from kitti_ros2.drawing.drawn_objects import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS, resized
-from kitti_ros2.drawing.strokes import box_color, caption_2d, caption_3d, class_color
+from kitti_ros2.drawing.labelled_objects import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS, resized
+from kitti_ros2.drawing.primitives import box_color, caption_2d, caption_3d, class_color
 from kitti_ros2.model.boxes import DONT_CARE, Match, Verdict, clip_bounds, cuboid_corners
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.recording_frames import open_frames

@@ -13,7 +13,7 @@ from scenes import camera, canvas, flat, solid
 
 from kitti_ros2.drawing.annotate import Projection, annotate, draw_boxes_2d, draw_wireframes
 from kitti_ros2.drawing.birds_eye import BirdView, birds_eye, draw_footprints
-from kitti_ros2.drawing.drawn_objects import LabelledObject
+from kitti_ros2.drawing.labelled_objects import LabelledObject
 from kitti_ros2.drawing.points import PointColors, draw_points, range_maps
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.options.outputs import BirdOptions, ColorBy

@@ -12,7 +12,7 @@ import pytest
 from color_difference import ciede2000, contrast, deuteranope, lab, linear
 
 from kitti_ros2.drawing.birds_eye import BACKGROUND
-from kitti_ros2.drawing.drawn_objects import (
+from kitti_ros2.drawing.labelled_objects import (
     CLASS_COLORS,
     NEUTRAL_COLOR,
     PREDICTION_COLOR,

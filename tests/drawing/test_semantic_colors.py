@@ -8,7 +8,7 @@ import numpy as np
 from scenes import camera, canvas
 
 from kitti_ros2.drawing.birds_eye import BirdView, draw_points_from_above
-from kitti_ros2.drawing.drawn_objects import (
+from kitti_ros2.drawing.labelled_objects import (
     SEMANTIC_COLORS,
     semantic_names,
     semantic_shades,

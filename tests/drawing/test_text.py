@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import SIZE, bounds_of, canvas
 
-from kitti_ros2.drawing.strokes import Tag, draw_tags, extent_of, fitted, printable, put_text
+from kitti_ros2.drawing.primitives import Tag, draw_tags, extent_of, fitted, printable, put_text
 
 COLORS = [(250, 0, 0), (0, 250, 0), (0, 0, 250), (250, 250, 0), (0, 250, 250)]
 SCALE = 0.4
@@ -38,7 +38,7 @@ def test_tags_of_one_place_keep_apart_within_the_image(bounds):
 MEMORY = """
 import tracemalloc
 import numpy as np
-from kitti_ros2.drawing.strokes import Tag, draw_tags
+from kitti_ros2.drawing.primitives import Tag, draw_tags
 
 for count in (20, 2000):
     picture = np.zeros((240, 400, 3), np.uint8)

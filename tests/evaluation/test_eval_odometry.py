@@ -29,7 +29,7 @@ from drives import (
 
 from kitti_ros2 import KittiRos2Warning
 from kitti_ros2.cli import main
-from kitti_ros2.drawing import drawn_objects
+from kitti_ros2.drawing import labelled_objects
 from kitti_ros2.evaluation import evaluate_odometry
 from kitti_ros2.kitti.calib_file import parse_calibration
 from kitti_ros2.kitti.kitti_recording import rect_from_imu
@@ -56,7 +56,7 @@ RESULT = shaken(TRUTH)
 @pytest.fixture(autouse=True)
 def columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
-    monkeypatch.setattr(drawn_objects, '_DPI', 60)
+    monkeypatch.setattr(labelled_objects, '_DPI', 60)
 
 
 @pytest.fixture

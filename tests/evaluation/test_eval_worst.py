@@ -15,8 +15,8 @@ from result_folders import write_frames
 
 from kitti_ros2 import evaluation
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.drawn_objects import VERDICT_COLORS
-from kitti_ros2.evaluation import worst_pictures
+from kitti_ros2.drawing.labelled_objects import VERDICT_COLORS
+from kitti_ros2.evaluation import error_pictures
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.detections import encode_detections
 from kitti_ros2.model.streams import Layout
@@ -157,14 +157,14 @@ def test_an_existing_folder_is_kept_unless_it_has_such_pictures_only(made, tmp_p
 
 @pytest.mark.parametrize('error', [KeyboardInterrupt, OSError(28, 'No space left on device')])
 def test_an_interrupt_leaves_no_folder(error, made, tmp_path, capsys, monkeypatch):
-    write = worst_pictures.write_picture
+    write = error_pictures.write_picture
     before = entries(tmp_path)
 
     def stop(path, picture):
         write(path, picture)
         raise error
 
-    monkeypatch.setattr(worst_pictures, 'write_picture', stop)
+    monkeypatch.setattr(error_pictures, 'write_picture', stop)
     code, *_ = run(capsys, *made, '--worst', 2, '-o', tmp_path / 'new' / 'errors')
     assert code not in {0, 1}
     assert entries(tmp_path) == before

@@ -10,9 +10,9 @@ import pytest
 from prediction_set import LABELS, RESULTS, line, write_prediction_set
 
 from kitti_ros2 import evaluation
-from kitti_ros2.drawing.drawn_objects import VERDICT_COLORS
+from kitti_ros2.drawing.labelled_objects import VERDICT_COLORS
 from kitti_ros2.evaluation import worst_frames
-from kitti_ros2.evaluation.worst_pictures import draw_worst_frames
+from kitti_ros2.evaluation.error_pictures import draw_worst_frames
 from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.model.classes import LeastOverlaps
 from kitti_ros2.model.streams import Layout

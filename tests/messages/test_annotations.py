@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.drawing.annotate import StyledBox, image_boxes
-from kitti_ros2.drawing.drawn_objects import (
+from kitti_ros2.drawing.labelled_objects import (
     CLASS_COLORS,
     NEUTRAL_COLOR,
     PREDICTION_COLOR,

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.drawn_objects import color_of
+from kitti_ros2.drawing.labelled_objects import color_of
 from kitti_ros2.messages.cdr import stamp_ns_of, transform_of
 from kitti_ros2.messages.markers import encode_markers
 from kitti_ros2.messages.naming import FrameNames
@@ -273,7 +273,7 @@ def test_colours_are_within_range(kind, number, colors):
 def test_unknown_classes_have_the_same_colours_in_every_run():
     kinds = ['my-robot', 'Bus', 'Straßenbahn']
     program = (
-        'from kitti_ros2.drawing.drawn_objects import color_of; '
+        'from kitti_ros2.drawing.labelled_objects import color_of; '
         'from kitti_ros2.options.messages import MarkerColors; '
         f'print([color_of(kind, 0, MarkerColors.CLASS) for kind in {kinds}])'
     )

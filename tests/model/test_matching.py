@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.drawn_objects import LabelledObject
+from kitti_ros2.drawing.labelled_objects import LabelledObject
 from kitti_ros2.model.boxes import DONT_CARE, BoxTable, Cuboid, Matches, Verdict, ious_2d, match
 from kitti_ros2.model.classes import KITTI_OVERLAPS, LeastOverlaps
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy

@@ -13,7 +13,7 @@ from prediction_set import LABELS, RESULTS, track_lines, write_prediction_set, w
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.drawn_objects import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS
+from kitti_ros2.drawing.labelled_objects import NEUTRAL_COLOR, PREDICTION_COLOR, VERDICT_COLORS
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.model.boxes import Verdict

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.drawing.drawn_objects import LabelledObject, colour_pixels, compared, objects_of
+from kitti_ros2.drawing.labelled_objects import LabelledObject, colour_pixels, compared, objects_of
 from kitti_ros2.kitti.label_file import ResultFiles
 from kitti_ros2.model.errors import MissingDataError, UsageError
 from kitti_ros2.model.samples import FrameLabels

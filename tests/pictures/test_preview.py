@@ -11,7 +11,7 @@ import foreign
 import numpy as np
 import pytest
 
-from kitti_ros2.drawing.strokes import captioned
+from kitti_ros2.drawing.primitives import captioned
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.errors import MissingDataError, UsageError

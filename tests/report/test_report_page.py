@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli.info import inspect_source
-from kitti_ros2.drawing.drawn_objects import rgb_of
+from kitti_ros2.drawing.labelled_objects import rgb_of
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import make_header, make_vector3, serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String, Twist, TwistStamped

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.drawing.drawn_objects import LabelledObject
+from kitti_ros2.drawing.labelled_objects import LabelledObject
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.recording import StreamIndex

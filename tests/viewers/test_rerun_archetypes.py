@@ -15,7 +15,7 @@ pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 import foreign
 from rosbags.typesys import Stores, get_typestore
 
-from kitti_ros2.drawing.drawn_objects import color_of
+from kitti_ros2.drawing.labelled_objects import color_of
 from kitti_ros2.messages.camera_info import encode_static
 from kitti_ros2.messages.cdr import join, make_header, make_pose, make_vector3, serialize
 from kitti_ros2.messages.detections import encode_boxes_2d, encode_detections

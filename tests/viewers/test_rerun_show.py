@@ -16,7 +16,7 @@ from prediction_set import write_prediction_set
 from read_rrd import show_in
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.drawing.drawn_objects import PREDICTION_COLOR
+from kitti_ros2.drawing.labelled_objects import PREDICTION_COLOR
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.naming import POINTS as SOURCE_POINTS

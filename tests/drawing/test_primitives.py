@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import SIZE, bounds_of, canvas, drawn
 
-from kitti_ros2.drawing.strokes import (
+from kitti_ros2.drawing.primitives import (
     cut_polygon,
     cut_segments,
     dashes,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..drawing.strokes import captioned
+from ..drawing.primitives import captioned
 from ..model.boxes import NEIGHBOURS
 from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
 from ..model.errors import NotKittiError, UsageError

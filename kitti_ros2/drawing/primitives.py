@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..model.boxes import Verdict, cuboid_corners
 from ..model.geometry import cut_polygon_by
-from .drawn_objects import (
+from .labelled_objects import (
     NEUTRAL_COLOR,
     PREDICTION_COLOR,
     VERDICT_COLORS,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..model.geometry import Float64Array
-    from .drawn_objects import LabelledObject, Pixels
+    from .labelled_objects import LabelledObject, Pixels
 
 
 # Drawing of anti-aliased lines and areas into (H, W, 3) uint8 BGR images, with any coordinates.
