@@ -40,7 +40,7 @@ def lacks_files(error: str) -> bool:
 
 
 @contextmanager
-def held_stderr() -> Iterator[Callable[[], list[str]]]:
+def captured_stderr() -> Iterator[Callable[[], list[str]]]:
     """Hold back what libraries write to stderr; write it at the end unless it was read."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
@@ -92,7 +92,7 @@ def start_ros(ros_args: Sequence[str]) -> rclpy.Context:
     _use_profile()
     _find_home()
     context = rclpy.Context()
-    with held_stderr() as written:
+    with captured_stderr() as written:
         try:
             rclpy.init(
                 args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
@@ -170,7 +170,7 @@ def create_node(create: Callable[[], T]) -> T:
     Raises:
         UsageError: The middleware fails; with its own message and the variable of its settings.
     """
-    with held_stderr() as written:
+    with captured_stderr() as written:
         try:
             return create()
         except RuntimeError as error:  # those of rclpy, and of the C++ below it

@@ -83,7 +83,7 @@ def _rosbag2_types() -> ModuleType | None:
 def _handler(player: Controlled, act: Act) -> Callable[[Any, Any], Any]:
     def handle(request: Any, response: Any) -> Any:  # noqa: ANN401 - as rclpy gives them
         act(request, response)
-        player.tell_state()
+        player.publish_state()
         return response
 
     return handle
@@ -187,7 +187,7 @@ def contained(kind: Any, handler: Handler, report: Callable[[str], object]) -> H
     Args:
         kind: The type of the service.
         handler: Its callback.
-        report: Called with an error that the answer does not tell of.
+        report: Called with an error that the answer does not contain.
     """
     if kind is SetParameters:
         return _each_parameter(handler)
@@ -233,7 +233,7 @@ def describe_unexpected(error: Exception) -> str:
 
 
 class Executor(SingleThreadedExecutor):  # type: ignore[misc] # rclpy has no types
-    """An executor that tells errors of callbacks from those of waiting for the next one."""
+    """An executor that separates errors of callbacks from those of waiting for the next one."""
 
     _waiting = False
 
@@ -434,7 +434,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.error: BaseException | None = None
         self._session: Session | None = None
         self._prepared: Session | None = None
-        self._tell_time: Callable[[bytes], None] = lambda _: None
+        self._publish_time: Callable[[bytes], None] = lambda _: None
         self._state_ns = 0
         self._state_lock = threading.Lock()
         self._values = declare(self)
@@ -465,7 +465,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         settings = make_play_settings(given(self._values))
         program = self._open(str(self._values['source']), settings)
         if publishes_clock(settings):
-            self._tell_time = self.create_publisher(Clock, CLOCK, 10).publish
+            self._publish_time = self.create_publisher(Clock, CLOCK, 10).publish
         create_services(self, self)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -478,7 +478,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             self._say_who_was_missing(session)
             session.stop()
 
-    def tell_of(self, error: Exception) -> None:
+    def report_error(self, error: Exception) -> None:
         """Report the error of a callback, which concerns nothing else."""
         self._warn(f'a callback failed: {describe_unexpected(error)}')
 
@@ -512,7 +512,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if not result.successful:
             raise UsageError(result.reason)
 
-    def tell_state(self) -> None:
+    def publish_state(self) -> None:
         """Publish the state."""
         session = self._session
         if session is None:
@@ -559,7 +559,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
             settings,
             lambda program: self._connect(program, overrides),
             lambda text: self.get_logger().error(text),
-            self._tell_state_sometimes,
+            self._publish_state_sometimes,
             lambda text: self.get_logger().info(text),
         )
 
@@ -569,22 +569,22 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         self.get_logger().info(describe(session.program))
         for note in session.program.notes():
             self.get_logger().warning(note)
-        self.tell_state()
+        self.publish_state()
         session.start(lambda error: self._end(session, error))
 
     def _connect(self, program: Program, overrides: Mapping[str, QosOverride]) -> Outlets:
-        return Outlets(self, program, overrides, self._tell_time)
+        return Outlets(self, program, overrides, self._publish_time)
 
     def _end(self, session: Session, error: BaseException | None) -> None:
         """Handle the end of a session."""
         if session is not self._session:
             return  # another source has replaced it
-        self.tell_state()
+        self.publish_state()
         self.finish(error)
 
-    def _tell_state_sometimes(self) -> None:
+    def _publish_state_sometimes(self) -> None:
         if time.monotonic_ns() - self._state_ns > _STATE_EVERY_NS:
-            self.tell_state()
+            self.publish_state()
 
     # Parameters.
 
@@ -626,7 +626,7 @@ class KittiPlayer(Node):  # type: ignore[misc] # rclpy has no types
         if changes.get('burst'):
             self.playback.burst(int(changes['burst']))
         if prepared is None:  # else _play has published it
-            self.tell_state()
+            self.publish_state()
 
     def _changes(self, parameters: list[Parameter]) -> dict[str, Any]:
         """Return values by name, without the parameters of publishers (qos_overrides)."""

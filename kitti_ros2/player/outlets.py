@@ -324,7 +324,7 @@ class Outlets(Transport):
         node: The publishing node.
         program: The program with the topics.
         overrides: QoS by topic name.
-        tell_time: Publishes a serialised rosgraph_msgs/Clock.
+        publish_time: Publishes a serialised rosgraph_msgs/Clock.
     """
 
     def __init__(
@@ -332,11 +332,11 @@ class Outlets(Transport):
         node: Node,
         program: Program,
         overrides: Mapping[str, QosOverride],
-        tell_time: Callable[[bytes], None],
+        publish_time: Callable[[bytes], None],
     ) -> None:
         super().__init__(program.channels)
         self._node = node
-        self._tell_time = tell_time
+        self._publish_time = publish_time
         self._publishers: dict[int, Publisher] = {}
         for index, outlet in enumerate(self.channels):
             try:
@@ -348,7 +348,7 @@ class Outlets(Transport):
                 )
             except (MissingDataError, *_REFUSALS) as error:
                 topic = one_line(outlet.topic) or 'a topic without a name'
-                self.complaints[index] = f'{topic} cannot be published: {one_line(str(error))}'
+                self.unpublishable[index] = f'{topic} cannot be published: {one_line(str(error))}'
         # Sending a small message takes less time than acquiring the interpreter's lock again.
         self._publish = {
             index: byte_publisher(pub) if self.channels[index].on_demand else pub.publish
@@ -391,9 +391,9 @@ class Outlets(Transport):
         """
         return self._flow.make_room(outlet, seconds)
 
-    def tell_time(self, stamp_ns: int) -> None:
+    def publish_time(self, stamp_ns: int) -> None:
         """Publish /clock."""
-        self._tell_time(_CLOCK.pack(_ENCAPSULATION, *to_sec_nanosec(stamp_ns)))
+        self._publish_time(_CLOCK.pack(_ENCAPSULATION, *to_sec_nanosec(stamp_ns)))
 
     def finish(self, seconds: float) -> tuple[str, ...]:
         """Wait until all reliable messages are acknowledged; return the topics where one is not."""

@@ -124,7 +124,7 @@ class PlaybackSchedule:
         self._burst_sent = 0
         self._jump = False
         # Time stands still before the start, and from a jump until it is handled.
-        self._is_held = True
+        self._time_stopped = True
         self._next_idle = 0
         now = self._clock.now_ns()
         self._begin_ns: int = now + options.delay_ns
@@ -144,8 +144,8 @@ class PlaybackSchedule:
             with self._condition:
                 self._completed = self._position
                 self._condition.notify_all()
-                if self._is_held and not self._jump:
-                    self._is_held = False
+                if self._time_stopped and not self._jump:
+                    self._time_stopped = False
                     self._anchor_ns = self._earliest(self._clock.now_ns())
                 event = self._next_event()
             if event is None:
@@ -244,7 +244,7 @@ class PlaybackSchedule:
     def _time_ns(self, now: int) -> int:
         """Return the recording's time; never later than the next unsent sample."""
         stamp = self._anchor_stamp
-        still = self._is_held or self._paused or self._waiting or self._options.lossless
+        still = self._time_stopped or self._paused or self._waiting or self._options.lossless
         if not still:
             stamp += max(0, int((now - self._anchor_ns) * self._options.rate))
         return min(stamp, self._stamps[min(self._position, len(self._stamps) - 1)])
@@ -271,7 +271,7 @@ class PlaybackSchedule:
         self._rush_until = self._burst_left = 0
         self._anchor_ns, self._anchor_stamp = self._earliest(self._clock.now_ns()), stamp_ns
         self._skip_gap(self._anchor_ns, stamp_ns)
-        self._jump = self._is_held = True
+        self._jump = self._time_stopped = True
         self._next_idle = 0
 
     def _wake(self) -> None:

@@ -106,7 +106,7 @@ def _spin(
     executor: Executor, player: KittiPlayer, stop: threading.Event, ended: Callable[[], None]
 ) -> None:
     try:
-        executor.run(stop, player.tell_of)
+        executor.run(stop, player.report_error)
     except Exception as error:  # noqa: BLE001 - the main thread raises it
         player.finish(error)
     finally:
@@ -141,9 +141,9 @@ class LivePlayer(KittiPlayer):
         self._heard: dict[str, Subscription] = {}
 
     def _connect(self, program: Program, overrides: Mapping[str, QosOverride]) -> Outlets:
-        return AnsweredOutlets(self, program, overrides, self._tell_time, self._answers)
+        return AnsweredOutlets(self, program, overrides, self._publish_time, self._answers)
 
-    def tell_of(self, error: Exception) -> None:
+    def report_error(self, error: Exception) -> None:
         """End with the error of a callback: an answer may be missing."""
         self.finish(error)
 
@@ -189,7 +189,7 @@ class AnsweredOutlets(Outlets):
     """Outlets that note the frames they send, and wait for the answers to them.
 
     Args:
-        node, program, overrides, tell_time: See Outlets.
+        node, program, overrides, publish_time: See Outlets.
         answers: The answers of the stack.
     """
 
@@ -198,10 +198,10 @@ class AnsweredOutlets(Outlets):
         node: LivePlayer,
         program: Program,
         overrides: Mapping[str, QosOverride],
-        tell_time: Callable[[bytes], None],
+        publish_time: Callable[[bytes], None],
         answers: Answers,
     ) -> None:
-        super().__init__(node, program, overrides, tell_time)
+        super().__init__(node, program, overrides, publish_time)
         self._answers = answers
         self._frame = 0
 

@@ -43,7 +43,7 @@ SETTLED_NS = 1_000_000_000
 starting at the first match would lose messages of topics that are not matched yet.
 """
 
-_LOOK_EVERY_NS = 50_000_000
+_QUERY_EVERY_NS = 50_000_000
 
 
 class Audience(NamedTuple):
@@ -66,29 +66,29 @@ class Transport(ABC):
 
     Attributes:
         channels: The topics.
-        complaints: Channels that cannot be published, with the reason.
+        unpublishable: Channels that cannot be published, with the reason.
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:
         self.channels = channels
-        self.complaints: dict[int, str] = {}
+        self.unpublishable: dict[int, str] = {}
         self._wanted: frozenset[int] = frozenset()
-        self._looked_ns = 0
+        self._queried_ns = 0
 
-    def look(self) -> frozenset[int]:
+    def query_wanted(self) -> frozenset[int]:
         """Return the on-demand outlets that have a subscriber now."""
-        self._looked_ns = time.monotonic_ns()
+        self._queried_ns = time.monotonic_ns()
         self._wanted = frozenset(
             index
             for index, outlet in enumerate(self.channels)
-            if outlet.on_demand and index not in self.complaints and self.has_subscriber(index)
+            if outlet.on_demand and index not in self.unpublishable and self.has_subscriber(index)
         )
         return self._wanted
 
     def wanted(self, now_ns: int) -> frozenset[int]:
         """Return the same, cached for a short time; now_ns is steady time."""
-        if now_ns - self._looked_ns > _LOOK_EVERY_NS:
-            self.look()
+        if now_ns - self._queried_ns > _QUERY_EVERY_NS:
+            self.query_wanted()
         return self._wanted
 
     @abstractmethod
@@ -112,7 +112,7 @@ class Transport(ABC):
         return True
 
     @abstractmethod
-    def tell_time(self, stamp_ns: int) -> None:
+    def publish_time(self, stamp_ns: int) -> None:
         """Publish the recording's time."""
 
     def jump(self, stamp_ns: int) -> None:  # noqa: B027 - subscribers may notice it themselves
@@ -228,7 +228,7 @@ class Session:
         program: The program; closed at the end.
         settings: Playback settings.
         connect: Creates the topics of a program.
-        complain: Called once with each reason why something cannot be published.
+        warn: Called once with each reason why something cannot be published.
         changed: Called, from the session's thread, when the state has changed.
         say: Called with one line when the wait for subscribers begins and when it ends.
 
@@ -248,14 +248,14 @@ class Session:
         program: Program,
         settings: PlaySettings,
         connect: Callable[[Program], Transport],
-        complain: Callable[[str], None],
+        warn: Callable[[str], None],
         changed: Callable[[], None],
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
         self.program = program
         self._settings = settings
         self._connect = connect
-        self._complain_once = complain
+        self._warn = warn
         self._changed = changed
         self._say = say
         self.playback = Playback(
@@ -270,7 +270,7 @@ class Session:
         self._wait = SubscriberWait(settings.playback.subscribers)
         self._thread = threading.Thread(target=self._run, name='playback', daemon=True)
         self._done: Callable[[BaseException | None], None] = lambda _: None
-        self._complaints: set[str] = set()
+        self._warned: set[str] = set()
         self._last_keys = LastKeys()
         self._free_memory = FreeMemory()
         self._markers = [
@@ -289,8 +289,8 @@ class Session:
         """
         self._transport = self._connect(self.program)
         self._done = done
-        for reason in (*self.program.losses, *self._transport.complaints.values()):
-            self._complain(reason, 0)
+        for reason in (*self.program.losses, *self._transport.unpublishable.values()):
+            self._warn_once(reason, 0)
         self._thread.start()
 
     def stop(self) -> None:
@@ -313,7 +313,7 @@ class Session:
         frames = len(set(self.program.frames.tolist()))
         samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
         with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
-            ahead.want(self._transport.look())
+            ahead.want(self._transport.query_wanted())
             ahead.refill()
             self._prepare(0, ahead)
             if self.playback.state().waiting:
@@ -325,12 +325,12 @@ class Session:
                 return
             self.late = self._transport.finish(LAST_WAIT_S)
             if self.late and self.playback.options.lossless:
-                self._complain_once(
+                self._warn(
                     f'{", ".join(self.late)}: the last messages were not acknowledged within'
                     f' {LAST_WAIT_S:g} s; a subscriber may have lost them'
                 )
         for reason in self.program.losses:
-            self._complain(reason, 0)  # those found since the start
+            self._warn_once(reason, 0)  # those found since the start
 
     def _prepare(self, position: int, ahead: ReadAhead) -> None:
         """Wait for the rest of the frame at a position: else it would be late, by its making."""
@@ -343,11 +343,11 @@ class Session:
         if isinstance(event, Send):
             self._send(event, ahead)
         elif isinstance(event, Tick):
-            self._tell(event.stamp_ns)
+            self._publish_time(event.stamp_ns)
         elif isinstance(event, Jump):
             self._jump(event, ahead)
         elif isinstance(event, Idle):
-            self._look(ahead, at_rest=event.for_ns is None)
+            self._update_wanted(ahead, at_rest=event.for_ns is None)
             # Decoding delays the next due message: a long gap is the best time for it.
             is_long = event.for_ns is None or event.for_ns > _LONG_GAP_NS
             if is_long or ahead.low():
@@ -359,7 +359,7 @@ class Session:
                 self._look_for_subscribers()
             self._changed()
 
-    def _look(self, ahead: ReadAhead, *, at_rest: bool) -> frozenset[int]:
+    def _update_wanted(self, ahead: ReadAhead, *, at_rest: bool) -> frozenset[int]:
         """Tell read-ahead which outlets have a subscriber; return them.
 
         A subscriber that comes while messages are due waits until they are made for it; one that
@@ -367,7 +367,7 @@ class Session:
         """
         begins = self._at_rest and not at_rest
         transport = self._transport
-        wanted = transport.look() if begins else transport.wanted(time.monotonic_ns())
+        wanted = transport.query_wanted() if begins else transport.wanted(time.monotonic_ns())
         ahead.want(wanted, at_once=at_rest or begins or self.playback.options.lossless)
         self._at_rest = at_rest
         return wanted
@@ -380,10 +380,10 @@ class Session:
             self.playback.begin()
 
     def _send(self, event: Send, ahead: ReadAhead) -> None:
-        wanted = self._look(ahead, at_rest=False)
+        wanted = self._update_wanted(ahead, at_rest=False)
         messages, losses = ahead.take(event.position)
         for loss in losses:
-            self._complain(loss.message, loss.count)
+            self._warn_once(loss.message, loss.count)
         frame = int(self.program.frames[event.position])
         if frame != self._frame:
             if self.playback.options.lossless and not self._wait_for(
@@ -414,8 +414,8 @@ class Session:
         if self._last_keys.repeats(outlet, message.key):
             return 0
         self._stale.discard(outlet)
-        if outlet in self._transport.complaints:
-            self._count_dropped(self._transport.complaints[outlet], 1)
+        if outlet in self._transport.unpublishable:
+            self._count_dropped(self._transport.unpublishable[outlet], 1)
             return 0
         data = message.data
         if self._settings.stamps is Stamps.NOW:
@@ -458,7 +458,7 @@ class Session:
         self._stale = set(self._markers)
         self._frame = None
         self._transport.jump(event.stamp_ns)
-        self._tell(event.stamp_ns)
+        self._publish_time(event.stamp_ns)
         if event.position:
             now = time.monotonic_ns()
             for message in self.program.latched_before(event.position):
@@ -472,16 +472,16 @@ class Session:
             self._transport.publish(outlet, bytes(data), stamp_ns)
         self._stale.clear()
 
-    def _tell(self, stamp_ns: int) -> None:
+    def _publish_time(self, stamp_ns: int) -> None:
         if self._settings.stamps is Stamps.ORIGINAL and self._settings.playback.clock_hz:
-            self._transport.tell_time(stamp_ns)
+            self._transport.publish_time(stamp_ns)
 
-    def _complain(self, reason: str, messages: int) -> None:
-        """Log a complaint once; always count its messages."""
+    def _warn_once(self, reason: str, messages: int) -> None:
+        """Warn of a reason once; always count its messages."""
         self._count_dropped(reason, messages)
-        if reason not in self._complaints:
-            self._complaints.add(reason)
-            self._complain_once(reason)
+        if reason not in self._warned:
+            self._warned.add(reason)
+            self._warn(reason)
 
     def _count_dropped(self, reason: str, messages: int) -> None:
         self.counts.failures += messages

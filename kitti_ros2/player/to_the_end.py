@@ -54,7 +54,7 @@ _ARROW_BEGINS = (b'[', b'O')
 _PLAIN = {Key.SPACE.value: Key.SPACE, Key.QUIT.value: Key.QUIT}
 _ARROWS = {key.value: key for key in (Key.UP, Key.DOWN, Key.RIGHT, Key.LEFT)}
 _REST_OF_ESCAPE_S = 0.05
-_LOOK_AGAIN_S = 0.5
+_POLL_S = 0.5
 _NOT_OURS = termios.ICANON | termios.ECHO
 _DEADLY = (signal.SIGQUIT, signal.SIGALRM, signal.SIGUSR1, signal.SIGUSR2)
 """Signals that end a process which does not handle them; the others end it in an orderly way."""
@@ -150,7 +150,7 @@ class Keyboard:
                 if not self._over:
                     _set_again(self._terminal)
             watched.append(self._terminal)
-        ready, _, _ = select.select(watched, [], [], _LOOK_AGAIN_S)
+        ready, _, _ = select.select(watched, [], [], _POLL_S)
         if self._reader in ready:
             return False
         if self._terminal in ready and in_foreground(self._terminal):
@@ -236,14 +236,14 @@ class Controlled(Protocol):
     def set_rate(self, rate: float) -> None:
         """Set the rate; UsageError if it is out of range."""
 
-    def tell_state(self) -> None:
+    def publish_state(self) -> None:
         """Publish the changed state."""
 
 
 def player_keyboard(
     player: Controlled,
     say: Callable[[str], None],
-    complain: Callable[[str], None],
+    warn: Callable[[str], None],
     quit_now: Callable[[], None],
 ) -> Keyboard:
     """Create the keyboard with the keys of keyboard.HELP.
@@ -251,7 +251,7 @@ def player_keyboard(
     Args:
         player: The controlled player.
         say: Called with one line that describes what a key did.
-        complain: Called with the reason why a key had no effect.
+        warn: Called with the reason why a key had no effect.
         quit_now: The handler of q.
     """
 
@@ -265,7 +265,7 @@ def player_keyboard(
 
         def act() -> None:
             getattr(player.playback, name)()
-            player.tell_state()
+            player.publish_state()
             say(where(player.playback))
 
         return act
@@ -279,7 +279,7 @@ def player_keyboard(
             Key.DOWN: lambda: faster(-1),
             Key.QUIT: quit_now,
         },
-        on_error=lambda error: complain(str(error)),
+        on_error=lambda error: warn(str(error)),
     )
 
 
@@ -359,14 +359,14 @@ class Terminal:
 
     Attributes:
         say: Writes one line about what was done.
-        complain: Writes one line about what could not be done.
+        warn: Writes one line about what could not be done.
         status: The status line; the other two hide it.
         keyboard: Whether keys control the player.
         quiet: Whether only what could not be done is written.
     """
 
     say: Callable[[str], None]
-    complain: Callable[[str], None]
+    warn: Callable[[str], None]
     status: StatusLine
     keyboard: bool = True
     quiet: bool = False
@@ -453,7 +453,7 @@ def play_to_the_end(player: Player, stop_request: StopRequest, terminal: Termina
         if terminal.keyboard:
             report = (lambda _: status.draw()) if status.shown else say
             keys = exit_stack.enter_context(
-                player_keyboard(player, report, terminal.complain, stop_request.set)
+                player_keyboard(player, report, terminal.warn, stop_request.set)
             )
             if keys.listening and not terminal.quiet:
                 sys.stderr.write(f'{HELP}\n')

@@ -229,7 +229,7 @@ class ViewerProxy:
         host: Address to listen on: an IP address or a name.
         port: TCP port; 0 takes a free one.
         origin_check: Decides about handshakes.
-        complain: Called with each reason for a refusal once, from the proxy's thread.
+        warn: Called with each reason for a refusal once, from the proxy's thread.
 
     Attributes:
         host: As given.
@@ -240,11 +240,11 @@ class ViewerProxy:
     """
 
     def __init__(
-        self, host: str, port: int, origin_check: OriginCheck, complain: Callable[[str], None]
+        self, host: str, port: int, origin_check: OriginCheck, warn: Callable[[str], None]
     ) -> None:
         self.host = host
         self._origin_check = origin_check
-        self._complain = complain
+        self._warn = warn
         self._refusals: set[str] = set()
         self._opening: dict[ViewerConnection, None] = {}
         self._viewers: set[ViewerConnection] = set()
@@ -270,7 +270,7 @@ class ViewerProxy:
         )
         self._thread.start()
 
-    def tell_time(self, stamp_ns: int) -> None:
+    def publish_time(self, stamp_ns: int) -> None:
         """Send a time to all viewers, nanoseconds since 1970; any thread may call it.
 
         Of several that a viewer has not received yet, only the newest is sent.
@@ -327,7 +327,7 @@ class ViewerProxy:
 
     def disconnect(self, viewer: ViewerConnection, reason: str) -> None:
         """Disconnect a viewer that breaks a limit."""
-        self._warn('limit', f'a viewer was disconnected: {reason}')
+        self._warn_once('limit', f'a viewer was disconnected: {reason}')
         viewer.transport.abort()
 
     def _close_oldest(self, most: int) -> None:
@@ -348,11 +348,11 @@ class ViewerProxy:
         origin = request.headers.get('Origin')
         reason = self._origin_check.refusal(hosts[0], origin, str(connection.local_address[0]))
         if reason is not None:
-            self._warn(origin or hosts[0], f'connection refused: {reason}')
+            self._warn_once(origin or hosts[0], f'connection refused: {reason}')
             return connection.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
         if len(self._viewers) >= VIEWERS:
             reason = f'{VIEWERS} viewers are connected, which is the most; close one of them'
-            self._warn('viewers', f'connection refused: {reason}')
+            self._warn_once('viewers', f'connection refused: {reason}')
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f'{reason}\n')
         viewer = cast('ViewerConnection', connection)
         self._opening.pop(viewer, None)
@@ -408,7 +408,7 @@ class ViewerProxy:
         except QueueFullError as error:
             self.disconnect(viewer, str(error))
         if queue.dropped > dropped:
-            self._warn('slow', 'a viewer reads too slowly: it loses its oldest messages')
+            self._warn_once('slow', 'a viewer reads too slowly: it loses its oldest messages')
 
     async def _from_viewer(self, viewer: ViewerConnection, server: ClientConnection) -> None:
         """Forward a viewer's messages, fragment by fragment: none is assembled here.
@@ -425,14 +425,14 @@ class ViewerProxy:
         for queue in self._queues:
             queue.put(_TIME + struct.pack('<Q', stamp_ns))
 
-    def _warn(self, key: str, text: str) -> None:
-        """Complain once for each key, and not about endlessly many."""
+    def _warn_once(self, key: str, text: str) -> None:
+        """Warn once for each key, and not of endlessly many."""
         if key in self._refusals or len(self._refusals) > _MOST_REFUSALS:
             return
         self._refusals.add(key)
         if len(self._refusals) > _MOST_REFUSALS:
             text = f'{text}; further refusals are not shown'
-        self._complain(text)
+        self._warn(text)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -59,27 +59,27 @@ _LAST_WAIT_S = 0.3
 class ViewerChannels(Transport):
     """The Transport of a session: a channel per topic, and one for the player's state.
 
-    There are no complaints: every type comes with its own definition. There is always room: a slow
-    viewer loses its oldest messages.
+    Every type comes with its own definition, so that all topics can be published. There is always
+    room: a slow viewer loses its oldest messages.
 
     Args:
         program: The program with the topics.
         context: Connects the channels with a server.
-        tell_time: Sends the recording's time to viewers, nanoseconds since 1970.
-        tell_jump: Sends the target of a seek to viewers.
+        publish_time: Sends the recording's time to viewers, nanoseconds since 1970.
+        publish_jump: Sends the target of a seek to viewers.
     """
 
     def __init__(
         self,
         program: Program,
         context: Context,
-        tell_time: Callable[[int], None],
-        tell_jump: Callable[[int], None],
+        publish_time: Callable[[int], None],
+        publish_jump: Callable[[int], None],
     ) -> None:
         state = Channel(STATE, DIAGNOSTICS, latched=True, depth=1)
         super().__init__([*program.channels, state])
-        self._tell_time = tell_time
-        self._tell_jump = tell_jump
+        self._publish_time = publish_time
+        self._publish_jump = publish_jump
         self._channels = [
             _open(channel, program.typestore, context) for channel in program.channels
         ]
@@ -94,11 +94,11 @@ class ViewerChannels(Transport):
         }
         self._renew_ns: int | None = None
 
-    def look(self) -> frozenset[int]:
+    def query_wanted(self) -> frozenset[int]:
         """Return the on-demand outlets with a subscriber now; resend what a seek left to send."""
         if self._renew_ns is not None and time.monotonic_ns() >= self._renew_ns:
             self._renew()
-        return super().look()
+        return super().query_wanted()
 
     def audience(self) -> Audience:
         """Count the channels with a viewer; the server does not count viewers."""
@@ -130,14 +130,14 @@ class ViewerChannels(Transport):
 
         Other subscribers receive them again: the server cannot address a single one.
         """
-        self._looked_ns = 0
+        self._queried_ns = 0
         outlet = self._index.get(topic)
         if outlet is not None:
             self._give(outlet)
 
-    def tell_time(self, stamp_ns: int) -> None:
+    def publish_time(self, stamp_ns: int) -> None:
         """Send the recording's time."""
-        self._tell_time(stamp_ns)
+        self._publish_time(stamp_ns)
 
     def jump(self, stamp_ns: int) -> None:
         """Tell viewers, which then drop their messages; resend latched ones after a short delay.
@@ -150,7 +150,7 @@ class ViewerChannels(Transport):
                     kept.clear()
         if self._renew_ns is None:
             self._renew_ns = time.monotonic_ns() + _RENEW_AFTER_NS
-        self._tell_jump(stamp_ns)
+        self._publish_jump(stamp_ns)
 
     def _renew(self) -> None:
         self._renew_ns = None
@@ -209,7 +209,7 @@ class ViewerServer(ServerListener):
         program: The program; closed by stop.
         settings: Playback settings; with start_paused it also waits for a viewer's play button.
         port: TCP port; 0 takes a free one.
-        complain: Called once with each reason why something cannot be published, or a connection
+        warn: Called once with each reason why something cannot be published, or a connection
             is refused.
         origin_check: The address to bind to, and which web pages may connect.
 
@@ -228,13 +228,13 @@ class ViewerServer(ServerListener):
         program: Program,
         settings: PlaySettings,
         port: int,
-        complain: Callable[[str], None],
+        warn: Callable[[str], None],
         origin_check: OriginCheck,
     ) -> None:
         self.ended = threading.Event()
         self.on_ended: Callable[[], None] = lambda: None
         self.error: BaseException | None = None
-        self._complain = complain
+        self._warn = warn
         self._waits = not settings.playback.start_paused
         self._asked_ns: int | None = None
         self._asked_to_seek = False
@@ -242,11 +242,13 @@ class ViewerServer(ServerListener):
         self._state_ns = 0
         self._stopped = False
         self._context = Context()  # the SDK does not hold it
-        self._channels = ViewerChannels(program, self._context, self.tell_time, self._tell_jump)
-        self.session = Session(
-            program, settings, lambda _: self._channels, self._complain_to_all, self._tell_changes
+        self._channels = ViewerChannels(
+            program, self._context, self.publish_time, self._publish_jump
         )
-        self._proxy = _open_proxy(port, origin_check, complain)
+        self.session = Session(
+            program, settings, lambda _: self._channels, self._warn_all, self._publish_changes
+        )
+        self._proxy = _open_proxy(port, origin_check, warn)
         self._server = self._serve(program, with_clock=settings.playback.clock_hz > 0)
 
     def _serve(self, program: Program, *, with_clock: bool) -> WebSocketServer:
@@ -299,7 +301,7 @@ class ViewerServer(ServerListener):
         self._proxy.close(max(0.0, deadline - time.monotonic()))
 
     def _end(self, error: BaseException | None) -> None:
-        self._tell_changes()
+        self._publish_changes()
         self.error = error
         self.ended.set()
         self.on_ended()
@@ -319,7 +321,7 @@ class ViewerServer(ServerListener):
         """
         self.playback.change(rate=rate)
 
-    def tell_state(self) -> None:
+    def publish_state(self) -> None:
         """Publish the state."""
         self._state_ns = time.monotonic_ns()
         state = self.playback.state()
@@ -364,17 +366,17 @@ class ViewerServer(ServerListener):
 
     # Notifications of viewers; called from the session's thread.
 
-    def tell_time(self, stamp_ns: int) -> None:
+    def publish_time(self, stamp_ns: int) -> None:
         """Send the recording's time, nanoseconds since 1970."""
-        self._proxy.tell_time(stamp_ns)
+        self._proxy.publish_time(stamp_ns)
 
-    def _tell_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
+    def _publish_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
         # The answer to a seek request contains it already.
         if not self._asked_to_seek:
             self._server.broadcast_playback_state(self._playback_state(did_seek=True))
         self._asked_to_seek = False
 
-    def _tell_changes(self) -> None:
+    def _publish_changes(self) -> None:
         now = time.monotonic_ns()
         self._begin_with_viewer(now)
         last = self._sent
@@ -382,7 +384,7 @@ class ViewerServer(ServerListener):
         if self._sent != last:
             self._server.broadcast_playback_state(state)
         if self._sent != last or now - self._state_ns > _STATE_EVERY_NS:
-            self.tell_state()
+            self.publish_state()
 
     def _begin_with_viewer(self, now: int) -> None:
         """Resume once the first viewer has subscribed, unless a control was used."""
@@ -408,21 +410,19 @@ class ViewerServer(ServerListener):
             request_id=request_id,
         )
 
-    def _complain_to_all(self, complaint: str) -> None:
-        self._complain(complaint)
-        self._server.publish_status(complaint, StatusLevel.Warning)
+    def _warn_all(self, warning: str) -> None:
+        self._warn(warning)
+        self._server.publish_status(warning, StatusLevel.Warning)
 
 
-def _open_proxy(
-    port: int, origin_check: OriginCheck, complain: Callable[[str], None]
-) -> ViewerProxy:
+def _open_proxy(port: int, origin_check: OriginCheck, warn: Callable[[str], None]) -> ViewerProxy:
     """Listen for viewers.
 
     Raises:
         UsageError: The address or the port is not available.
     """
     try:
-        return ViewerProxy(origin_check.bound, port, origin_check, complain)
+        return ViewerProxy(origin_check.bound, port, origin_check, warn)
     except socket.gaierror as error:
         raise UsageError(
             f'{origin_check.bound}: no such address ({error.strerror}): --bind'
@@ -456,12 +456,12 @@ class _FewLines(logging.Handler):
     """Passes the first lines of each kind on.
 
     Args:
-        complain: Called with a line.
+        warn: Called with a line.
     """
 
-    def __init__(self, complain: Callable[[str], None]) -> None:
+    def __init__(self, warn: Callable[[str], None]) -> None:
         super().__init__(logging.WARNING)
-        self._complain = complain
+        self._warn = warn
         self._counts: Counter[str] = Counter()
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -469,25 +469,25 @@ class _FewLines(logging.Handler):
         kind = 'viewers' if record.name.startswith(_OF_VIEWERS) else 'itself'
         self._counts[kind] += 1
         if self._counts[kind] <= _MOST:
-            self._complain(f'foxglove-sdk: {record.getMessage()}')
+            self._warn(f'foxglove-sdk: {record.getMessage()}')
         elif self._counts[kind] == _MOST + 1:
-            self._complain(
+            self._warn(
                 f'foxglove-sdk: more lines about {kind} are not shown; {LEVEL_VARIABLE}=warn shows'
                 f' all'
             )
 
 
 @contextmanager
-def few_lines(complain: Callable[[str], None]) -> Iterator[None]:
+def few_lines(warn: Callable[[str], None]) -> Iterator[None]:
     """Limit what the SDK logs, unless the user has set a level of their own.
 
     Args:
-        complain: Called with a line.
+        warn: Called with a line.
     """
     if LEVEL_VARIABLE in os.environ:
         yield
         return
-    handler = _FewLines(complain)
+    handler = _FewLines(warn)
     root = logging.getLogger()
     root.addHandler(handler)
     try:
@@ -529,17 +529,17 @@ def run_bridge(
     program = open_program(source, settings, reserved_by_viewers)
     with ExitStack() as stack:
         stack.callback(program.close)
-        stack.enter_context(few_lines(terminal.complain))
-        server = ViewerServer(program, settings, port, terminal.complain, origin_check)
+        stack.enter_context(few_lines(terminal.warn))
+        server = ViewerServer(program, settings, port, terminal.warn, origin_check)
         server.on_ended = stop_request.set
         if not terminal.quiet:
             terminal.say(describe(program))
         terminal.say(f'Foxglove, Open connection: {server.url}; or in a browser: {server.web_url}')
         warning = exposure(origin_check.bound, server.url)
         if warning:
-            terminal.complain(warning)
+            terminal.warn(warning)
         for note in program.notes():
-            terminal.complain(note)
+            terminal.warn(note)
         stack.callback(server.stop)
         server.start()
         return play_to_the_end(server, stop_request, terminal)

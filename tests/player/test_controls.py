@@ -33,7 +33,7 @@ class Player:
     def set_rate(self, rate):
         self.playback.change(rate=rate)
 
-    def tell_state(self):
+    def publish_state(self):
         self.told += 1
 
 
@@ -112,7 +112,7 @@ def frames_of_three():
     stamps, frames = np.arange(1, 10) * SECOND, np.repeat([2, 5, 6], 3)
     player = SimpleNamespace(
         playback=Playback(stamps, frames, PlaybackOptions(start_paused=True, at_end=AtEnd.PAUSE)),
-        tell_state=lambda: None,
+        publish_state=lambda: None,
     )
     sent = []
 

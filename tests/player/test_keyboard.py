@@ -123,7 +123,7 @@ def test_what_was_begun_is_undone_when_no_thread_can_start(terminal, monkeypatch
 
 @pytest.mark.parametrize('keys', [b'', b'\x1b', b'\x1b['])
 def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
-    monkeypatch.setattr(to_the_end, '_LOOK_AGAIN_S', 3600)
+    monkeypatch.setattr(to_the_end, '_POLL_S', 3600)
     monkeypatch.setattr(to_the_end, '_REST_OF_ESCAPE_S', 3600)
     monkeypatch.setattr(to_the_end, '_DEADLY', ())  # only the main thread may handle signals
     entered = Keyboard({}, lambda _: None, terminal[1]).__enter__()
@@ -145,7 +145,7 @@ def test_the_thread_ends_with_its_terminal(monkeypatch):
 
 def test_the_mode_comes_back_after_a_shell_changed_it(terminal, monkeypatch):
     _, stream = terminal
-    monkeypatch.setattr(to_the_end, '_LOOK_AGAIN_S', 0.02)
+    monkeypatch.setattr(to_the_end, '_POLL_S', 0.02)
     before = termios.tcgetattr(stream.fileno())
     with Keyboard({}, lambda _: None, stream):
         termios.tcsetattr(stream.fileno(), termios.TCSANOW, before)
@@ -189,7 +189,7 @@ SHELL = """
     import fcntl, os, select, signal, sys, termios, threading
     from kitti_ros2.player import to_the_end as keyboard
 
-    keyboard._LOOK_AGAIN_S = 0.02
+    keyboard._POLL_S = 0.02
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)
     ours = termios.tcgetattr(0)

@@ -55,7 +55,7 @@ class FakeTransport:
     """Has the subscribers that the test says; keeps what happened, in order."""
 
     def __init__(self, *audiences):
-        self.complaints = {}
+        self.unpublishable = {}
         self.audiences = [Audience(*each) for each in audiences]
         self.happened = []
         self.subscribed = {IMU}
@@ -70,11 +70,11 @@ class FakeTransport:
         self.looked.set()
         return now
 
-    def look(self):
+    def query_wanted(self):
         return frozenset(self.subscribed & {SCAN})
 
     def wanted(self, _now_ns):
-        return self.look()
+        return self.query_wanted()
 
     def has_subscriber(self, outlet):
         return outlet in self.subscribed
@@ -88,7 +88,7 @@ class FakeTransport:
     def make_room(self, _outlet, _seconds):
         return self.has_room()
 
-    def tell_time(self, _stamp_ns):
+    def publish_time(self, _stamp_ns):
         pass
 
     def jump(self, _stamp_ns):
@@ -284,8 +284,8 @@ class CachedTransport(FakeTransport):
 
     cached = frozenset()
 
-    def look(self):
-        self.cached = super().look()
+    def query_wanted(self):
+        self.cached = super().query_wanted()
         return self.cached
 
     def wanted(self, _now_ns):

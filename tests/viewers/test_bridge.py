@@ -377,9 +377,9 @@ def test_no_number_of_times_disconnects_a_viewer(raw):
     with Viewer(server.url) as viewer:
         viewer.subscribe(OXTS)
         for stamp_ns in range(1, 2001):
-            server.tell_time(stamp_ns)
+            server.publish_time(stamp_ns)
         # The clock may tell a newer one meanwhile.
-        viewer.until(lambda: server.tell_time(2000) or 2000 in viewer.times)
+        viewer.until(lambda: server.publish_time(2000) or 2000 in viewer.times)
         hear_rounds(viewer, 2)
 
 

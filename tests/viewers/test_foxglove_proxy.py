@@ -317,7 +317,7 @@ def test_a_time_reaches_every_viewer_after_its_greeting(proxy, behind):
         behind.greets.clear()
         early.sendall(request(proxy.port))
         assert read_head(early).startswith('HTTP/1.1 101 ')
-        proxy.tell_time(5 * 10**18)
+        proxy.publish_time(5 * 10**18)
         for viewer in (one, other):
             assert read(viewer, len(time)) == time
             echo(viewer)
