@@ -74,9 +74,9 @@ def draw_boxes_2d(
         objects: Labels of the frame.
         projection: Into the picture, for the bounds of objects without a 2D box in it; None leaves
             those out.
-        labelled: Whether the 2D boxes are in pixels of this picture.
+        labelled: True if the 2D boxes are in pixels of this picture.
         predictions: Drawn in the style of predictions.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
 
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
@@ -192,7 +192,7 @@ def draw_wireframes(
         objects: Labels of the frame.
         projection: Into the picture.
         predictions: Drawn in the style of predictions.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
 
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
@@ -438,7 +438,7 @@ def annotate(
         camera: KITTI camera index of the picture.
         predictions: Drawn in the style of predictions.
         solid: True to draw 3D boxes; else 2D boxes only.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
 
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
@@ -458,7 +458,7 @@ def annotate(
 
 
 def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bool:
-    """Whether 2D boxes of labels are in pixels of this camera's images."""
+    """Return whether 2D boxes of labels are in pixels of this camera's images."""
     if camera != LABEL_CAMERA:
         return False
     if isinstance(calibration, Projection):

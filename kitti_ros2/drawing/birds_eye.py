@@ -102,7 +102,7 @@ def draw_footprints(
         objects: Labels; objects without a 3D box are left out.
         view: View of the picture.
         predictions: Drawn in the style of predictions.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
 
     Raises:
         ValueError: The picture is no writable (H, W, 3) uint8 array.
@@ -239,7 +239,7 @@ def birds_eye(
         predictions: Drawn in the style of predictions.
         options: Range and resolution.
         colors: The colours of points.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
     """
     picture = new_picture(options.size, BACKGROUND)
     view = BirdView.of(options)
@@ -388,7 +388,7 @@ def draw_perspective(
         predictions: Drawn in the style of predictions.
         colors: The colours of points; depth is the distance from the scanner.
         point_size: Diameter of a point, pixels.
-        named: Whether boxes have tags.
+        named: True if boxes have tags.
     """
     picture = new_picture(SIZE, BACKGROUND)
     projection = view_from_behind()

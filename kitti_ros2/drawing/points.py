@@ -54,8 +54,8 @@ class Scale:
         low, high: The values of the first and the last shade; values beyond are clipped.
         ticks: Values with a label.
         title: The quantity and its unit.
-        logarithmic: Whether equal ratios of values are equal steps of shade; else differences.
-        reverse: Whether the colour map runs from the high value to the low one.
+        logarithmic: True if equal ratios of values are equal steps of shade; else differences.
+        reverse: True if the colour map runs from the high value to the low one.
     """
 
     low: float
@@ -219,7 +219,7 @@ class PointColors(NamedTuple):
             picture: Drawn on in place.
             layer: The shades shown.
             scale: Scale of the text, 1 for KITTI's images.
-            below: Whether the bar is in the lower left corner; else it is in the upper left one.
+            below: True for the lower left corner; else the bar is in the upper left one.
         """
         if self.by is ColorBy.SEMANTIC:
             _draw_classes(picture, layer, scale)
@@ -273,7 +273,7 @@ def draw_points(
     colors: PointColors = PointColors(),  # noqa: B008 - immutable
     point_size: int = 2,
 ) -> None:
-    """Draw the points that the camera sees, and the legend of their colours.
+    """Draw the points visible to the camera, and the legend of their colours.
 
     Args:
         picture: (H, W, 3) uint8 BGR, drawn on in place.

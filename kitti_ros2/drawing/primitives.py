@@ -373,11 +373,11 @@ def _draw_leader(picture: Pixels, tag: Tag, corner: tuple[int, int], end: tuple[
 # The appearance of an object: its colour, caption and line width.
 #
 # Ground truth has the colour of its class, solid lines and a filled tag; predictions have a colour
-# of their own, dashed lines and an outlined tag. Where both are compared, predictions have the
-# colour of true or of false positives, labels that no prediction finds have that of misses, and all
-# others are grey; tags show TP or FP and the intersection over union, or FN. Lines of an object
-# that is labelled as occluded, is small, or is a label that was found are half as wide; the tag of
-# a 2D box shows how much is occluded (KITTI's 1 partly, 2 largely, ? unknown) and truncated.
+# of their own, dashed lines and an outlined tag. After a comparison, predictions have the colour of
+# true or of false positives, labels without a prediction that of misses, and all others are grey;
+# tags show TP or FP and the intersection over union, or FN. Lines of occluded and of small objects
+# and of matched labels are half as wide; the tag of a 2D box shows the occlusion (KITTI's 1 partly,
+# 2 largely, ? unknown) and the truncation.
 
 PREDICTION_BGR = PREDICTION_COLOR[::-1]
 _KITTI_AREA = 1242 * 375

@@ -265,9 +265,9 @@ def _size_in_bag(recording: BagRecording, camera: int, number: int) -> tuple[int
 
 # Coordinate frames of results: velo_T_frame at a frame of the recording.
 #
-# The recording's own sensors are where its calibration has them. Other frames are joined to these
-# by the bag's transforms, static ones and those that move at the stamp of the result. If the bag
-# lacks a part of the tree that the player publishes, it is made from the calibration.
+# The recording's own sensors have the poses of its calibration. The bag's transforms, static ones
+# and moving ones at the stamp of the result, connect other frames to these. Parts of the player's
+# tree that are missing in the bag are made from the calibration.
 
 _VELO = FrameNames().velo
 
@@ -423,7 +423,7 @@ def _pose_at(track: PoseTrack, stamp_ns: int, limit_ns: int) -> Transform | None
 
 # The messages of a result topic, each assigned to a frame.
 #
-# A message belongs to the frame whose stamp is nearest to that in its header. Without such a stamp
+# A message belongs to the frame with the stamp nearest to that in its header. Without such a stamp
 # (MarkerArrays may have none, some nodes use the time of the computer) it belongs to the last frame
 # before its arrival, in the time of the player's /clock.
 

@@ -62,7 +62,7 @@ def survey_poses(bag: OpenBag) -> Survey:
 
 
 def choose_result(bag: OpenBag, survey: Survey, options: OdometryOptions) -> PosePlan:
-    """Choose the topic or the link of a result, as the options name it.
+    """Choose the topic or the link of a result by the options.
 
     Raises:
         UsageError: There is none, or there are several; the message lists the choices.

@@ -221,8 +221,8 @@ class WorstFrame:
     Attributes:
         number: The frame.
         penalty: The number of missed labels and the weights of the false positives, summed.
-        missed: The number of labels that no prediction finds.
-        false_positives: The number of predictions that find no label.
+        missed: The number of labels without a matching prediction.
+        false_positives: The number of predictions without a matching label.
         reason: The errors, one line.
     """
 
@@ -527,7 +527,7 @@ def _figure(curve: Curve | None, name: str) -> float | None:
     return None if curve is None or not curve.objects else round(getattr(curve, name), 4)
 
 
-# Draws the curves of precision and orientation similarity over recall.
+# Drawing of the curves of precision and orientation similarity over recall.
 
 _PANEL_INCHES = (2.9, 2.3)
 _TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}

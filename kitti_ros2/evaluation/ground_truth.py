@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 # The frames of a recording by stamp, and the time of a player by log time.
 #
-# All evaluations match the stamps of results to frames here.
+# All evaluations match the stamps of results to frames by this.
 
 _STAMPED = tuple(stream for stream in FRAME_STREAMS if stream not in {Stream.OXTS, Stream.POSE})
 ROUNDED_NS = 1_000_000
@@ -64,7 +64,7 @@ class StampMatch(NamedTuple):
         numbers: (M,) of the frame, NONE where the nearest is too far.
         distances_ns: (M,) from the nearest stamp of the frame, nanoseconds.
         offsets_ns: (M,) how much later than the frame they are: 0 at the stamp of a sensor.
-        stamped_at: What they are stamps of, such as start of turn; empty for sensors, or unknown.
+        stamped_at: Event of the stamps, such as start of turn; empty for sensors, or if unknown.
     """
 
     numbers: Int64Array
@@ -104,7 +104,7 @@ class StampedFrames:
     of a turn is also the start of the next, so all stamps of a result are judged together.
 
     Args:
-        samples: Of the sensors, by number of the frame; the first has the stamp of the frame.
+        samples: Samples of the sensors by frame number; the first has the stamp of the frame.
         tolerance_ns: The largest distance from the stamp of a frame.
         turns: By number of the frame.
 
@@ -271,7 +271,7 @@ def _turns(recording: NumberedRecording) -> Mapping[int, Turn]:
 class PlayedTime:
     """The recording's time at the log times of a bag, by the messages of /clock in it.
 
-    Without such messages log times are taken for it: recorders with use_sim_time store it.
+    Without such messages log times are used: recorders with use_sim_time store the same time.
 
     Args:
         log_ns: (N,) log times of the messages, ascending.
@@ -459,7 +459,7 @@ def read_boxes(
     return FrameBoxes(files.root, boxes, files.complete, tuple(losses), frames=files.frames)
 
 
-# The labels that results are compared with: label files, or the labels of a recording.
+# The labels of the ground truth: label files, or the labels of a recording.
 
 _STREAM = 'ground truth'
 _CAMERA = 2

@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 __all__ = ['OdometryScores', 'evaluate_odometry']
 
 
-# Opening of the ground truth and the result of an evaluation, whose kinds are detected.
+# Opening of the ground truth and the result of an evaluation; their kinds are detected.
 
 _EXPECTED = 'a result is a poses file, a TUM file or a bag'
 
@@ -165,11 +165,11 @@ def _is_text(path: Path) -> bool:
 # Poses of a result and frames of a ground truth, matched by frame number or by stamp.
 
 _LONGEST_RELATIVE_NS = 100_000_000 * NS_PER_S
-"""Stamps of the first three years after 1970 count from the start of a recording."""
+"""Smaller stamps, of the first three years after 1970, count from the start of a recording."""
 
 
 _SAME_NS = 10_000
-"""A stamp that was rounded so far is that of its frame: 0.3 mm at 30 m/s."""
+"""Tolerance for rounded stamps: 0.3 mm at 30 m/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +206,8 @@ def match_result(
 ) -> FrameMatch:
     """Match a result to the frames of a ground truth.
 
-    Each frame without a pose is a loss: a result that begins late is not told from one of a stack
-    that failed. So is a pose with the number of no frame. Poses with other stamps are a note, since
+    Each frame without a pose is a loss: a late start is not distinguished from a failure of the
+    stack. So is a pose with the number of no frame. Poses with other stamps are a note, since
     odometry at a higher rate has them between frames.
 
     Args:

@@ -49,7 +49,7 @@ class ClassMap:
 
     Args:
         class_map: KITTI's class by the name or numeric id of a class; an empty one leaves its boxes
-            out, and the name * stands for all other classes.
+            out, and * is all other classes.
         classes: KITTI's own classes, matched in any case and with any blanks or brackets.
     """
 
@@ -119,7 +119,7 @@ _OF_TRUTH = {
 
 
 class TrackBox(NamedTuple):
-    """A box with the class that TrackEval knows."""
+    """A box with its class of TrackEval."""
 
     class_name: str
     frame: int

@@ -343,7 +343,7 @@ def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Flo
 #
 # Source: evaluate_odometry.cpp of the odometry devkit: trajectoryDistances,
 # lastFrameFromSegmentLength, rotationError, translationError, calcSequenceErrors and saveStats.
-# What is not obvious there, and is the same here:
+# Properties that are not obvious there, and are the same here:
 #
 # - The length of a segment is measured along the ground truth, in float32, and its last frame is
 #   the first one *beyond* the length; errors are divided by the length itself (100 m), not by the
@@ -357,8 +357,8 @@ def frame_t_cam0(frame: str, own: Sequence[Link], others: Sequence[Link]) -> Flo
 #   itself.
 # - The speed of a segment counts both its first and its last frame, at 10 Hz.
 #
-# The devkit refuses a result that has not as many poses as the ground truth. Here a segment whose
-# first or last frame has no result is left out, and counted.
+# The devkit refuses a result with another number of poses than the ground truth. Here a segment
+# without a result at its first or last frame is left out, and counted.
 
 LENGTHS_M = (100, 200, 300, 400, 500, 600, 700, 800)
 STEP = 10

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 # The areas of the parts of a panel.
 #
 # Left, the camera image three times; right, the view from above, the facts, and the scan by
-# direction. For a recording without images the view from above is on the left, larger, and the path
-# so far is in its place.
+# direction. Without images the view from above is on the left, larger, and the path so far on the
+# right.
 
 SIZE = (1920, 1080)
 """(width, height) of the page, pixels."""

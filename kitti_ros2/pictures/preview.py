@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture of three frames of a conversion to KITTI, to check its plan before hours of work.
 
-The frames are converted into a folder of their own and read back. So the points are projected by
-the calibration that KITTI's files hold (P R0_rect Tr_velo_to_cam), and the boxes are those of the
-label files. A row is a frame, a column a camera. Where points cannot be shown on an image, there is
-a bird's-eye view. Of data sets for each camera a row is a set, a column a frame.
+The frames are converted into a temporary folder and read back. So the points are projected by the
+calibration in KITTI's files (P R0_rect Tr_velo_to_cam), and the boxes are those of the label files.
+A row is a frame, a column a camera. If points cannot be shown on an image, there is a bird's-eye
+view. For camera sets a row is a set, a column a frame.
 """
 
 from __future__ import annotations
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
 
 # The page of a preview: a row for each frame, with the points and boxes on the images of cameras.
-#
-# Where points cannot be shown on an image, there is a bird's-eye view.
 
 _CAMERAS = (2, 3, 0, 1, 4)
 """Cameras by preference: that of the labels, then its partner to the right."""
@@ -224,7 +222,7 @@ def draw_preview(
         KittiRos2Error: The plan or a bag is invalid.
         MissingDataError: The frames have neither an image nor a scan.
     """
-    # Packets of a GPS/IMU unit are not drawn; their messages may be far from the frame's.
+    # GPS/IMU packets are not drawn; their messages may be far from the frame's.
     plan = replace(plan, imu='', fix='', velocity='')
     with TemporaryDirectory(prefix='kitti_ros2_preview_') as folder:
         try:
