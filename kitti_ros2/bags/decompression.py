@@ -321,7 +321,7 @@ def _decompress(name: str, data: Buffer, size: int) -> Buffer:
         raise ValueError(f'{declared} bytes instead of {size}')
     if declared:  # faster than in steps
         return _whole(name, data, size)
-    return b''.join(_pieces(name, data, size + 1))
+    return b''.join(_parts(name, data, size + 1))
 
 
 def _whole(name: str, data: Buffer, size: int) -> bytes:
@@ -345,11 +345,11 @@ def _declared_size(name: str, data: Buffer) -> int | None:
     return None
 
 
-def _pieces(name: str, data: Buffer, most: int) -> Iterator[bytes]:
+def _parts(name: str, data: Buffer, most: int) -> Iterator[bytes]:
     stream = _STREAMS[name](data)
-    while piece := stream.read(min(_STEP, most)):
-        most -= len(piece)
-        yield piece
+    while part := stream.read(min(_STEP, most)):
+        most -= len(part)
+        yield part
 
 
 def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
@@ -368,11 +368,11 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
     # The system moves pages that grow; a bytearray may be copied.
     buffer, end = mmap(-1, min(most, _STEP), flags=MAP_PRIVATE | MAP_ANONYMOUS), 0
     with suppress(*_ERRORS):
-        for piece in _pieces(name, data, most):
-            if end + len(piece) > len(buffer):
+        for part in _parts(name, data, most):
+            if end + len(part) > len(buffer):
                 buffer.resize(min(2 * len(buffer), most))
-            buffer[end : end + len(piece)] = piece
-            end += len(piece)
+            buffer[end : end + len(part)] = part
+            end += len(part)
     return memoryview(buffer)[:end].toreadonly()
 
 
@@ -407,7 +407,7 @@ def decompress_message(data: Buffer) -> bytes:
         if size:
             check_block(len(data), size)
             return _whole('zstd', data, size)
-        size = sum(map(len, _pieces('zstd', data, largest_block(len(data)) + 1)))
+        size = sum(map(len, _parts('zstd', data, largest_block(len(data)) + 1)))
         check_block(len(data), size)
         stream = zstandard.ZstdDecompressor().decompressobj()
         plain: bytes = stream.decompress(data)

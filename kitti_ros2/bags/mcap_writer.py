@@ -25,7 +25,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from ..files.local_files import VectoredFile, crc32
+from ..files.local_files import UnbufferedFile, crc32
 from ..files.threads import OrderedPool
 from .file_writer import POOL_AHEAD, compressor, qos_text
 
@@ -130,7 +130,7 @@ class _Contents:
 class Chunks(ABC):
     """A writer that groups messages into chunks and writes these to a file."""
 
-    def __init__(self, file: VectoredFile) -> None:
+    def __init__(self, file: UnbufferedFile) -> None:
         self._file = file
         self._entries: list[ChunkIndex] = []
         self._contents = _Contents()
@@ -166,7 +166,7 @@ class StreamedChunks(Chunks):
     is more than a second thread would save.
     """
 
-    def __init__(self, file: VectoredFile) -> None:
+    def __init__(self, file: UnbufferedFile) -> None:
         super().__init__(file)
         self._start = -1
         self._tail = bytearray()
@@ -219,7 +219,7 @@ class StreamedChunks(Chunks):
 class CompressedChunks(Chunks):
     """Compressed chunks: compressed on all cores, written in order."""
 
-    def __init__(self, file: VectoredFile, options: BagOptions, threads: int) -> None:
+    def __init__(self, file: UnbufferedFile, options: BagOptions, threads: int) -> None:
         super().__init__(file)
         self._name = options.compression
         self._compress = compressor(options.compression, options.compression_level)
@@ -370,7 +370,7 @@ class McapFileWriter:
         self._channels: list[Channel] = []
         self._sequences: list[int] = []
         self._metadata: list[MetadataIndex] = []
-        self._file = VectoredFile(path)
+        self._file = UnbufferedFile(path)
         options = context.options
         self._chunks = (
             StreamedChunks(self._file)

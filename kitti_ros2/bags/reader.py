@@ -12,7 +12,7 @@ from heapq import heappop, heappush, heapreplace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from ..files.remote import real_place
+from ..files.remote import canonical_path
 from ..files.threads import SpareThreads
 from ..kitti.recording_index import turn_length
 from ..messages.cdr import lacking_field
@@ -560,7 +560,7 @@ def _distinct(bags: Bags) -> Sequence[BagSource]:
         return [bags]
     seen: set[str] = set()
     for path in map(path_of, bags):
-        real_path = real_place(path)
+        real_path = canonical_path(path)
         if real_path in seen:
             raise UsageError(f'{path}: is given twice; give each bag once')
         seen.add(real_path)

@@ -27,7 +27,7 @@ from ..files.local_staging import Staging, output_error
 from ..files.remote import is_remote
 from ..files.replaceable import keep_all, keep_all_but_bags
 from ..files.staging import open_staging
-from ..files.threads import SignalHold, worker_count
+from ..files.threads import DeferredSignals, worker_count
 from ..model.bag_formats import CONTAINERS, container_of
 from ..model.errors import OutputError, UsageError, add_note, format_count, not_one_of
 from .file_writer import (
@@ -164,7 +164,7 @@ class BagWriter:
     def __init__(self, path: Path, context: WriterContext, *, single_file: bool) -> None:
         self._context = context
         self._container = CONTAINERS[context.options.storage]
-        self._hold: SignalHold | nullcontext[None] = nullcontext()
+        self._signals: DeferredSignals | nullcontext[None] = nullcontext()
         errors = _write_errors(context.options.storage)
         self._errors: tuple[type[Exception], ...] = (OSError, *errors)
         self._single_file = single_file
@@ -190,7 +190,7 @@ class BagWriter:
                 self._next_file()
             if context.options.keep_partial:
                 # A message that is cut in two could not be told from a damaged bag.
-                self._hold = SignalHold()
+                self._signals = DeferredSignals()
         except BaseException as error:
             self.abort()
             self._staging.note_remains(error)
@@ -207,7 +207,7 @@ class BagWriter:
             raise UsageError(f'topic {channel.topic} is to be written twice; rename one of the two')
         file = self._opened()
         channel_id = len(self._channels)
-        with self._reported(), self._hold:
+        with self._reported(), self._signals:
             file.add_channel(channel_id, channel)
             self._channels.append(channel)
             self._topics.add(channel.topic)
@@ -228,7 +228,7 @@ class BagWriter:
         if stamp_ns < 0:
             raise ValueError(f'bags hold no stamps before 1970, such as {stamp_ns} ns')
         try:
-            with self._hold:
+            with self._signals:
                 if self._split:
                     self._make_room(stamp_ns, sum(map(len, parts)))
                 self._opened().write(channel_id, stamp_ns, parts)
@@ -254,7 +254,7 @@ class BagWriter:
         if self._done:
             return
         try:
-            with self._reported(), self._hold:
+            with self._reported(), self._signals:
                 self._close_file()
                 self._finish_names()
             self._staging.publish()
@@ -307,7 +307,7 @@ class BagWriter:
         if not self._context.options.keep_partial or self._done or not messages:
             return None
         whole = not broken
-        with self._hold:
+        with self._signals:
             if whole and self._file is not None:
                 try:
                     self._close_file()
@@ -323,9 +323,9 @@ class BagWriter:
         return None if path is None else PartialBag(path, messages, whole)
 
     def _release(self) -> None:
-        hold, self._hold = self._hold, nullcontext()
-        if isinstance(hold, SignalHold):
-            hold.close()
+        signals, self._signals = self._signals, nullcontext()
+        if isinstance(signals, DeferredSignals):
+            signals.close()
 
     def _opened(self) -> FileWriter:
         if self._failure is not None:

@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..files.remote import is_remote, relative_place
+from ..files.remote import is_remote, relative_path
 from ..files.threads import worker_count
 from ..kitti.names import number_of
 from ..kitti.opening import parts_of
@@ -118,7 +118,7 @@ def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[Input
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:
     """Yield the files at a path; those that disappear meanwhile are left out."""
     if is_remote(path):
-        yield from _walk_store(path, relative_place(path, base))
+        yield from _walk_store(path, relative_path(path, base))
         return
     if not path.is_dir():
         if path.is_file():

@@ -25,7 +25,7 @@ from multiprocessing.util import get_temp_dir
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from ..files.processes import keep_freed_memory
-from ..files.threads import hold_to_one_thread
+from ..files.threads import limit_to_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -135,7 +135,7 @@ def _short_socket_names() -> Iterator[None]:
 
 def use_one_thread() -> None:
     """Hold this process to one thread: of this package, and of OpenCV."""
-    hold_to_one_thread()
+    limit_to_one_thread()
     os.environ['OPENCV_FOR_THREADS_NUM'] = '1'  # read when it is imported
     if 'cv2' in sys.modules:
         sys.modules['cv2'].setNumThreads(1)

@@ -17,7 +17,7 @@ import numpy as np
 from ..bags.bag_files import explain_file, explain_no_bag
 from ..bags.locate import bags_among, is_bag_name, stem_of
 from ..files import remote
-from ..files.remote import is_remote, real_place, relative_place
+from ..files.remote import canonical_path, is_remote, relative_path
 from ..files.staging import refuse_inside
 from ..kitti.find import absolute
 from ..kitti.label_file import find_frame_files
@@ -132,7 +132,7 @@ def common_folder(roots: Sequence[Path]) -> Path:
 
 def relative_name(path: Path, base: Path) -> str:
     """Return the name of a path below a folder; of the folder itself its own name."""
-    return path.name if path == base else Path(remote.relative_place(path, base)).as_posix()
+    return path.name if path == base else Path(remote.relative_path(path, base)).as_posix()
 
 
 @dataclass
@@ -164,12 +164,12 @@ class FolderSearch:
         Raises:
             OSError: The first folder cannot be read.
         """
-        excluded = {remote.real_place(path) for path in self.exclude}
+        excluded = {remote.canonical_path(path) for path in self.exclude}
         seen: set[str] = set()
         stack = [(root, 0)]
         while stack:
             folder, level = stack.pop()
-            place = remote.real_place(folder)  # links may lead back
+            place = remote.canonical_path(folder)  # links may lead back
             if place in seen or place in excluded:
                 continue
             seen.add(place)
@@ -337,18 +337,18 @@ def refuse_within(units: Iterable[WorkUnit], out: Path) -> None:
     Raises:
         UsageError: It lies inside.
     """
-    target = out.resolve() if is_remote(out) else Path(real_place(out))
+    target = out.resolve() if is_remote(out) else Path(canonical_path(out))
     around = {str(folder) for folder in (target, *target.parents)}
     for unit in units:
         for source in filter(None, (unit.source, unit.result)):
-            if real_place(source) in around:
+            if canonical_path(source) in around:
                 refuse_inside(source, out)
 
 
 def _unit(base: Path, data_set: DataSet, candidate: Candidate) -> WorkUnit:
     if candidate.folder is None:  # it shares its folders, and has a name in the data set
         folder = absolute(data_set.folder)
-        place = Path(relative_place(folder, base), candidate.name)
+        place = Path(relative_path(folder, base), candidate.name)
         return WorkUnit(place.as_posix(), folder, data_set.layout, candidate.name)
     folder = absolute(candidate.folder)
     return WorkUnit(relative_name(folder, base), folder, data_set.layout)

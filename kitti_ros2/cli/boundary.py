@@ -46,7 +46,7 @@ def main(args: list[str] | None = None) -> int:
     words = [word for word in words if word != _DEBUG]
     if args is None:
         # Imports create a hundred thousand objects and no garbage: collecting takes a tenth of a
-        # second. Each command enables the collector again, by keep_imports.
+        # second. Each command enables the collector again, by freeze_imports.
         gc.disable()
         # numpy's threads for large matrices, which are not used here, busy-wait.
         os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

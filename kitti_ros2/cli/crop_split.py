@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import format_bytes, format_count, some_of
 from ..options.datasets import make_crop_options, make_split_options
 from .command import JsonOption, QuietOption, argument, takes
@@ -95,7 +95,7 @@ def crop(
     from ..datasets.cropping import crop_sets
     from ..files.processes import keep_freed_memory
 
-    keep_imports()
+    freeze_imports()
     options = make_crop_options(given)
     keep_freed_memory()
     started = time.monotonic()
@@ -130,7 +130,7 @@ def split(
     """
     from ..datasets.splitting import split_set
 
-    keep_imports()
+    freeze_imports()
     report = split_set(src, *make_split_options(given))
     if json:
         print_json(report_values(report))

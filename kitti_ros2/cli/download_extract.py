@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.datasets import make_download_options, make_extract_options
 from .command import JsonOption, QuietOption, takes
@@ -185,7 +185,7 @@ def download(
     """
     from ..datasets.downloading import download_all, select_entries
 
-    keep_imports()
+    freeze_imports()
     words = words or []
     options, extraction = make_download_options(given)
     if list_:
@@ -229,7 +229,7 @@ def extract(
     from ..datasets.extracting import extract_all
     from ..kitti.archives import is_archive
 
-    keep_imports()
+    freeze_imports()
     *archives, root = paths
     if is_archive(root.name) and (root.is_file() or not archives):
         raise UsageError(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..files.replaceable import losses_json
 from ..model.errors import format_count
 from ..options.evaluation import (
@@ -209,7 +209,7 @@ def eval_detection(
     from ..evaluation.score_values import detection_values as scores_json
     from ..files.processes import keep_freed_memory
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
     read, options, recorded = make_detection_options(given)
@@ -274,7 +274,7 @@ def eval_odometry(
     from ..evaluation.score_values import odometry_values as scores_json
     from ..files.staging import staged_file
 
-    keep_imports()
+    freeze_imports()
     batch, given = split_batch_options(given)
     read, options = make_odometry_options(given)
     if batch.whole:
@@ -322,7 +322,7 @@ def eval_tracking(
     from ..evaluation.score_values import tracking_values as scores_json
     from ..evaluation.tracking import score_tracking
 
-    keep_imports()
+    freeze_imports()
     batch, given = split_batch_options(given)
     read, options = make_tracking_options(given)
     if batch.whole:
@@ -363,7 +363,7 @@ def eval_live(
     from ..evaluation.live import run_live
     from ..files.processes import keep_freed_memory
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     options, played = make_live_options(given)
     with step_progress('answered', show=not quiet) as progress:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import format_bytes, format_count, format_duration, one_line
 from ..model.streams import Clock, format_stamp
 from ..options.table import make_settings
@@ -36,7 +36,7 @@ def inspect_source(path: Path, options: ReadOptions) -> Overview:
     from ..bags.open_source import open_source
     from ..report.overview import inspect_bag, inspect_recording
 
-    keep_imports()
+    freeze_imports()
     source = open_source(path, options)
     if not isinstance(source, OpenBag):
         return inspect_recording(source, path)

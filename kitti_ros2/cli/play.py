@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import UsageError
 from ..options.declare import parse_texts
 from ..options.table import PLAY, make_play_settings
@@ -122,7 +122,7 @@ def _play_for_viewers(
             " pip install 'kitti_ros2[foxglove]'"
         ) from error
     origin_check = OriginCheck(viewers.bind, frozenset(map(parse_origin, viewers.origins)))
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     status = StatusLine(show=not quiet)
 
@@ -223,7 +223,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     check_installed()
     from ..player.run import run_player
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     failures = run_player(given, context.obj, ending, keyboard=keyboard, quiet=quiet)
     return EXIT_LOSSES if failures else EXIT_OK

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import format_bytes, format_count
 from .command import FsyncOption, JsonOption, OverwriteOption, QuietOption, argument, choice
@@ -59,7 +59,7 @@ def recover(
     from ..bags.recover import recover as repair
     from ..files.processes import keep_freed_memory
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     started = time.monotonic()
     with step_progress('', show=not quiet) as progress:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..files.replaceable import KEEP_ALL_BUT_PAGES, keep_all
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.evaluation import DetectionOptions
@@ -119,7 +119,7 @@ def report(
     from ..report.gather import gather, with_scores
     from ..report.page import make_page
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     started = time.monotonic()
     batch, given = split_batch_options(given)

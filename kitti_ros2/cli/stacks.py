@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
 from .command import JsonOption, OverwriteOption, QuietOption, takes
@@ -191,7 +191,7 @@ def stacks(
     """
     from ..options.stack_catalogue import STACKS
 
-    keep_imports()
+    freeze_imports()
     if drive is None and (out is not None or overwrite or given):
         raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
     if stack is None:

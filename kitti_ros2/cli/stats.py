@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import BadFileError, UsageError
 from ..options.datasets import make_statistics_options
 from ..options.table import split_batch_options
@@ -131,7 +131,7 @@ def stats(
     from ..files.staging import staged_file
     from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets, titles_of
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
     read, options = make_statistics_options(given)

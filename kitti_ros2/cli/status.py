@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from .command import JsonOption, QuietOption, argument
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import print_json
@@ -30,7 +30,7 @@ def status(
     from ..batch.manifest import STATES, manifest_folder, measure_pace, read_manifest
     from .run_all import print_failures, print_groups, print_pace, record_json
 
-    keep_imports()
+    freeze_imports()
     with manifest_folder(out) as folder:
         records, run = read_manifest(folder)
     pace = measure_pace(records, run)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.bag_formats import FILE_NAMES
 from ..model.errors import (
     KeptInterruptError,
@@ -141,7 +141,7 @@ def to_bag(
     from ..kitti.prepare import add_predictions
     from ..own_bags.to_bag import ExportOptions, convert
 
-    keep_imports()
+    freeze_imports()
     batch, given = split_batch_options(given, jobs_alone=True)
     if config:
         given = add_config(config, given, TO_BAG)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..files.replaceable import keep_all, losses_json
 from ..model.errors import UsageError, format_bytes, format_count, one_line
 from ..model.streams import Stream
@@ -548,7 +548,7 @@ def to_kitti(
     from ..files.staging import refuse_inside
     from ..own_bags.to_kitti import is_restored, own_bags
 
-    keep_imports()
+    freeze_imports()
     batch, given = split_batch_options(given)
     options = make_import_options(given)
     if batch.whole:

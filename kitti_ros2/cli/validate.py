@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..model.errors import format_bytes, format_count, one_line
 from ..options.datasets import make_validation_options
 from ..options.table import split_batch_options
@@ -133,7 +133,7 @@ def validate(
     from ..files.processes import keep_freed_memory
     from ..validation.validate import validate as check
 
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     batch, options = split_batch_options(given)
     if batch.whole:

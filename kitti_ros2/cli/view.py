@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.processes import keep_imports
+from ..files.processes import freeze_imports
 from ..files.replaceable import keep_all, keep_all_but_files
 from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
 from ..model.streams import Stream
@@ -68,7 +68,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     single = out.suffix.lower() in PICTURES
     refuse_inside(src, out)
     _check(out, settings, single=single)
-    keep_imports()
+    freeze_imports()
     keep_freed_memory()
     path, overlaps = settings.predictions.path, settings.predictions.overlaps
     with closing(open_frames(src, settings.read)) as source:
@@ -283,7 +283,7 @@ def run_rerun(
     os.environ.setdefault('RUST_LOG', 'off')
     settings = make_settings(given)
     with closing(open_program(src, settings)) as program:
-        keep_imports()
+        freeze_imports()
         if save is not None:
             report = _save(program, save, overwrite=overwrite, quiet=quiet)
         else:

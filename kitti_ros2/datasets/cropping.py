@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_folders
-from ..files.local_files import FilePlacer
+from ..files.local_files import FileLinker
 from ..files.remote import as_path, is_remote
 from ..files.staging import lies_inside, refuse_inside, staged
 from ..files.threads import ordered_map, worker_count
@@ -78,10 +78,10 @@ class RecordingCrop:
         tops: The files and folders that contain all of its files.
     """
 
-    def __init__(self, recording: KittiRecording, options: CropOptions, placer: FilePlacer) -> None:
+    def __init__(self, recording: KittiRecording, options: CropOptions, linker: FileLinker) -> None:
         self._recording = recording
         self._options = options
-        self._placer = placer
+        self._linker = linker
         self._paths = CropPaths(recording, options)
         self.tops = self._paths.tops
         self._failures: dict[tuple[Stream, str], list[int]] = {}
@@ -129,7 +129,7 @@ class RecordingCrop:
             if place not in taken:
                 self._place(source, root / place)
         taken |= self._paths.single_files
-        cropper = ScanCropper(self._recording, self._options, self._paths, self._placer, root)
+        cropper = ScanCropper(self._recording, self._options, self._paths, self._linker, root)
         rows: dict[int, Sequence[int]] = {}
         for cut in ordered_map(cropper.crop, self._paths.numbers, worker_count()):
             self._add(cut)
@@ -172,7 +172,7 @@ class RecordingCrop:
 
     def _place(self, source: Path, target: Path) -> None:
         try:
-            linked = self._placer.place(source, target)
+            linked = self._linker.link(source, target)
         except KittiRos2Error as error:
             self._fail(error)
             return
@@ -268,8 +268,8 @@ def crop_sets(
     recordings = open_folders(src, options.read)
     _check_places(src, out)
     _refuse_tracklets(recordings, options)
-    placer = FilePlacer(copy=options.copy)
-    jobs = [RecordingCrop(recording, options, placer) for recording in recordings]
+    linker = FileLinker(copy=options.copy)
+    jobs = [RecordingCrop(recording, options, linker) for recording in recordings]
     if not any(map(len, jobs)):
         raise MissingDataError(f'{src}: no scans; crop cuts the .bin files of a KITTI folder')
     refusal = keep_all_but_data_sets(len(jobs)) if options.overwrite else None
@@ -282,9 +282,9 @@ def crop_sets(
     notes = [note for job in jobs for note in job.notes]
     if options.read.sequence is None:
         notes += _note_left_out(absolute(src), frozenset().union(*(job.tops for job in jobs)))
-    if placer.why:
+    if linker.why:
         copied = sum(result.copied for result in results)
-        notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {placer.why}')
+        notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {linker.why}')
     if not options.cuts:
         notes.append('no filter is given, so all scans are unchanged')
     return CropReport(out, recordings[0].layout.value, results, losses, tuple(notes))

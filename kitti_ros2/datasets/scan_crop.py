@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..drawing.annotate import Projection
-    from ..files.local_files import FilePlacer
+    from ..files.local_files import FileLinker
     from ..kitti.kitti_recording import KittiRecording
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, Float32Array, FrameLabels
@@ -419,7 +419,7 @@ class ScanCropper:
         recording: The recording.
         options: The filters.
         paths: Its files.
-        placer: Places unchanged files.
+        linker: Links or copies unchanged files.
         root: Folder of the new data set.
     """
 
@@ -428,13 +428,13 @@ class ScanCropper:
         recording: KittiRecording,
         options: CropOptions,
         paths: CropPaths,
-        placer: FilePlacer,
+        linker: FileLinker,
         root: Path,
     ) -> None:
         self._recording = recording
         self._options = options
         self._paths = paths
-        self._placer = placer
+        self._linker = linker
         self._root = root
         self._views = CameraViews(recording, options)
 
@@ -522,7 +522,7 @@ class ScanCropper:
 
     def _place(self, result: CutScan, paths: Placed) -> bool:
         try:
-            result.placed.append(self._placer.place(paths[0], self._root / paths[1]))
+            result.placed.append(self._linker.link(paths[0], self._root / paths[1]))
         except KittiRos2Error as error:
             result.failures.append((Stream.SCAN, f'{error}; it is left out'))
             return False

@@ -58,7 +58,7 @@ class _Response(ClientResponse):
             _LEFT_S[task] = left_s - asyncio.get_running_loop().time() + began
         coding = self.headers.get('Content-Encoding', '').strip()
         if self.method != 'HEAD' and 200 <= self.status < 300 and coding.lower() not in _PLAIN:
-            place = str(self.url.with_user(None).with_query(None))
+            url = str(self.url.with_user(None).with_query(None))
             what = f'the server compresses the file (Content-Encoding {shown(coding)})'
-            raise RemoteError(place, f'{what}, which was not requested', 'download it')
+            raise RemoteError(url, f'{what}, which was not requested', 'download it')
         return self

@@ -201,14 +201,14 @@ def _warnings_of_libjpeg(lines: list[str]) -> Iterator[None]:
 
     Where there is no standard error or no room for a file, they are not known.
     """
-    with _LOCK, ExitStack() as opened:
+    with _LOCK, ExitStack() as exit_stack:
         try:
-            caught = opened.enter_context(tempfile.TemporaryFile(buffering=0))
+            caught = exit_stack.enter_context(tempfile.TemporaryFile(buffering=0))
             own = os.dup(_STDERR)
         except OSError:
             yield
             return
-        opened.callback(os.close, own)
+        exit_stack.callback(os.close, own)
         os.dup2(caught.fileno(), _STDERR)
         try:
             yield
@@ -305,7 +305,7 @@ def inflated(png: bytes) -> bytes:
 
 
 def _essence(png: bytes) -> tuple[tuple[int, ...], memoryview, list[memoryview]]:
-    """Return the header, the palette, and the consecutive pieces of image data.
+    """Return the header, the palette, and the consecutive parts of image data.
 
     Raises:
         ValueError: A chunk is longer than the file, unknown and critical, or missing.
@@ -605,7 +605,7 @@ def _find_damage(data: bytes) -> str:
         if end > last:
             return f'its {_name(kind)} at byte {offset} has a wrong length, {length}'
         crc, next_length, next_kind = unpack(data, end)
-        # The length is not part of the checksum, but a wrong one leads to a wrong place.
+        # The length is not part of the checksum, but a wrong one leads to a wrong offset.
         if crc32(view[offset + 4 : end]) != crc:
             return f'its {_name(kind)} at byte {offset} has a wrong checksum or length'
         kinds.add(kind)

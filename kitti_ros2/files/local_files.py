@@ -282,7 +282,7 @@ def without_end(buffers: Buffers, count: int) -> Buffers:
 _MAX_BUFFERS = min(os.sysconf('SC_IOV_MAX'), 1024)
 
 
-class VectoredFile:
+class UnbufferedFile:
     """A new file, written from start to end.
 
     Attributes:
@@ -340,7 +340,7 @@ class VectoredFile:
             raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
 
 
-# Files of one folder tree placed in another: hard-linked, or copied where that is impossible.
+# Hard links to files of another folder tree, or copies where links are impossible.
 
 _NO_LINKS = {
     errno.EXDEV: 'they are on another file system',
@@ -353,8 +353,8 @@ _NO_LINKS = {
 _BUFFER_BYTES = 1 << 20
 
 
-class FilePlacer:
-    """Places files by hard links or copies, from several threads.
+class FileLinker:
+    """Links or copies files, from several threads.
 
     Attributes:
         copy: Whether files are copied; set by the first one that cannot be linked.
@@ -365,8 +365,8 @@ class FilePlacer:
         self.copy = copy
         self.why = ''
 
-    def place(self, source: Path, target: Path) -> bool:
-        """Place a file, whose folder is created; return whether it is a hard link.
+    def link(self, source: Path, target: Path) -> bool:
+        """Link or copy a file into a new or existing folder; return whether it is a hard link.
 
         Raises:
             BadFileError: The source is a pipe or a device.
@@ -404,9 +404,9 @@ def _copy(source: Path, target: Path) -> None:
         raise UnreadableFileError(source, error) from None
     with file, target.open('xb') as copied:
         try:
-            while rest and (piece := _read(file, min(rest, _BUFFER_BYTES), source)):
-                copied.write(piece)
-                rest -= len(piece)
+            while rest and (block := _read(file, min(rest, _BUFFER_BYTES), source)):
+                copied.write(block)
+                rest -= len(block)
             copied.flush()
             start_writing_out(copied.fileno())
         except UnreadableFileError:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 
-# Two names of a file system change places at once (Linux's renameat2).
+# Atomic swap of two names of a file system (Linux's renameat2).
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -43,8 +43,8 @@ _RENAME_EXCHANGE = 2
 _NOT_THERE = (errno.ENOSYS, errno.EINVAL, errno.EOPNOTSUPP)
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Let two existing files or folders change places; return False where that cannot be done.
+def atomic_swap(one: Path, other: Path) -> bool:
+    """Swap the names of two existing files or folders; return False where that is impossible.
 
     Raises:
         OSError: The file system refuses.
@@ -52,8 +52,8 @@ def exchange(one: Path, other: Path) -> bool:
     function = _renameat2()
     if function is None:
         return False
-    places = os.fsencode(one), os.fsencode(other)
-    if function(_AT_FDCWD, places[0], _AT_FDCWD, places[1], _RENAME_EXCHANGE) == 0:
+    names = os.fsencode(one), os.fsencode(other)
+    if function(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0:
         return True
     code = ctypes.get_errno()
     if code in _NOT_THERE:
@@ -253,8 +253,8 @@ class Staging:
             self._sync_names(path.parent, *(folder.parent for folder in created))
 
     def _replace(self) -> None:
-        """Replace what a rename cannot; without an exchange the output is absent for a moment."""
-        if not exchange(self.content, self.path):
+        """Replace what a rename cannot; without a swap the output is briefly absent."""
+        if not atomic_swap(self.content, self.path):
             self.path.rename(self._partial / _REPLACED)
             # A run after a power cut must find it there.
             self._sync_names(self._partial, self.path.parent)
@@ -394,7 +394,7 @@ def _remove(entry: Path) -> None:
 
 
 def may_exist(path: Path) -> bool:
-    """Whether a path exists, or cannot be looked at."""
+    """Whether a path exists, or cannot be examined."""
     try:
         path.lstat()
     except FileNotFoundError:

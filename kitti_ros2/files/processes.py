@@ -51,7 +51,7 @@ def one_opencv_thread(*, imported: bool) -> Iterator[None]:
 # Imports are not collected as garbage.
 
 
-def keep_imports() -> None:
+def freeze_imports() -> None:
     """Enable the collector that a program disabled at its start, without the objects of imports.
 
     Where the collector is enabled, what it has not collected yet stays its.
@@ -68,7 +68,7 @@ def imports_of_a_worker() -> Iterator[None]:
     try:
         yield
     finally:
-        keep_imports()
+        freeze_imports()
 
 
 # Freed blocks are kept for the next message or image, but not for days.
@@ -173,8 +173,8 @@ class SharedSlots:
                     return True
                 if slot is None:
                     slot = self._free.pop() if self._free else wait_for_slot()
-                place = slot * self._size + start
-                self._memory[place : place + len(data)] = data
+                offset = slot * self._size + start
+                self._memory[offset : offset + len(data)] = data
                 ends.append(start + len(data))
                 return False
 

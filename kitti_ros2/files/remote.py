@@ -163,12 +163,12 @@ def _check_name(text: str) -> None:
         raise UsageError(f'{shown(text)}: no file can have this name')
 
 
-def real_place(path: Path) -> str:
+def canonical_path(path: Path) -> str:
     """Return a text that is the same for all paths of one file or folder: links are followed."""
     return path.resolve().whole if is_remote(path) else os.path.realpath(path)
 
 
-def relative_place(path: Path, folder: Path) -> str:
+def relative_path(path: Path, folder: Path) -> str:
     """Return the way from a folder to a path, with .. where it is not below; both are absolute."""
     if is_remote(path) and is_remote(folder):
         return posixpath.relpath(f'/{"/".join(path.names)}', f'/{"/".join(folder.names)}')

@@ -113,21 +113,24 @@ class _Listings:
             filesystem_of(oldest).invalidate_cache(key_of(oldest))
 
 
-_KNOWN = _Listings()
+_LISTINGS = _Listings()
 
 
 def forget(path: UrlPath) -> None:
     """Forget what was listed at a path, below it, and in its folder: it may have changed."""
     files = filesystem_of(path)
-    with _KNOWN.lock:
-        gone = {folder for folder in _KNOWN.folders if path in folder.parents} | {path, path.parent}
+    with _LISTINGS.lock:
+        gone = {folder for folder in _LISTINGS.folders if path in folder.parents} | {
+            path,
+            path.parent,
+        }
         for url in gone:
-            _KNOWN.folders.pop(url, None)
+            _LISTINGS.folders.pop(url, None)
             if url.names:
                 files.invalidate_cache(key_of(url))
-        for url in {url for url in _KNOWN.alone if path in {url, *url.parents}}:
-            del _KNOWN.alone[url]
-        _KNOWN.closed -= gone
+        for url in {url for url in _LISTINGS.alone if path in {url, *url.parents}}:
+            del _LISTINGS.alone[url]
+        _LISTINGS.closed -= gone
 
 
 def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
@@ -138,24 +141,24 @@ def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
         NotADirectoryError: It is a file.
         OSError, RemoteError: The store cannot be asked, or has no listings.
     """
-    with _KNOWN.lock:
+    with _LISTINGS.lock:
         if not folder.names:
             return {}
-        if folder not in _KNOWN.folders:
+        if folder not in _LISTINGS.folders:
             above = _known_above(folder)
             if above is not None and not entry_of(folder).is_folder:
                 raise NotADirectoryError(errno.ENOTDIR, 'is not a folder', str(folder))
-            if above is None and _KNOWN.alone.get(folder, _FOLDER) is None:
+            if above is None and _LISTINGS.alone.get(folder, _FOLDER) is None:
                 raise _missing(folder)
             try:
                 entries = _listed(folder)
             except FileNotFoundError:
-                _KNOWN.alone[folder] = None
+                _LISTINGS.alone[folder] = None
                 raise
             if entries is None:
                 raise NotADirectoryError(errno.ENOTDIR, 'is not a folder', str(folder))
-            _KNOWN.keep(folder, entries)
-        return _KNOWN.folders[folder]
+            _LISTINGS.keep(folder, entries)
+        return _LISTINGS.folders[folder]
 
 
 def entry_of(path: UrlPath) -> RemoteEntry:
@@ -165,7 +168,7 @@ def entry_of(path: UrlPath) -> RemoteEntry:
         FileNotFoundError: There is nothing.
         OSError, RemoteError: The store cannot be asked.
     """
-    with _KNOWN.lock:
+    with _LISTINGS.lock:
         entry = _entry_of(path)
     if entry is None:
         raise _missing(path)
@@ -173,7 +176,7 @@ def entry_of(path: UrlPath) -> RemoteEntry:
 
 
 def _entry_of(path: UrlPath) -> RemoteEntry | None:
-    if not path.names or path in _KNOWN.folders:
+    if not path.names or path in _LISTINGS.folders:
         return _FOLDER
     above = None if path.parameters else _known_above(path)
     if above is not None:
@@ -183,21 +186,21 @@ def _entry_of(path: UrlPath) -> RemoteEntry | None:
             if entry is None or not entry.is_folder:
                 return entry if above == path else None
         return _FOLDER
-    if path not in _KNOWN.alone:
-        beside = any(folder.parent == path.parent for folder in _KNOWN.folders)
-        if beside and path.parent not in _KNOWN.closed and not path.parameters:
+    if path not in _LISTINGS.alone:
+        beside = any(folder.parent == path.parent for folder in _LISTINGS.folders)
+        if beside and path.parent not in _LISTINGS.closed and not path.parameters:
             # More of the folder will be asked for: it is listed once.
             try:
                 return listing_of(path.parent).get(path.name)
             except (OSError, RemoteError):
-                _KNOWN.closed.add(path.parent)
-        _KNOWN.alone[path] = _asked(path)
-    return _KNOWN.alone[path]
+                _LISTINGS.closed.add(path.parent)
+        _LISTINGS.alone[path] = _asked(path)
+    return _LISTINGS.alone[path]
 
 
 def _known_above(path: UrlPath) -> UrlPath | None:
     """Return the nearest folder above whose listing is known."""
-    return next((parent for parent in path.parents if parent in _KNOWN.folders), None)
+    return next((parent for parent in path.parents if parent in _LISTINGS.folders), None)
 
 
 def _missing(path: UrlPath) -> FileNotFoundError:
@@ -214,17 +217,17 @@ def sized_entry_of(path: UrlPath) -> RemoteEntry:
     entry = entry_of(path)
     if entry.is_folder or entry.size is not None:
         return entry
-    with _KNOWN.lock:
-        sized = _KNOWN.alone.get(path)
+    with _LISTINGS.lock:
+        sized = _LISTINGS.alone.get(path)
         if sized is None:
-            sized = _KNOWN.alone[path] = _described(path)
+            sized = _LISTINGS.alone[path] = _described(path)
     return sized
 
 
 def known_listing(folder: UrlPath) -> Mapping[str, RemoteEntry] | None:
     """Return the entries of a folder if it was listed; nothing is asked."""
-    with _KNOWN.lock:
-        return _KNOWN.folders.get(folder)
+    with _LISTINGS.lock:
+        return _LISTINGS.folders.get(folder)
 
 
 def _asked(path: UrlPath) -> RemoteEntry | None:
@@ -234,11 +237,11 @@ def _asked(path: UrlPath) -> RemoteEntry | None:
         if not looks_like_file:
             entries = _listed(path)
             if entries is not None:
-                _KNOWN.keep(path, entries)
+                _LISTINGS.keep(path, entries)
                 return _FOLDER
         entry = _described(path)
         if entry.is_folder:
-            _KNOWN.keep(path, _listed(path) or {})
+            _LISTINGS.keep(path, _listed(path) or {})
     except FileNotFoundError:
         return None
     return entry
@@ -250,7 +253,7 @@ def _described(path: UrlPath) -> RemoteEntry:
     info = attempt(path, lambda: files.info(key))
     if path.scheme in _HTTP and info.get('mimetype') == 'text/html' and not path.parameters:
         with suppress(OSError, RemoteError):
-            _KNOWN.keep(path, _listed(path) or {})
+            _LISTINGS.keep(path, _listed(path) or {})
             return _FOLDER
     return _entry(info)
 
@@ -407,13 +410,13 @@ class _Blocks:
         self._process = 0
         self._of: dict[tuple[_Version, int], _Range] = {}
         self._ranges: OrderedDict[tuple[_Version, int], _Range] = OrderedDict()
-        self._held = 0
+        self._size = 0
 
     def want(self, file: _Version, start: int, end: int) -> list[_Range]:
         """Return the ranges with the bytes from start to end; what is missing is requested."""
         with self._lock:
             if self._process != os.getpid():
-                self._process, self._held = os.getpid(), 0
+                self._process, self._size = os.getpid(), 0
                 self._of.clear()
                 self._ranges.clear()
             ranges: list[_Range] = []
@@ -440,21 +443,21 @@ class _Blocks:
         data = BACKGROUND.submit(partial(_fetch, *file[:2], start, stop))
         block_range = _Range(start, data, stop - start)
         self._ranges[file, first] = block_range
-        self._held += block_range.length
+        self._size += block_range.length
         for block in range(first, end):
             self._of[file, block] = block_range
         return block_range
 
     def _shrink(self, needed: int) -> None:
         """Drop the ranges that were not used for longest."""
-        while self._held > _MOST_BYTES and len(self._ranges) > needed:
+        while self._size > _MOST_BYTES and len(self._ranges) > needed:
             self._drop(next(iter(self._ranges)))
 
     def _drop(self, key: tuple[_Version, int]) -> None:
         file, first = key
         gone = self._ranges.pop(key)
         gone.data.cancel()
-        self._held -= gone.length
+        self._size -= gone.length
         for block in range(first, (gone.start + gone.length - 1) // _BLOCK + 1):
             del self._of[file, block]
 
@@ -509,11 +512,11 @@ class RemoteBytes:
             self.expect(max(self.size - _TAIL, 0), _TAIL)
         ranges = _BLOCKS.want(self._file, position, end)
         self._read_ahead(position, end)
-        pieces = []
+        parts = []
         for block_range in ranges:
             data, at = block_range.data.result(), block_range.start
-            pieces.append(data[max(position - at, 0) : end - at])
-        return pieces[0] if len(pieces) == 1 else b''.join(pieces)
+            parts.append(data[max(position - at, 0) : end - at])
+        return parts[0] if len(parts) == 1 else b''.join(parts)
 
     def _read_ahead(self, position: int, end: int) -> None:
         """Request what follows, more and more of it, while the file is read in order."""
@@ -595,19 +598,19 @@ class _ReadFolder:
     Attributes:
         listing: Its entries by name.
         names: Of its files, in the order of the listing.
-        places: Their places in it, by name.
-        pending: Files that are read ahead, by place.
-        last: Place of the file that was read last.
+        indices: Their indices in it, by name.
+        pending: Files that are read ahead, by index.
+        last: Index of the file that was read last.
         step: From one file that is read to the next.
         window: How many files are read ahead; 0 while files are read in no order.
-        ahead: Place of the last file that was read ahead.
+        ahead: Index of the last file that was read ahead.
         used: Count of all reads at the last one here.
     """
 
     def __init__(self, listing: Mapping[str, RemoteEntry]) -> None:
         self.listing = listing
         self.names = [name for name, entry in listing.items() if not entry.is_folder]
-        self.places = {name: place for place, name in enumerate(self.names)}
+        self.indices = {name: index for index, name in enumerate(self.names)}
         self.pending: dict[int, tuple[ThreadTask[bytes], int]] = {}
         self.last: int | None = None
         self.step = 1
@@ -615,25 +618,25 @@ class _ReadFolder:
         self.ahead = 0
         self.used = 0
 
-    def note(self, place: int) -> None:
+    def note(self, index: int) -> None:
         """Follow the order of reading."""
         if self.last is None:
-            self.last = self.ahead = place
+            self.last = self.ahead = index
             return
-        moved, self.last = place - self.last, place
+        moved, self.last = index - self.last, index
         near = abs(moved) <= _OUT_OF_ORDER * self.step and moved % self.step == 0
         if moved == self.step or (self.window and near):
             self.window = min(max(2 * self.window, _FIRST_FILES), _MOST_FILES)
-            self.ahead = max(self.ahead, place)
+            self.ahead = max(self.ahead, index)
         elif moved:
-            self.window, self.step, self.ahead = 0, moved if moved > 0 else 1, place
+            self.window, self.step, self.ahead = 0, moved if moved > 0 else 1, index
 
     def drop(self, before: int | None = None) -> int:
-        """Drop what was read ahead, or only before a place; return its size."""
-        gone = [place for place in self.pending if before is None or place < before]
+        """Drop what was read ahead, or only before an index; return its size."""
+        gone = [index for index in self.pending if before is None or index < before]
         size = 0
-        for place in gone:
-            task, length = self.pending.pop(place)
+        for index in gone:
+            task, length = self.pending.pop(index)
             task.cancel()
             size += length
         return size
@@ -643,23 +646,23 @@ class _Texts:
     """The text files that were read last: times and calibration are parsed, and carried whole."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[UrlPath, tuple[RemoteEntry, bytes]] = OrderedDict()
+        self._cached: OrderedDict[UrlPath, tuple[RemoteEntry, bytes]] = OrderedDict()
         self._size = 0
 
     def get(self, path: UrlPath, entry: RemoteEntry) -> bytes | None:
         """Return the content of a file, unless it is listed with another size or time."""
-        cached = self._kept.get(path)
+        cached = self._cached.get(path)
         return cached[1] if cached is not None and cached[0] == entry else None
 
     def keep(self, path: UrlPath, entry: RemoteEntry, data: bytes) -> None:
         """Keep a file if it is a text of moderate size."""
         if path.suffix not in _TEXTS or len(data) > _MOST_TEXT_BYTES // 8:
             return
-        before = self._kept.pop(path, None)
+        before = self._cached.pop(path, None)
         self._size += len(data) - (len(before[1]) if before else 0)
-        self._kept[path] = entry, data
+        self._cached[path] = entry, data
         while self._size > _MOST_TEXT_BYTES:
-            self._size -= len(self._kept.popitem(last=False)[1][1])
+            self._size -= len(self._cached.popitem(last=False)[1][1])
 
 
 class FilesAhead:
@@ -669,7 +672,7 @@ class FilesAhead:
         self._lock = Lock()
         self._process = 0
         self._folders: OrderedDict[UrlPath, _ReadFolder] = OrderedDict()
-        self._held = 0
+        self._size = 0
         self._reads = 0
         self._texts = _Texts()
 
@@ -681,7 +684,7 @@ class FilesAhead:
         """
         with self._lock:
             if self._process != os.getpid():
-                self._process, self._held = os.getpid(), 0
+                self._process, self._size = os.getpid(), 0
                 self._folders.clear()
                 self._texts = _Texts()
             folder = self._folder(path.parent)
@@ -703,30 +706,30 @@ class FilesAhead:
 
     def _take(self, path: UrlPath, folder: _ReadFolder) -> ThreadTask[bytes] | None:
         """Return a file that was read ahead, and begin to read those after it."""
-        place = folder.places.get(path.name)
-        if place is None:
+        index = folder.indices.get(path.name)
+        if index is None:
             return None
-        task, size = folder.pending.pop(place, (None, 0))
-        self._held -= size
-        folder.note(place)
+        task, size = folder.pending.pop(index, (None, 0))
+        self._size -= size
+        folder.note(index)
         self._reads += 1
         folder.used = self._reads
-        passed = place - _OUT_OF_ORDER * folder.step if folder.window else None
-        self._held -= folder.drop(passed)
+        passed = index - _OUT_OF_ORDER * folder.step if folder.window else None
+        self._size -= folder.drop(passed)
         self._begin(path.parent, folder)
         return task
 
     def _folder(self, path: UrlPath) -> _ReadFolder | None:
         listing, cached = known_listing(path), self._folders.get(path)
         if cached is not None and cached.listing is not listing:  # listed again
-            self._held -= cached.drop()
+            self._size -= cached.drop()
             del self._folders[path]
         if listing is None:
             return None
         if path not in self._folders:
             self._folders[path] = _ReadFolder(listing)
             while len(self._folders) > _MOST_FOLDERS:
-                self._held -= self._folders.popitem(last=False)[1].drop()
+                self._size -= self._folders.popitem(last=False)[1].drop()
         self._folders.move_to_end(path)
         return self._folders[path]
 
@@ -734,21 +737,21 @@ class FilesAhead:
         """Read ahead as far as the window and the memory allow."""
         end = min((folder.last or 0) + folder.window * folder.step + 1, len(folder.names))
         while folder.window and folder.ahead + folder.step < end:
-            place = folder.ahead + folder.step
-            file = path / folder.names[place]
+            index = folder.ahead + folder.step
+            file = path / folder.names[index]
             size = folder.listing[file.name].size
             length = _UNKNOWN_BYTES if size is None else size
-            if self._held + length > MOST_BYTES and not self._make_room():
+            if self._size + length > MOST_BYTES and not self._make_room():
                 break
-            folder.ahead = place
-            folder.pending[place] = (BACKGROUND.submit(partial(fetch, file, size)), length)
-            self._held += length
+            folder.ahead = index
+            folder.pending[index] = (BACKGROUND.submit(partial(fetch, file, size)), length)
+            self._size += length
 
     def _make_room(self) -> bool:
         """Drop what was read ahead in a folder that is not read any more; false without one."""
         for folder in self._folders.values():
             if folder.pending and self._reads - folder.used > _IDLE_READS:
-                self._held -= folder.drop()
+                self._size -= folder.drop()
                 folder.window = 0
                 return True
         return False

@@ -47,24 +47,24 @@ def filesystem_of(path: UrlPath) -> FileSystem:
 
 @lru_cache(maxsize=64)
 def _filesystem(scheme: str, host: str, process: int) -> FileSystem:  # noqa: ARG001 - not shared
-    place = f'{scheme}://{host}'
+    root = f'{scheme}://{host}'
     try:
         from fsspec.core import url_to_fs  # noqa: PLC0415 - for URLs only
         from fsspec.registry import known_implementations, registry  # noqa: PLC0415 - as above
     except ImportError:
         raise UsageError(
-            f'{place}: URLs need fsspec, which is not installed; run pip install'
+            f'{root}: URLs need fsspec, which is not installed; run pip install'
             f" 'kitti_ros2[remote]'"
         ) from None
     if scheme not in known_implementations and scheme not in registry:
-        raise UsageError(f'{place}: unknown scheme {scheme}://; known are s3, gs, http and https')
+        raise UsageError(f'{root}: unknown scheme {scheme}://; known are s3, gs, http and https')
     try:
-        return url_to_fs(place, **_options(scheme))[0]
+        return url_to_fs(root, **_options(scheme))[0]
     except ImportError as error:
         package = _PACKAGES.get(scheme)
         install = f'pip install {package}' if package else "pip install 'kitti_ros2[remote]'"
         reason = ' '.join(str(error).split())
-        raise UsageError(f'{place}: needs a package, run {install} ({reason})') from None
+        raise UsageError(f'{root}: needs a package, run {install} ({reason})') from None
 
 
 def _options(scheme: str) -> dict[str, Any]:

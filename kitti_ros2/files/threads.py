@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     Handler: TypeAlias = Callable[[int, FrameType | None], object]
 
-_HELD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_DEFERRED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class SignalHold:
+class DeferredSignals:
     """As a context manager: the first signal that ends a program is handled when the block ends.
 
     Only in the main thread, which handles them; elsewhere, nothing happens. Signals that are
@@ -46,21 +46,21 @@ class SignalHold:
 
     def __init__(self) -> None:
         self._before: dict[int, Handler] = {}
-        self._holding = False
+        self._deferring = False
         self._pending: tuple[int, FrameType | None] | None = None
         if threading.current_thread() is threading.main_thread():
-            for number in _HELD:
+            for number in _DEFERRED:
                 handler = signal.getsignal(number)
                 if callable(handler):
                     self._before[number] = handler
                     signal.signal(number, self._handle)
 
     def __enter__(self) -> Self:
-        self._holding = True
+        self._deferring = True
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._holding = False
+        self._deferring = False
         if self._pending is not None:
             (number, frame), self._pending = self._pending, None
             self._before[number](number, frame)
@@ -73,7 +73,7 @@ class SignalHold:
                 signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self._holding:
+        if self._deferring:
             self._pending = self._pending or (number, frame)
         else:
             self._before[number](number, frame)
@@ -85,12 +85,12 @@ def deferred_signals() -> Iterator[None]:
 
     An exception of a handler would leave what is being removed half-removed.
     """
-    hold = SignalHold()
+    signals = DeferredSignals()
     try:
-        with hold:
+        with signals:
             yield
     finally:
-        hold.close()
+        signals.close()
 
 
 # Threads that make calls, for programs whose signal handlers raise exceptions.
@@ -242,7 +242,7 @@ _AHEAD_PER_WORKER = 2
 _ONE_THREAD: list[bool] = []
 
 
-def hold_to_one_thread() -> None:
+def limit_to_one_thread() -> None:
     """Let worker_count return 1 in this process from now on: it is one of several workers."""
     _ONE_THREAD[:] = [True]
 

@@ -295,7 +295,7 @@ class UploadStaging:
         self._refusal = refusal
         self._marker = marker_of(path)
         self._find_replaced()
-        self._local = Staging(_local_place(path), lambda _: None)
+        self._local = Staging(_local_path(path), lambda _: None)
         self.content = self._local.content
 
     def publish(self) -> None:
@@ -397,7 +397,7 @@ class UploadStaging:
         raise StoreError(bad[0], OSError('it differs in the store from what was sent'))
 
 
-def _local_place(path: RemotePath) -> Path:
+def _local_path(path: RemotePath) -> Path:
     """Return the local path of an output: the same for all runs, so that one finds another's.
 
     Raises:
@@ -459,8 +459,8 @@ def locked_in_store(
 ) -> Iterator[StoreLock]:
     """Hold a lock, renewed by a thread.
 
-    Where a store has no conditional requests, two runs that begin at the same moment may both
-    get it for a moment; the one that wrote first notices it at its first renewal.
+    Where a store has no conditional requests, two runs that begin at the same time may both
+    get it briefly; the one that wrote first notices it at its first renewal.
 
     Args:
         path: The object.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bags.bag_files import path_of
-from ..files.local_files import FilePlacer
+from ..files.local_files import FileLinker
 from ..files.staging import staged
 from ..kitti import names
 from ..kitti.append import appended
@@ -208,13 +208,13 @@ def _keys(frames: Frames) -> np.typing.NDArray[np.int64]:
 
 
 def _link_scans(source: Path, target: Path) -> None:
-    """Place the scans of one set in another, as hard links where the file system has them."""
-    placer = FilePlacer(copy=False)
+    """Link the scans of one set into another, or copy them where hard links are impossible."""
+    linker = FileLinker(copy=False)
     for path in sorted(source.rglob('*')):
         target_path = target / path.relative_to(source)
         in_scans = _SCANS.intersection(path.relative_to(source).parts)
         if in_scans and path.is_file() and not target_path.exists():
-            placer.place(path, target_path)
+            linker.link(path, target_path)
 
 
 def _beside_each_other(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:

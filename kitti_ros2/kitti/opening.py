@@ -11,7 +11,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..files.remote import common_folder, is_remote, real_place, refuse_incomplete
+from ..files.remote import canonical_path, common_folder, is_remote, refuse_incomplete
 from ..files.remote_requests import objects_at
 from ..kitti import names
 from ..model.errors import (
@@ -545,7 +545,7 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
     queue = deque([(path, 0)])
     while queue and len(seen) < _MOST_FOLDERS:
         folder, level = queue.popleft()
-        real_path = real_place(folder)  # links may lead back
+        real_path = canonical_path(folder)  # links may lead back
         if real_path in seen:
             continue
         seen.add(real_path)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ..bags.writer import guess_storage, open_bag
 from ..files.processes import can_fork, forked, one_opencv_thread
-from ..files.threads import hold_to_one_thread, ordered_map, worker_count
+from ..files.threads import limit_to_one_thread, ordered_map, worker_count
 from ..messages.cdr import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error, Loss
@@ -88,7 +88,7 @@ class RunEncoder:
 
     def __call__(self, start: int) -> EncodedRun:
         """Encode the run that begins at a position of the schedule, in a process for this alone."""
-        hold_to_one_thread()
+        limit_to_one_thread()
         encoder = self._encoder
         encoder.sample_notes = SampleNotes()
         outcomes = [

@@ -119,7 +119,7 @@ def test_kill_while_replacing_loses_nothing(name, rename, samples, tmp_path):
             return original(self, target)
 
         Path.rename = deadly
-        local_staging.exchange = lambda *_: False
+        local_staging.atomic_swap = lambda *_: False
 
     replaced_by_a_killed_child(path, samples, prepare)
     with pytest.raises(KeyError), open_bag(path, BagOptions(overwrite=True), jazzy()):
@@ -135,14 +135,14 @@ def test_a_directory_is_exchanged_and_never_absent(after, samples, tmp_path):
     path = tmp_path / 'bag'
 
     def prepare():
-        original = local_staging.exchange
+        original = local_staging.atomic_swap
 
         def deadly(one, other):
             if after:
                 assert original(one, other)
             kill_itself()
 
-        local_staging.exchange = deadly
+        local_staging.atomic_swap = deadly
 
     replaced_by_a_killed_child(path, samples, prepare)
     assert summarize_bag(path).message_count == (len(samples) if after else 10)

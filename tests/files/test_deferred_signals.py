@@ -10,7 +10,7 @@ from itertools import count
 
 import pytest
 
-from kitti_ros2.files.threads import SignalHold, deferred_signals
+from kitti_ros2.files.threads import DeferredSignals, deferred_signals
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_a_signal_is_handled_while_handlers_change(caught, monkeypatch):
 
 
 def test_a_hold_that_ends_before_a_later_one_still_hands_on(caught):
-    first, second = SignalHold(), SignalHold()
+    first, second = DeferredSignals(), DeferredSignals()
     first.close()
     signal.raise_signal(signal.SIGTERM)
     second.close()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.files.local_files import FilePlacer, walk_files
+from kitti_ros2.files.local_files import FileLinker, walk_files
 from kitti_ros2.model.errors import BadFileError, UnreadableFileError
 
 
@@ -23,9 +23,9 @@ def source(tmp_path):
 
 
 def test_a_file_is_linked_or_copied(source, tmp_path):
-    assert FilePlacer(copy=False).place(source, tmp_path / 'a/b/linked')
+    assert FileLinker(copy=False).link(source, tmp_path / 'a/b/linked')
     assert (tmp_path / 'a/b/linked').samefile(source)
-    assert not FilePlacer(copy=True).place(source, tmp_path / 'a/b/copied')
+    assert not FileLinker(copy=True).link(source, tmp_path / 'a/b/copied')
     assert not (tmp_path / 'a/b/copied').samefile(source)
     assert (tmp_path / 'a/b/copied').read_bytes() == source.read_bytes()
 
@@ -34,7 +34,7 @@ def test_a_symbolic_link_becomes_a_file(source, tmp_path):
     (tmp_path / 'link').symlink_to('source')
     for copy in (False, True):
         target = tmp_path / f'target_{copy}'
-        FilePlacer(copy=copy).place(tmp_path / 'link', target)
+        FileLinker(copy=copy).link(tmp_path / 'link', target)
         assert not target.is_symlink()
         assert target.read_bytes() == source.read_bytes()
 
@@ -48,11 +48,11 @@ def test_after_one_link_that_fails_all_are_copied(source, tmp_path, monkeypatch,
         raise OSError(code, os.strerror(code))
 
     monkeypatch.setattr(os, 'link', fail)
-    placer = FilePlacer(copy=False)
-    assert not placer.why
-    assert [placer.place(source, tmp_path / name) for name in 'ab'] == [False, False]
-    assert (len(tried), placer.copy) == (1, True)
-    assert placer.why
+    linker = FileLinker(copy=False)
+    assert not linker.why
+    assert [linker.link(source, tmp_path / name) for name in 'ab'] == [False, False]
+    assert (len(tried), linker.copy) == (1, True)
+    assert linker.why
     assert (tmp_path / 'b').read_bytes() == source.read_bytes()
 
 
@@ -60,7 +60,7 @@ def test_other_errors_of_links_are_raised(source, tmp_path):
     (tmp_path / 'there').write_text('kept')
     for copy in (False, True):
         with pytest.raises(FileExistsError):
-            FilePlacer(copy=copy).place(source, tmp_path / 'there')
+            FileLinker(copy=copy).link(source, tmp_path / 'there')
     assert (tmp_path / 'there').read_text() == 'kept'
 
 
@@ -69,14 +69,14 @@ def test_what_is_no_file_is_named(tmp_path, copy):
     os.mkfifo(tmp_path / 'pipe')
     (tmp_path / 'broken').symlink_to('nowhere')
     (tmp_path / 'loop').symlink_to('loop')
-    placer = FilePlacer(copy=copy)
+    linker = FileLinker(copy=copy)
     with pytest.raises(BadFileError, match=r'pipe: is no regular file'):
-        placer.place(tmp_path / 'pipe', tmp_path / 'out')
+        linker.link(tmp_path / 'pipe', tmp_path / 'out')
     for name in ('broken', 'absent'):
         with pytest.raises(UnreadableFileError, match=f'{name}: No such file'):
-            placer.place(tmp_path / name, tmp_path / 'out')
+            linker.link(tmp_path / name, tmp_path / 'out')
     with pytest.raises(UnreadableFileError, match='loop: Too many levels of symbolic links'):
-        placer.place(tmp_path / 'loop', tmp_path / 'out')
+        linker.link(tmp_path / 'loop', tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
 
 
@@ -94,12 +94,12 @@ def test_a_read_error_is_that_of_the_source(source, tmp_path, monkeypatch):
 
     monkeypatch.setattr(type(source), 'open', open_damaged)
     with pytest.raises(UnreadableFileError, match='source: Input/output error'):
-        FilePlacer(copy=True).place(source, tmp_path / 'out')
+        FileLinker(copy=True).link(source, tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
 
 
 def test_a_file_of_the_system_is_not_copied_without_end(tmp_path):
-    assert not FilePlacer(copy=True).place(Path('/proc/self/mem'), tmp_path / 'out')
+    assert not FileLinker(copy=True).link(Path('/proc/self/mem'), tmp_path / 'out')
     assert (tmp_path / 'out').read_bytes() == b''
 
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.files import local_files
-from kitti_ros2.files.local_files import VectoredFile, without_end, without_start, write_uncached
+from kitti_ros2.files.local_files import UnbufferedFile, without_end, without_start, write_uncached
 from kitti_ros2.kitti.store import STORE
 
 SIZES = [0, 1, 4095, 4096, 65535, 65536, 65537, 3 * 2**20 + 5]
@@ -51,7 +51,7 @@ def test_a_stored_file_is_whole(tmp_path, size):
 
 
 def test_a_file_of_many_buffers_is_whole(tmp_path):
-    file = VectoredFile(tmp_path / 'file')
+    file = UnbufferedFile(tmp_path / 'file')
     head = bytes(100)
     file.write([head])
     batches = [[some_bytes(size), some_bytes(7)] for size in SIZES] + [[some_bytes(3)] * 5000]

@@ -124,7 +124,7 @@ def test_a_run_that_does_not_fit_into_shared_memory(recordings, tmp_path, monkey
 
 
 def test_a_run_is_pickled_and_its_large_buffers_are_not(recordings, monkeypatch):
-    monkeypatch.setattr(to_bag, 'hold_to_one_thread', lambda: None)  # this is no worker
+    monkeypatch.setattr(to_bag, 'limit_to_one_thread', lambda: None)  # this is no worker
     recording = open_recording(recordings[Layout.RAW])
     schedule = make_schedule(recording, SelectionOptions())
     encoder = Encoder(recording, schedule, MessageOptions(), SelectionOptions())

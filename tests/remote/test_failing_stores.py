@@ -159,12 +159,12 @@ def test_files_are_read_ahead_within_bounds(tmp_path: Path):
     paths = [url / name for name in listing_of(url)]
     for number, path in enumerate(paths[:30]):
         assert ahead.read(path)[:1] == bytes([number])
-        assert ahead._held <= MOST_BYTES
+        assert ahead._size <= MOST_BYTES
     assert stall.begun.wait(PATIENCE_S)  # nobody asked for it yet
     stall.go_on.set()
     assert [ahead.read(path)[0] for path in paths[30:]] == [*range(30, 40)]
     assert CountedStore.requests['cat'] == 40
-    assert ahead._held == 0
+    assert ahead._size == 0
 
 
 def test_leaps_are_not_read_ahead(tmp_path: Path):

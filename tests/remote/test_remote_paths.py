@@ -14,7 +14,7 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 
 from counted_store import PROTOCOL, CountedStore, put
 
-from kitti_ros2.files.remote import RemotePath, as_path, common_folder, real_place
+from kitti_ros2.files.remote import RemotePath, as_path, canonical_path, common_folder
 from kitti_ros2.files.remote_reads import forget
 from kitti_ros2.files.remote_requests import key_of
 from kitti_ros2.files.url_path import LocalPathError
@@ -54,7 +54,7 @@ def test_relations():
     assert Path('/local') / KEY == KEY
     assert common_folder([KEY, KEY.parent / 'x' / 'y']) == KEY.parent
     assert common_folder([Path('/a/b'), Path('/a/c')]) == Path('/a')
-    assert real_place(KEY) == str(KEY)
+    assert canonical_path(KEY) == str(KEY)
 
 
 def test_values():
