@@ -113,9 +113,9 @@ def _command_for(requested: str) -> Any:  # noqa: ANN401 - as above
         group, _, word = name.rpartition(' ')
         owner = scores if group else app
         if requested:
-            owner.command(word, cls=Command)(_imported(name))
+            owner.command(word, cls=Command)(_import_command(name))
         else:
-            owner.command(word, cls=Command, help=_COMMANDS[name][1])(_listed)
+            owner.command(word, cls=Command, help=_COMMANDS[name][1])(_placeholder)
     app.add_typer(scores, name='eval')
     return typer.main.get_command(app)
 
@@ -181,12 +181,12 @@ def _eval() -> None:
     """Score detections, tracks and trajectories as KITTI does."""
 
 
-def _listed() -> int:
+def _placeholder() -> int:
     """Stand for a command that is listed in help texts and completions, but not imported."""
     raise UsageError('a command is the first word; see kitti-ros2 --help')
 
 
-def _imported(name: str) -> Callable[..., int]:
+def _import_command(name: str) -> Callable[..., int]:
     """Return the function of a command, with its options."""
     module, _ = _COMMANDS[name]
     function = re.sub('[ -]', '_', name)

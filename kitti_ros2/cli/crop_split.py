@@ -16,7 +16,7 @@ from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
     format_path,
     print_json,
-    put_result,
+    print_result,
     report_values,
     say,
     say_error,
@@ -102,7 +102,7 @@ def crop(
     with step_progress('cutting scans', show=not (quiet or json)) as progress:
         report = crop_sets(src, out, options, progress)
     elapsed = time.monotonic() - started
-    return put_result(
+    return print_result(
         lambda: {**report_values(report), 'seconds': elapsed},
         lambda: _summarize(report, elapsed),
         report.losses,

@@ -21,7 +21,7 @@ from .output import (
     bytes_progress,
     format_path,
     print_json,
-    put_result,
+    print_result,
     report_values,
     say,
     say_error,
@@ -89,7 +89,7 @@ def _split(words: Sequence[str], options: DownloadOptions) -> tuple[Sequence[str
     return what, Path(last)
 
 
-def _say(report: DownloadReport) -> None:
+def _summarize(report: DownloadReport) -> None:
     for note in report.notes:
         say(f'note: {note}')
     files = sum(archive.written for archive in report.extracted)
@@ -199,8 +199,12 @@ def download(
     except KeyboardInterrupt:
         say_error('kitti-ros2: interrupted; what was downloaded is kept, run it again to go on')
         sys.exit(EXIT_INTERRUPTED)
-    return put_result(
-        lambda: report_values(report), lambda: _say(report), report.losses, json=json, quiet=quiet
+    return print_result(
+        lambda: report_values(report),
+        lambda: _summarize(report),
+        report.losses,
+        json=json,
+        quiet=quiet,
     )
 
 
@@ -239,7 +243,7 @@ def extract(
     options = make_extract_options(given)
     with bytes_progress('extracting', show=not quiet) as (progress,):
         report = extract_all(archives, root, options, progress)
-    return put_result(
+    return print_result(
         lambda: report_values(report),
         lambda: say_extracted(report),
         report.losses,

@@ -40,7 +40,7 @@ from .output import (
     check_plot,
     format_path,
     is_picture,
-    put_result,
+    print_result,
     refuse_files,
     say,
     step_progress,
@@ -242,7 +242,7 @@ def eval_detection(
         if out is not None:
             say(format_path(out))
 
-    return put_result(lambda: scores_json(scores), show, losses, json=json, quiet=quiet)
+    return print_result(lambda: scores_json(scores), show, losses, json=json, quiet=quiet)
 
 
 @takes('ODOMETRY_ALL', of='evaluation')
@@ -295,7 +295,7 @@ def eval_odometry(
         if out is not None:
             say(format_path(out))
 
-    return put_result(lambda: scores_json(scores), show, scores.losses, json=json, quiet=quiet)
+    return print_result(lambda: scores_json(scores), show, scores.losses, json=json, quiet=quiet)
 
 
 @takes('TRACKING_ALL', of='evaluation')
@@ -333,7 +333,7 @@ def eval_tracking(
     refuse_files(out, overwrite=overwrite)
     with step_progress('scoring', show=not quiet) as progress:
         scores = score_tracking(ground_truth, results, read, options, progress)
-    return put_result(
+    return print_result(
         lambda: scores_json(scores),
         lambda: print_tracks(scores),
         scores.losses,
@@ -370,6 +370,6 @@ def eval_live(
         live = run_live(
             src, options, played, show=(lambda _: None) if quiet else _show, progress=progress
         )
-    return put_result(
+    return print_result(
         lambda: _values(live), lambda: _print(live), live.losses, json=json, quiet=quiet
     )

@@ -69,7 +69,7 @@ def print_overview(overview: Overview) -> None:
     table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
     table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series[:MOST_SERIES]:
-        kind_of = cell(_short(series.msgtype))
+        kind_of = cell(_short_type(series.msgtype))
         rates = _rates(series) if timed else ()
         table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
     console.print(table, soft_wrap=False)
@@ -110,7 +110,7 @@ def _rates(series: TopicSummary) -> tuple[str, str]:
     return rate, gap
 
 
-def _short(msgtype: str) -> str:
+def _short_type(msgtype: str) -> str:
     return msgtype.rsplit('/', 1)[-1]
 
 

@@ -119,7 +119,7 @@ def report_values(report: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass 
     return {**asdict(report), 'losses': losses_json(report.losses)}
 
 
-def put_result(
+def print_result(
     values: Callable[[], object],
     show: Callable[[], None],
     losses: tuple[Loss, ...],
@@ -278,7 +278,7 @@ def conversion_progress(
             speed = f'{rate:5.0f} frames/s {size_bytes / elapsed / 1e6:6.0f} MB/s'
             bar.update(task, completed=done, speed=speed)
 
-        yield _seldom(update)
+        yield _rate_limited(update)
 
 
 @contextmanager
@@ -299,7 +299,7 @@ def step_progress(
         def update(done: int, total: int | None = None) -> None:
             bar.update(task, completed=done, total=total, refresh=True)
 
-        yield _seldom(update)
+        yield _rate_limited(update)
 
 
 @contextmanager
@@ -330,7 +330,7 @@ def bytes_progress(*titles: str, show: bool) -> Iterator[tuple[Callable[[int, in
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         tasks = [bar.add_task(title, total=None) for title in titles]
-        yield tuple(_seldom(partial(_show_bytes, bar, task)) for task in tasks)
+        yield tuple(_rate_limited(partial(_show_bytes, bar, task)) for task in tasks)
 
 
 def _show_bytes(
@@ -339,7 +339,7 @@ def _show_bytes(
     bar.update(task, completed=done, total=total)
 
 
-def _seldom(update: Callable[..., None]) -> Callable[..., None]:
+def _rate_limited(update: Callable[..., None]) -> Callable[..., None]:
     """Limit the updates of a bar: most messages are small, and drawing takes longer."""
     last = time.monotonic()
 

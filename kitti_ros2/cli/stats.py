@@ -22,7 +22,7 @@ from .output import (
     check_output,
     check_plot,
     format_path,
-    put_result,
+    print_result,
     say,
     step_progress,
 )
@@ -163,7 +163,7 @@ def stats(
             if written is not None:
                 say(format_path(written))
 
-    return put_result(
+    return print_result(
         lambda: {'sets': [plain_values(data_set) for data_set in sets]},
         show,
         tuple(loss for data_set in sets for loss in data_set.total.losses),

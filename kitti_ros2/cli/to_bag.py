@@ -26,7 +26,7 @@ from ..model.streams import Clock
 from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings, split_batch_options
 from .command import JsonOption, QuietOption, add_config, argument, takes
-from .output import conversion_progress, format_path, put_result, report_values, say
+from .output import conversion_progress, format_path, print_result, report_values, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -168,7 +168,7 @@ def to_bag(
         )
     elapsed = time.monotonic() - started
     named = {'layout': recording.layout.value, 'name': recording.name}
-    return put_result(
+    return print_result(
         lambda: {**named, **report_values(report), 'seconds': elapsed},
         lambda: _summarize(report, elapsed, settings.messages.images, recording),
         report.losses,

@@ -28,7 +28,7 @@ from .output import (
     format_path,
     plain_table,
     print_json,
-    put_result,
+    print_result,
     report_values,
     say,
     show_losses,
@@ -451,7 +451,7 @@ def _convert(
         for report in reports:
             _summarize(report, out, elapsed)
 
-    return put_result(values, show, losses, json=json, quiet=quiet)
+    return print_result(values, show, losses, json=json, quiet=quiet)
 
 
 def _note(text: str) -> None:

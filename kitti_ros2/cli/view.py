@@ -73,7 +73,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
     path, overlaps = settings.predictions.path, settings.predictions.overlaps
     with closing(open_frames(src, settings.read)) as source:
         results = None if path is None else ResultFiles(path, frames=source.recording.file_names)
-        refine = _keep if results is None else Predictions(results.read, overlaps).add_to
+        refine = _unchanged if results is None else Predictions(results.read, overlaps).add_to
         losses = _draw(source, settings, out, refine, quiet=quiet)
     losses += () if results is None else results.losses
     show_losses(losses)
@@ -147,7 +147,7 @@ def _missing_classes(
     ]
 
 
-def _keep(frame: FrameData) -> FrameData:
+def _unchanged(frame: FrameData) -> FrameData:
     return frame
 
 
