@@ -25,12 +25,12 @@ def _summarize(report: RecoveryReport, elapsed: float) -> None:
         say(f'note: {note}')
     say(
         f'{format_path(report.path)}: {format_count(sum(report.counts.values()), "message")} on'
-        f' {format_count(len(report.counts), "topic")}, {format_bytes(report.size_bytes)};'
-        f' {_lost(report)}; took {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)'
+        f' {format_count(len(report.counts), "topic")}, {format_bytes(report.size_bytes)}; '
+        f'{_loss_text(report)}; took {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)'
     )
 
 
-def _lost(report: RecoveryReport) -> str:
+def _loss_text(report: RecoveryReport) -> str:
     if report.lost_exactly:
         return f'{format_count(report.lost, "message") if report.lost else "no message"} lost'
     if not report.lost:
@@ -73,8 +73,8 @@ def recover(
         _summarize(report, elapsed)
     if not report.losses:
         return EXIT_OK
-    what = _lost(report)
+    summary = _loss_text(report)
     if report.lost_exactly and not report.lost:
-        what = 'every message was copied, but the bag is not as a recorder leaves it'
-    say_error(f'kitti-ros2: {what}, listed above; exit code {EXIT_LOSSES}')
+        summary = 'every message was copied, but the bag is not as a recorder leaves it'
+    say_error(f'kitti-ros2: {summary}, listed above; exit code {EXIT_LOSSES}')
     return EXIT_LOSSES
