@@ -476,7 +476,7 @@ class Recording(Sequence[Frame]):
     def notes(self) -> tuple[str, ...]:
         """Remarks that are no loss, such as assumptions about a bag not written by to-bag."""
         frames = self._source.frames
-        return (*frames.picture_notes, *frames.notes)
+        return (*frames.guess_notes, *frames.notes)
 
     def __len__(self) -> int:
         return len(self._numbers)

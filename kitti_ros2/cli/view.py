@@ -112,11 +112,7 @@ def _draw(
         description = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
         film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
-        for note in (
-            *source.picture_notes,
-            *_missing_classes(settings, source, tally.kinds),
-            *film,
-        ):
+        for note in (*source.guess_notes, *_missing_classes(settings, source, tally.kinds), *film):
             say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'

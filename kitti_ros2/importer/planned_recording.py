@@ -103,7 +103,7 @@ class PlannedRecording:
         streams: Index by stream, of frames that have a sample, with the stamps of the frames.
         base_t_imu: imu_link in the body that the poses are of.
         no_calibration: Why there is none, by part; empty for a plan without.
-        picture_notes: Guesses that may make pictures wrong, such as axes; one line each.
+        guess_notes: Guesses that may make pictures wrong, such as axes; one line each.
 
     Raises:
         BadBagError: The bag cannot be read.
@@ -125,10 +125,10 @@ class PlannedRecording:
         survey = clocked(survey, plan)
         moving = read_moving([source], plan, survey, losses)
         notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
-        self.picture_notes: list[str] = []
-        self._plan, self.no_calibration = _rigged(plan, survey, moving, self.picture_notes)
+        self.guess_notes: list[str] = []
+        self._plan, self.no_calibration = _rigged(plan, survey, moving, self.guess_notes)
         if self._plan.calibration == NO_CALIBRATION:
-            self.picture_notes += _turned(self._plan.scan)
+            self.guess_notes += _turned(self._plan.scan)
         self._topics = frame_topics(self._plan)
         self._track = ego_track(source, survey, notes)
         self.origins: Mapping[int, FrameOrigin] = {}
@@ -257,13 +257,13 @@ def _to_look_at(plan: Plan) -> Plan:
 
 
 def _rigged(
-    plan: Plan, survey: Survey, moving: MovingTree | None, picture_notes: list[str]
+    plan: Plan, survey: Survey, moving: MovingTree | None, guess_notes: list[str]
 ) -> tuple[Plan, dict[str, str]]:
     """Return the plan, without calibration and labels if it is missing, and the reason."""
     try:
         Rigging(plan, survey, moving)
     except KittiRos2Error as error:
-        picture_notes.append(f'no calibration: {error}')
+        guess_notes.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}
         return replace(plan, calibration=NO_CALIBRATION, labels=None), missing
     return plan, {}

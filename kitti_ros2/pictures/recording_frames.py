@@ -132,7 +132,7 @@ class RecordingFrames:
         base_t_imu: imu_link in base_link, or in the body that the poses of a bag are of.
         origins: By number the raw drive's frame of an object set in real time; else empty.
         losses: Data missing or damaged from the start, by stream or topic.
-        picture_notes: Guesses that may make pictures wrong, such as axes; one line each.
+        guess_notes: Guesses that may make pictures wrong, such as axes; one line each.
         notes: Other notes; one line each.
 
     Raises:
@@ -147,7 +147,7 @@ class RecordingFrames:
             self.name, self.base_t_imu = recording.root.name, recording.base_t_imu
         self.origins: Mapping[int, FrameOrigin] = recording.origins
         self.losses: Sequence[Loss] = recording.losses
-        self.picture_notes: Sequence[str] = ()
+        self.guess_notes: Sequence[str] = ()
         self.notes: Sequence[str] = recording.notes
         self.recording = recording
         self._reading_poses = Lock()
@@ -169,7 +169,7 @@ class RecordingFrames:
             for stream, files in self._samples.items()
         }
         if not isinstance(recording, _NUMBERED):
-            self.picture_notes = [*recording.picture_notes, BY_POSITION]
+            self.guess_notes = [*recording.guess_notes, BY_POSITION]
             self._samples[Stream.POSE] = _same(self.numbers)
 
     @cached_property

@@ -503,7 +503,7 @@ def _gather_bag(bag: OpenBag, steps: _Steps) -> Report:
         track = ego_track(bag, survey, [])
         route = None if track is None else _route(track.trajectory(Transform.identity()))
         return _with_issues(replace(report, route=route), issues)
-    issues += [Issue(Severity.NOTE, '', note) for note in (*source.picture_notes, *source.notes)]
+    issues += [Issue(Severity.NOTE, '', note) for note in (*source.guess_notes, *source.notes)]
     with closing(source):
         report = _with_frames(report, source, issues, steps)
     if isinstance(recording, PlannedRecording):

@@ -144,7 +144,7 @@ def test_a_calibration_that_cannot_be_had_is_noted(tmp_path):
     frame = source.frame(0)
     assert frame.images
     assert frame.calibration is None
-    assert any(note.startswith('no calibration: ') for note in source.picture_notes)
+    assert any(note.startswith('no calibration: ') for note in source.guess_notes)
     assert frame.missing['calibration']
 
 
@@ -206,8 +206,8 @@ def test_a_cloud_of_a_depth_camera_has_z_forward(tmp_path):
     np.testing.assert_array_equal(after[:, 0], before[:, 2])
     np.testing.assert_array_equal(after[:, 1], -before[:, 0])
     np.testing.assert_array_equal(after[:, 2], -before[:, 1])
-    assert any('z axis is taken as forward' in each for each in found['z'].picture_notes)
-    assert found['plain'].picture_notes == [BY_POSITION]
+    assert any('z axis is taken as forward' in each for each in found['z'].guess_notes)
+    assert found['plain'].guess_notes == [BY_POSITION]
 
 
 @pytest.mark.parametrize(
