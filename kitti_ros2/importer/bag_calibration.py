@@ -341,8 +341,8 @@ class PlannedRig:
 
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
 
-_UNIT_FRAME = 'imu_link'
-_AHEAD = 0.7  # cosine: KITTI's unit has the axes of the scanner, but for a degree
+_IMU_LINK = 'imu_link'
+_AHEAD = 0.7  # cosine: KITTI's imu has the axes of the scanner, but for a degree
 
 
 @dataclass(frozen=True)
@@ -401,7 +401,7 @@ def make_calibrations(rig: PlannedRig) -> Calibrations:
         rig.tree,
         scan_frame,
         rig.models,
-        plan.imu_frame or _unit_frame(rig.tree, scan_frame),
+        plan.imu_frame or _imu_link(rig.tree, scan_frame),
         rectified=not plan.is_extract,
         straightened=straightened if plan.is_extract else (),
         others=rig.others,
@@ -409,23 +409,23 @@ def make_calibrations(rig: PlannedRig) -> Calibrations:
     return Calibrations((0,), (calibration,), notes)
 
 
-def _unit_frame(tree: FrameTree, scan_frame: str | None) -> str | None:
-    """Return the frame of a GPS/IMU unit without a topic: imu_link beside the scans, if x is ahead.
+def _imu_link(tree: FrameTree, scan_frame: str | None) -> str | None:
+    """Return the frame of a GPS/IMU without a topic: imu_link beside the scans, if x is ahead.
 
-    Of several none is known to be that of the unit.
+    None if there are several.
     """
     if scan_frame is None:
         return None
-    named = [frame for frame in tree.frames if frame.rpartition('/')[2] == _UNIT_FRAME]
+    named = [frame for frame in tree.frames if frame.rpartition('/')[2] == _IMU_LINK]
     poses = {frame: pose for frame in named if (pose := tree.find(scan_frame, frame)) is not None}
     near = [frame for frame, pose in poses.items() if pose.rotation.diagonal().min() > _AHEAD]
     return near[0] if len(poses) == len(near) == 1 else None
 
 
-def _with_unit(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
-    """Return a calibration with the place of the unit in the static transforms if it has none."""
+def _with_imu(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
+    """Return a calibration with velo_T_imu of the static transforms if it has none."""
     frame = None if plan.scan is None else plan.scan.frame
-    imu_frame = _unit_frame(tree, frame) if 'velo_T_imu' in calibration.nominal else None
+    imu_frame = _imu_link(tree, frame) if 'velo_T_imu' in calibration.nominal else None
     if frame is None or imu_frame is None:
         return calibration
     nominal = tuple(part for part in calibration.nominal if part != 'velo_T_imu')
@@ -449,7 +449,7 @@ def _from_source(rig: PlannedRig) -> Calibrations:
         calibrations = [
             parse_calibration(file.text, folder / file.name, file.name) for _, file in changes
         ]
-    calibrations = [_with_unit(calibration, plan, rig.tree) for calibration in calibrations]
+    calibrations = [_with_imu(calibration, plan, rig.tree) for calibration in calibrations]
     for calibration in calibrations:
         lacking = _lacking(calibration, plan)
         if lacking:

@@ -85,7 +85,7 @@ def needs_of_plan(plan: ScanPlan, source: ScanSource, survey: Survey) -> ScanNee
 
     Raises:
         UsageError: The plan does not name it, or what it names is missing.
-        BadFileError: The calibration file of a unit cannot be read.
+        BadFileError: The calibration file of a scanner cannot be read.
     """
     for key, needed in (('info', source.needs_info), ('model', source.has_model)):
         if getattr(plan, key) and not needed:
@@ -451,7 +451,7 @@ class ScanConversion:
 
         Raises:
             UsageError: The plan names a missing topic, or not what its messages need.
-            BadFileError: The calibration file of a unit cannot be read.
+            BadFileError: The calibration file of a scanner cannot be read.
             MissingDataError: The static transforms do not connect the two frames.
         """
         self._plan = plan = rig.plan.scan

@@ -357,7 +357,7 @@ def _seconds(nanoseconds: int) -> str:
 
 # How far apart the stamps of two streams are, and what to set in the plan.
 
-_MAX_UNIT_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
+_MAX_OXTS_GAP_NS = 2 * NS_PER_S + NS_PER_S // 2
 
 
 def nearest_gap_ns(reference_ns: Int64Array, stamps_ns: Int64Array) -> int:
@@ -411,8 +411,8 @@ def describe_gap(
     )
 
 
-def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss, ...]:
-    """Return the topics of the GPS/IMU unit that have no message near any frame.
+def oxts_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss, ...]:
+    """Return the topics of the GPS/IMU that have no message near any frame.
 
     Args:
         survey: The result of clocked.
@@ -425,7 +425,7 @@ def unit_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss
         if topic is None or not topic.count or not len(frames_ns):
             continue
         stamps = topic.stamps()[0]
-        if abs(nearest_gap_ns(frames_ns, stamps)) > _MAX_UNIT_GAP_NS:
+        if abs(nearest_gap_ns(frames_ns, stamps)) > _MAX_OXTS_GAP_NS:
             text = describe_gap(survey, plan, name, frames_ns, stamps)
             losses.append(Loss(topic.name, topic.count, f'{topic.name}: {text}'))
     return tuple(losses)

@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from .survey import Survey, TopicSurvey
 
 
-# Choice of the topics and the frame of the GPS/IMU unit.
+# Choice of the topics and the frame of the GPS/IMU.
 
 
 def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
@@ -82,10 +82,10 @@ def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
     return any(topic.has_fix for topic in _of_vehicle(survey, types.FIX, scan))
 
 
-def guess_unit(
+def guess_oxts_topics(
     survey: Survey, scan: ScanPlan | None, notes: list[str], pose: PosePlan | None = None
 ) -> dict[str, str]:
-    """Choose the topics of the GPS/IMU unit, by their keys in the plan.
+    """Choose the topics of the GPS/IMU, by their keys in the plan.
 
     Args:
         survey: Of the bags.
@@ -116,7 +116,7 @@ def guess_unit(
 def _best_topics(
     survey: Survey, scan: ScanPlan | None, pose: PosePlan | None, notes: list[str]
 ) -> dict[str, str]:
-    """Return the topics of the unit by their keys, and note those that are passed over."""
+    """Return the topics of the GPS/IMU by their keys, and note those that are passed over."""
     oxts: dict[str, str] = {}
     joined = _joined_frames(survey, scan)
     for role, rank in (
@@ -161,7 +161,7 @@ def _in_known_axes(
     pose: PosePlan | None,
     oxts: Mapping[str, str],
 ) -> list[TopicSurvey]:
-    """Return the velocities that can be turned into the axes of the unit, if that has a place."""
+    """Return the velocities that can be turned into the axes of the imu, if its frame is joined."""
     imu, fix = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('imu', 'fix'))
     has_place = imu in joined if 'imu' in oxts else pose is not None and pose.body in joined
     if not has_place:
@@ -295,7 +295,7 @@ def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: 
     return frame
 
 
-def guess_unit_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:
+def pose_body_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:
     """Return the frame whose poses become oxts if static transforms connect it to the scans'."""
     tree = survey.tree
     joined = scan is not None and tree.joins(scan.frame, pose.body)
@@ -354,7 +354,7 @@ def guess_plan(
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
     stamps, _ = survey.topics[topic].stamps()
-    oxts = guess_unit(survey, scan, notes, pose) if Stream.OXTS in traits.streams else {}
+    oxts = guess_oxts_topics(survey, scan, notes, pose) if Stream.OXTS in traits.streams else {}
     imu_frame = _imu_frame(survey, layout, sensors, oxts, notes)
     labels = None
     if Stream.LABELS in traits.streams:
@@ -448,11 +448,11 @@ def _find_sensors(
 def _imu_frame(
     survey: Survey, layout: Layout, sensors: _Sensors, oxts: Mapping[str, str], notes: list[str]
 ) -> str:
-    """Return the frame of the GPS/IMU unit, that of the poses in place of one; empty without."""
+    """Return the frame of the GPS/IMU, that of the poses in place of one; empty without."""
     frame = guess_imu_frame(survey, oxts.get('imu', ''), sensors.scan, sensors.heading, notes)
     if frame or oxts.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
         return frame
-    return guess_unit_frame(survey, sensors.scan, sensors.pose)
+    return pose_body_frame(survey, sensors.scan, sensors.pose)
 
 
 def _tolerance_s(stamps_ns: Int64Array) -> float:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The oxts packets of a plan: from the messages of the GPS/IMU unit, or from poses."""
+"""The oxts packets of a plan: from the messages of the GPS/IMU, or from poses."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     from .survey import Survey, TopicSurvey
 
 
-# The GPS/IMU unit at a moment between two of its messages.
+# The GPS/IMU between two of its messages.
 #
-# Each returns a message like the nearer one. What one of the two does not tell is that of the
-# nearer; an orientation, or an altitude, that one alone has is taken from it. Places are linear in
-# degrees: in metres that is the straight line, to 1 mm in 200 m.
+# Each function returns a message like the nearer one. Fields that one of the two does not set are
+# those of the nearer; an orientation, or an altitude, that one alone has is taken. Positions are
+# linear in degrees: in metres that is the straight line, to 1 mm in 200 m.
 
 _TURN_DEG, _HALF_TURN_DEG = 360.0, 180.0
 _NOWHERE = np.zeros(3)
@@ -75,7 +75,7 @@ def imu_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - o
 
 
 def velocity_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - of the bag's types
-    """Interpolate two messages with a Twist, twist, linearly: see oxts_poses.as_velocity."""
+    """Interpolate two messages with a Twist, twist, linearly: see as_velocity."""
     near = _nearer(first, last, share)
     vectors = {
         name: _vector(getattr(first.twist, name), getattr(last.twist, name), share)
@@ -126,7 +126,7 @@ def _vector(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - as ab
     return replace(near, **dict(zip('xyz', mixed.tolist(), strict=True)))
 
 
-# What packets of a GPS/IMU unit say of each other: axes that a driver has otherwise are told.
+# Checks of oxts packets against each other: notes on drivers with other axes.
 #
 # KITTI's axes are those of REP 103 and REP 145: the orientation is in east-north-up, accelerations
 # contain gravity, upwards at rest. Drivers with a north-east-down world, a yaw from the start of
@@ -144,8 +144,8 @@ _LONGEST_STEP_S = 1.5
 _OFF_SHARE = 0.5
 
 
-def acceleration_unit(imu: TopicSurvey) -> float:
-    """Return the m/s^2 of a unit of a topic's accelerations: Livox' drivers give them in g."""
+def acceleration_scale(imu: TopicSurvey) -> float:
+    """Return the m/s^2 of the unit of a topic's accelerations: g for Livox' drivers."""
     if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.samples:
         return 1.0
     norms = [float(np.linalg.norm(vector_of(sample.linear_acceleration))) for sample in imu.samples]
@@ -160,7 +160,7 @@ def scaled_accelerations(imu: Any, scale: float) -> Any:  # noqa: ANN401 - of th
     return replace(imu, linear_acceleration=scaled)
 
 
-class UnitChecks:
+class OxtsChecks:
     """Compares accelerations with gravity, and velocities and headings with the way driven."""
 
     def __init__(self) -> None:
@@ -249,7 +249,7 @@ class UnitChecks:
             )
 
 
-# Places and attitudes of the GPS/IMU unit from a plan's poses, where the bag has no NavSatFix.
+# Positions and attitudes of the GPS/IMU from a plan's poses, where the bag has no NavSatFix.
 #
 # The plan's world frame is taken as x east, y north, z up (REP 103) with its origin at the plan's
 # origin on earth. Readers that bring oxts back to metres by KITTI's Mercator projection (pykitti,
@@ -260,15 +260,15 @@ _FARTHEST_M = 200_000.0
 """Maps in UTM or MGRS coordinates are far from their origin: their first pose is put there."""
 
 
-class UnitPoses:
-    """The poses of the unit at a plan's frames.
+class ImuPoses:
+    """The poses of the imu at a plan's frames.
 
     Attributes:
         poses: Of each frame, None where the track has none; None without poses for oxts.
-        place: Of all packets, where the bag has an Imu alone; None otherwise.
+        location: Of all packets, where the bag has an Imu alone; None otherwise.
         moving: Its velocities in the world frame by its places; None without poses for oxts, and
             where messages have velocities.
-        velocity: The Odometry whose twist is the unit's velocity, empty for none.
+        velocity: The Odometry whose twist is the imu's velocity, empty for none.
         imu_T_velocity: Its child frame in KITTI's imu frame.
         notes: Non-fatal remarks.
         lost_ns: Stamps of the frames without a packet because of a gap in the poses.
@@ -277,18 +277,18 @@ class UnitPoses:
     def __init__(
         self, plan: Plan, survey: Survey, frames: Frames, rigging: Rigging, motion: PlannedMotion
     ) -> None:
-        """Place the unit.
+        """Find the poses.
 
         Args:
             plan: Names the poses and the origin.
             survey: Of its bags.
             frames: The frames.
-            rigging: Where the unit is on the vehicle.
+            rigging: The mounting of the imu on the vehicle.
             motion: The poses.
         """
         self.poses: list[ImuPose | None] | None = None
         self.moving: DerivedVelocities | None = None
-        self.place: GeoOrigin | None = None
+        self.location: GeoOrigin | None = None
         self.lost_ns: Int64Array = np.zeros(0, dtype=np.int64)
         self.velocity = ''
         self.imu_T_velocity = Transform.identity()
@@ -304,21 +304,21 @@ class UnitPoses:
             return
         if plan.pose is None or motion.track is None:
             if plan.imu or plan.velocity:
-                self.place = origin
+                self.location = origin
                 self.notes.append(
                     f'oxts: no NavSatFix and no poses, so all packets are at {where} (origin of the'
                     f' plan, LAT,LON,ALT); columns without a source are 0'
                 )
             return
         try:
-            body_t_imu = rigging.body_t_unit()
+            body_t_imu = rigging.body_t_imu()
         except MissingDataError as error:
             body_t_imu = Transform.identity()
             self.notes.append(f'the unit of oxts is taken as at {plan.pose.body}: {error}')
         poses = motion.track.at(frames.stamps_ns)
         missing = np.array([pose is None for pose in poses], dtype=np.bool_)
         self.lost_ns = within_gaps(frames.stamps_ns, missing, motion.track)
-        self.poses = _unit_poses(poses, body_t_imu, origin, self.notes)
+        self.poses = _to_imu_poses(poses, body_t_imu, origin, self.notes)
         world = plan.pose.world or 'the first pose'
         self.notes.append(
             f'oxts: no NavSatFix; place and attitude are those of {plan.pose.topic}, x east, y'
@@ -344,7 +344,7 @@ class UnitPoses:
         self.imu_T_velocity = body_t_imu.inverse() @ (body_t_child or Transform.identity())
 
 
-def _unit_poses(
+def _to_imu_poses(
     poses: list[Transform | None], body_t_imu: Transform, origin: GeoOrigin, notes: list[str]
 ) -> list[ImuPose | None]:
     imu_poses = [None if pose is None else pose @ body_t_imu for pose in poses]
@@ -360,7 +360,7 @@ def _unit_poses(
 
 
 def _moving(track: Track, body_t_imu: Transform) -> DerivedVelocities:
-    """Return the velocities of the unit on a track."""
+    """Return the velocities of the imu on a track."""
     _, first = np.unique(track.stamps_ns // _THINNED_NS, return_index=True)
     poses = zip(track.stamps_ns[first].tolist(), track.at(track.stamps_ns[first]), strict=True)
     path = [(at_ns, (pose @ body_t_imu).translation) for at_ns, pose in poses if pose is not None]
@@ -427,7 +427,7 @@ class PacketMaker:
         Raises:
             UsageError: A topic is missing.
         """
-        self._unit = imu_poses = UnitPoses(plan, survey, frames, rigging, motion)
+        self._poses = imu_poses = ImuPoses(plan, survey, frames, rigging, motion)
         self.lost_ns = imu_poses.lost_ns
         self._notes: list[str] = [*imu_poses.notes]
         self._lacking = 0
@@ -440,7 +440,7 @@ class PacketMaker:
         }
         self._mounting = self._mounted(plan, rigging.imu_t_topic)
         named = {role: topic for role, topic in self._topics.items() if topic}
-        self._imu_unit = self._acceleration_unit(plan.imu, survey)
+        self._acceleration_scale = self._find_acceleration_scale(plan.imu, survey)
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
         self._far: dict[str, list[int]] = {}
@@ -471,11 +471,11 @@ class PacketMaker:
         self._ready: dict[int, OxtsPacket | None] = {}
         self._next = 0
         self._unoriented: list[int] = []
-        self._checks = UnitChecks()
+        self._checks = OxtsChecks()
 
     def _mounted(self, plan: Plan, turns: Mapping[str, Transform]) -> Mounting:
         """Return how the sensors of the topics are mounted in KITTI's imu frame."""
-        poses, velocity = self._unit, self._topics['velocity']
+        poses, velocity = self._poses, self._topics['velocity']
         placed = {**turns, poses.velocity: poses.imu_T_velocity} if poses.velocity else turns
         return Mounting(
             placed.get(plan.imu, _IDENTITY),
@@ -484,9 +484,9 @@ class PacketMaker:
             plan.velocity_axes is VelocityAxes.ENU,
         )
 
-    def _acceleration_unit(self, imu: str, survey: Survey) -> float:
+    def _find_acceleration_scale(self, imu: str, survey: Survey) -> float:
         """Return the m/s^2 of the unit of a topic's accelerations, and note one that is not 1."""
-        scale = acceleration_unit(topic_of(survey, imu)) if imu else 1.0
+        scale = acceleration_scale(topic_of(survey, imu)) if imu else 1.0
         if scale != 1:
             self._notes.append(
                 f"{imu}: its accelerations are in g, as Livox' drivers give them; they are"
@@ -499,8 +499,8 @@ class PacketMaker:
     ) -> DerivedVelocities | None:
         """Return the velocities by the poses or by the fixes, None without either."""
         fix = self._topics['fix']
-        if self._unit.moving is not None or fixed is None:
-            return self._unit.moving
+        if self._poses.moving is not None or fixed is None:
+            return self._poses.moving
         stamps, first = np.unique(self._stamps[fix][fixed], return_index=True)
         positions = metres_of(topic_of(survey, fix).fixes[fixed][first])
         return DerivedVelocities(stamps, positions, _MAX_FIX_GAP_NS, SLOWEST_FIX_M_S)
@@ -523,7 +523,7 @@ class PacketMaker:
                 for frame, keys in enumerate(by_role['velocity'])
             ]
             by_role = {**by_role, 'velocity': optional}
-        poses, by_frame = self._unit.poses, list(by_role.values())
+        poses, by_frame = self._poses.poses, list(by_role.values())
         if poses is None:
             return [
                 None if None in sets else {key for keys in sets for key in keys or ()}
@@ -562,7 +562,7 @@ class PacketMaker:
         if self._derived:
             velocity, fix = self._topics['velocity'], self._topics['fix']
             why = f', for {velocity} has none (all are 0)' if velocity != self._velocity_of else ''
-            source = fix if self._unit.poses is None else 'the poses'
+            source = fix if self._poses.poses is None else 'the poses'
             notes.append(
                 f'oxts: the velocities of {self._derived} packets are derived from the places of'
                 f' {source}{why}'
@@ -571,7 +571,7 @@ class PacketMaker:
             notes.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
         if self._unoriented:
             notes.append(self._without_orientation())
-        attitude = self._topics['imu'] if self._unit.poses is None and not self._unoriented else ''
+        attitude = self._topics['imu'] if self._poses.poses is None and not self._unoriented else ''
         notes += self._checks.notes(self._topics['imu'], self._velocity_of, attitude)
         return [*self._notes, *notes]
 
@@ -604,8 +604,8 @@ class PacketMaker:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame))
 
     def _prepared(self, topic: str, message: Any) -> Any:  # noqa: ANN401 - of the bag
-        if topic == self._topics['imu'] and self._imu_unit != 1:
-            return scaled_accelerations(message, self._imu_unit)
+        if topic == self._topics['imu'] and self._acceleration_scale != 1:
+            return scaled_accelerations(message, self._acceleration_scale)
         return as_velocity(message)
 
     def write(self, writer: LayoutWriter, first: int) -> int:
@@ -682,7 +682,7 @@ class PacketMaker:
         lacking = [frame for frame, keys in enumerate(self._wanted) if keys is None]
         if not lacking:
             return
-        source = 'imu, fix or velocity near' if self._unit.poses is None else 'poses around'
+        source = 'imu, fix or velocity near' if self._poses.poses is None else 'poses around'
         if self._without_fix and all(self._without_fix[frame] for frame in lacking):
             source = 'fix near'
         which = f'no {source} frames {format_numbers(lacking)}'
@@ -708,7 +708,7 @@ class PacketMaker:
             self._at(frame, topic, by_topic[topic], between) if topic in by_topic else None
             for topic, between in zip(self._topics.values(), _BETWEEN, strict=True)
         )
-        pose = None if self._unit.poses is None else self._unit.poses[frame]
+        pose = None if self._poses.poses is None else self._poses.poses[frame]
         if imu is not None and pose is None and not has_orientation(imu):
             self._unoriented.append(frame)
         packet = make_packet(
@@ -719,7 +719,7 @@ class PacketMaker:
             pose=pose,
             moving=self._derive(frame, velocity),
         )
-        still = self._unit.place
+        still = self._poses.location
         if packet is None or still is None:
             return packet
         return replace(packet, lat=still.lat, lon=still.lon, alt=still.alt)

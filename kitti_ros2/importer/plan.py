@@ -76,7 +76,7 @@ class ScanPlan:
         info: The CameraInfo of depth images, empty for none.
         model: The scanner of Velodyne packets: VLP-16, VLP-16-Hi-Res, VLP-32C, HDL-32E or HDL-64E;
             empty for the one that the packets name.
-        calibration: The YAML file with the calibration of the scanner's unit, as the ROS driver
+        calibration: The YAML file with the calibration of the scanner, as the ROS driver
             reads it; required for a HDL-64E, empty for the angles of the model's manual.
         minimum_range_m: Returns nearer to the scanner are dropped, metres.
         unit_m: The unit of x y z in clouds, metres: 0.001 for millimetres.
@@ -189,7 +189,7 @@ class Plan:
         cameras: The sources of images, by KITTI camera number.
         pose: The source of the poses.
         labels: The source of the labels.
-        imu: Topic of an Imu for the packets of the GPS/IMU unit, empty for none.
+        imu: Topic of an Imu for the packets of the GPS/IMU, empty for none.
         fix: Topic of a NavSatFix for the same, empty for none.
         velocity: Topic of a TwistStamped or an Odometry for the same, empty for none.
         velocity_axes: Those of its frame (frame), or east, north, up (enu): a receiver with one
@@ -304,7 +304,7 @@ FIX = Role('fix', Stream.OXTS, (types.FIX,), hint=_OXTS_HINT)
 VELOCITY = Role('velocity', Stream.OXTS, (types.TWIST,), (types.ODOMETRY,), _OXTS_HINT)
 
 OXTS_ROLES = (IMU, FIX, VELOCITY)
-"""Roles of the GPS/IMU unit, which have no part in the plan: the key is the topic's."""
+"""Roles of the GPS/IMU, which have no part in the plan: the key is the topic's."""
 ROLES = (SCAN, IMAGES, INFO, POSES, LABELS, BOXES_2D, *OXTS_ROLES)
 """The table; transforms have no row, for a plan uses all of them."""
 

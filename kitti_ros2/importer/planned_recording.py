@@ -63,7 +63,7 @@ class EgoTrack(NamedTuple):
     body: str
 
     def trajectory(self, body_T_imu: Transform) -> Trajectory:
-        """Return all poses, of the unit instead of the body."""
+        """Return all poses, of the imu instead of the body."""
         stamps_ns = self.track.stamps_ns
         poses = [pose @ body_T_imu for pose in self.track.at(stamps_ns) if pose is not None]
         return Trajectory(stamps_ns, poses)
@@ -93,7 +93,7 @@ class PlannedRecording:
 
     Images whose camera_info contains a distortion are rectified, so that projections into them are
     right. Poses are no stream: they are interpolated between those of the bag, at stamps of frames.
-    Packets of a GPS/IMU unit are made by a conversion only.
+    Packets of a GPS/IMU are made by a conversion only.
 
     Args:
         source: The bag.
@@ -132,7 +132,7 @@ class PlannedRecording:
         self._topics = frame_topics(self._plan)
         self._track = ego_track(source, survey, notes)
         self.origins: Mapping[int, FrameOrigin] = {}
-        self.base_t_imu = self._find_unit(survey)
+        self.base_t_imu = self._find_imu(survey)
         self._frames = frames = choose_frames(self._plan, survey, None)
         self._riggings = Riggings(self._plan, survey, frames, moving)
         self.cameras: Mapping[int, str] = {
@@ -160,7 +160,7 @@ class PlannedRecording:
         """Close the files."""
         self._messages.close()
 
-    def _find_unit(self, survey: Survey) -> Transform:
+    def _find_imu(self, survey: Survey) -> Transform:
         """Return body_T_imu from static transforms; the identity if they do not contain it."""
         pose, imu_frame = self._track, self._plan.imu_frame
         if pose is None or not imu_frame:

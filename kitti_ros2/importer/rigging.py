@@ -52,7 +52,7 @@ class Rigging:
         scans: Converts clouds.
         images: Converts images.
         labels: Converts boxes.
-        imu_t_topic: By topic of the GPS/IMU unit: its frame in KITTI's imu frame.
+        imu_t_topic: By topic of the GPS/IMU: its frame in KITTI's imu frame.
     """
 
     def __init__(self, plan: Plan, survey: Survey, moving: MovingTree | None = None) -> None:
@@ -78,7 +78,7 @@ class Rigging:
         self.scans = ScanConversion(rig, base)
         self.images = ImageConversion(plan, survey, rig.models)
         self._swapped = swapped_sizes(rig)
-        self.imu_t_topic = self._unit_transforms(survey)
+        self.imu_t_topic = self._imu_transforms(survey)
         self._lever_arm = list(self._lever_arm_notes(survey))
         of_boxes = None if base is None else _of_boxes(base, plan, survey, self.scans)
         self.labels = BoxConversion(rig, self.calibrations, self.images, of_boxes)
@@ -99,7 +99,7 @@ class Rigging:
             velo_t_frame = velo_t_frame @ LINK_T_OPTICAL.inverse()
         return MovingBase(frame, velo_t_frame, moving)
 
-    def _unit_transforms(self, survey: Survey) -> dict[str, Transform]:
+    def _imu_transforms(self, survey: Survey) -> dict[str, Transform]:
         imu_t_topic = {}
         target = self._plan.imu_frame
         receiver = {self._plan.fix}
@@ -143,7 +143,7 @@ class Rigging:
             return self._tree.transform(body, self._plan.scan.frame) @ velo_t_rect
         return Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))
 
-    def body_t_unit(self) -> Transform:
+    def body_t_imu(self) -> Transform:
         """Return body_T_imu: KITTI's imu frame in the body frame of the plan's poses.
 
         Raises:

@@ -28,7 +28,7 @@ from ..model.streams import Stream
 from .bag_labels import LabelMessages, joined
 from .bag_poses import read_motion
 from .bag_scans import dropped_notes
-from .clocks import clocked, unit_losses
+from .clocks import clocked, oxts_losses
 from .kitti_frames import (
     NO_FRAME,
     NO_PACKET,
@@ -531,7 +531,7 @@ class SetBuilder:
                 *undecoded,
                 *lost,
                 *frames.losses,
-                *unit_losses(survey, plan, frames.stamps_ns),
+                *oxts_losses(survey, plan, frames.stamps_ns),
                 *self._packets.losses,
                 *riggings.losses(),
             ),

@@ -630,7 +630,7 @@ class _SurveyPass:
         topic.spans_ns.append(self._turns[topic.name].span_ns(sample) if timed else None)
 
     def _end_turns(self, topic: TopicSurvey) -> None:
-        """Read the times of the first message again, by the unit that later ones have told."""
+        """Read the times of the first message again, by the unit found in later ones."""
         if topic.spans_ns and topic.samples and topic.name in self._turns and not topic.failures:
             topic.spans_ns[0] = self._turns[topic.name].span_ns(topic.samples[0])
 

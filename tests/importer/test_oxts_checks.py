@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kitti_ros2.importer.oxts_packets import UnitChecks
+from kitti_ros2.importer.oxts_packets import OxtsChecks
 from kitti_ros2.kitti.kitti_recording import geographic_positions
 from kitti_ros2.kitti.text_file import COLUMNS, parse_packet
 from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_velocity, make_packet
@@ -39,7 +39,7 @@ def made_of(packet, change=lambda imu, fix, velocity: (imu, fix, velocity)):
 
 
 def notes_of(found, seconds=0.1, attitude='/imu'):
-    checks = UnitChecks()
+    checks = OxtsChecks()
     for place, packet in enumerate(found):
         checks.take(round(place * seconds * 1e9), packet)
     return list(checks.notes('/imu', '/vel', attitude))
