@@ -298,7 +298,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class PlacedCameras:
+class CameraRig:
     """Cameras of a bag, and what tells where they look.
 
     Attributes:
@@ -312,16 +312,16 @@ class PlacedCameras:
     heading: Heading | None
 
 
-def place_cameras(
+def make_camera_rig(
     survey: Survey, cameras: Sequence[RigCamera], heading: Heading | None, notes: list[str]
-) -> PlacedCameras:
+) -> CameraRig:
     """Return cameras with frames of the bag's tree that are optical ones, and note changes."""
     tree = survey.tree
     placed = [
         _with_optical(_with_known(camera, tree, notes), tree, heading, notes) for camera in cameras
     ]
     links = [optical_link(camera.bag_frame, camera.forward) for camera in placed if camera.forward]
-    return PlacedCameras(placed, survey.tree_with(links), heading)
+    return CameraRig(placed, survey.tree_with(links), heading)
 
 
 def _with_known(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
@@ -372,13 +372,13 @@ def find_heading(
     )
 
 
-def direction_of(rig: PlacedCameras, camera: RigCamera) -> Float64Array | None:
+def direction_of(rig: CameraRig, camera: RigCamera) -> Float64Array | None:
     """Return (3,) the direction a camera looks in, in forward, left, up; None if not joined."""
     axes = None if rig.heading is None else rig.heading.axes_of(rig.tree, camera.frame)
     return None if axes is None else (axes @ camera.r.T)[:, 2]
 
 
-def choose_cameras(rig: PlacedCameras) -> Choice:
+def choose_cameras(rig: CameraRig) -> Choice:
     """Choose camera 2, and the pairs beside it; of many, among those that look most ahead.
 
     Args:
@@ -504,7 +504,7 @@ def _camera_heading(
 # Notes on the cameras of a bag: why each was passed over, and which look up or down.
 
 
-def joined_cameras(rig: PlacedCameras, scan_frame: str | None) -> list[RigCamera]:
+def joined_cameras(rig: CameraRig, scan_frame: str | None) -> list[RigCamera]:
     """Return the cameras that static transforms join to the scans; all if none is, or no scans."""
     cameras = list(rig.cameras)
     if scan_frame is None:
@@ -525,7 +525,7 @@ def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
     return f'{camera.frame} moves against {scan_frame} ({links}), so it has no fixed calibration'
 
 
-def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) -> list[str]:
+def describe_others(rig: CameraRig, choice: Choice, scan_frame: str | None) -> list[str]:
     """Return a note on each camera that was not taken, and on a choice by name.
 
     Args:
@@ -557,7 +557,7 @@ def describe_others(rig: PlacedCameras, choice: Choice, scan_frame: str | None) 
     return notes
 
 
-def describe_steep(rig: PlacedCameras, camera: RigCamera) -> list[str]:
+def describe_steep(rig: CameraRig, camera: RigCamera) -> list[str]:
     """Return a note on a camera that looks up or down: its frame may be no optical one."""
     direction = direction_of(rig, camera)
     if direction is None or not is_steep(direction):
@@ -581,7 +581,7 @@ def main_camera(cameras: Collection[int]) -> int:
 
 
 def guess_cameras(
-    layout: Layout, rig: PlacedCameras, scan_frame: str | None, notes: list[str]
+    layout: Layout, rig: CameraRig, scan_frame: str | None, notes: list[str]
 ) -> dict[int, CameraPlan]:
     """Choose up to four cameras by KITTI's numbers.
 
@@ -613,7 +613,7 @@ def guess_cameras(
 
 
 def guess_camera_sets(
-    layout: Layout, rig: PlacedCameras, scan_frame: str | None, notes: list[str]
+    layout: Layout, rig: CameraRig, scan_frame: str | None, notes: list[str]
 ) -> dict[str, CameraPlan]:
     """Return the plans of all cameras, by the names of their sets.
 
@@ -767,7 +767,7 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
     taken_infos = {camera.info for camera in plan.cameras.values()}
     models: list[CameraModel] = []
     links: dict[str, Link] = {}
-    for other in place_cameras(survey, cameras, heading, []).cameras:
+    for other in make_camera_rig(survey, cameras, heading, []).cameras:
         if other.info is None or other.info.name in taken_infos or not other.info.samples:
             continue
         try:

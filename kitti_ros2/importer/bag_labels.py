@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 
 # The frames that boxes in the pixels of a camera may name.
 
-_SAME_PLACE_M = 1e-3
+_SAME_POSITION_M = 1e-3
 _CAMERA_TYPES = (types.IMAGE, types.COMPRESSED, types.CAMERA_INFO)
 
 
@@ -99,7 +99,7 @@ class PixelFrames:
         if not isinstance(frame, str) or frame in self._others or frame not in self._tree.frames:
             return False
         return any(
-            _is_same_place(self._tree, name, frame) for name in self._named & self._tree.frames
+            _is_same_position(self._tree, name, frame) for name in self._named & self._tree.frames
         )
 
     @cached_property
@@ -108,9 +108,9 @@ class PixelFrames:
         return sorted(self._named | {frame for frame in self._tree.frames if frame in self})
 
 
-def _is_same_place(tree: FrameTree, first: str, second: str) -> bool:
+def _is_same_position(tree: FrameTree, first: str, second: str) -> bool:
     pose = tree.find(first, second)
-    return pose is not None and bool(np.linalg.norm(pose.translation) < _SAME_PLACE_M)
+    return pose is not None and bool(np.linalg.norm(pose.translation) < _SAME_POSITION_M)
 
 
 # Choice of the topic of the labels.
@@ -251,11 +251,11 @@ class LabelMessages:
         self._flat_topic = '' if plan is None else plan.boxes_2d
         if plan is None:
             return
-        for number, indices in enumerate(frames.label_places, first):
+        for number, indices in enumerate(frames.label_indices, first):
             for index in indices:
                 self._due[plan.topic, index].append(number)
             self._left[number] = len(indices)
-        for number, indices in enumerate(frames.places_2d, first):
+        for number, indices in enumerate(frames.indices_2d, first):
             # Boxes in the image alone do not make a frame's labels where the others are missing.
             if self._left.get(number):
                 for index in indices:
@@ -657,7 +657,7 @@ def _tracklet_of(cuboid: Cuboid, tracklets: Mapping[int, Cuboid]) -> Cuboid | No
         (
             tracklet
             for tracklet in tracklets.values()
-            if np.linalg.norm(tracklet.velo_T_box.translation - position) < _SAME_PLACE_M
+            if np.linalg.norm(tracklet.velo_T_box.translation - position) < _SAME_POSITION_M
         ),
         None,
     )

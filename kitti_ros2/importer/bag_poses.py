@@ -582,7 +582,7 @@ class DerivedVelocities:
         regular = ~_glitches(stamps_ns, positions)
         stamps_ns, positions = stamps_ns[regular], positions[regular]
         self._stamps_ns = stamps_ns
-        self._places = positions
+        self._positions = positions
         self._most_ns = most_ns
         self._slowest = slowest
         steps = np.diff(stamps_ns)
@@ -605,7 +605,7 @@ class DerivedVelocities:
         seconds = (stamps[begin:end] - at_ns) / NS_PER_S
         for times in _WIDENINGS:
             first, last = _near(seconds, times * self._window_ns / NS_PER_S)
-            positions = self._places[begin + first : begin + last]
+            positions = self._positions[begin + first : begin + last]
             velocity, blur = _slope(seconds[first:last], positions, self._scatter)
             if np.hypot(*velocity[:2]) > max(self._slowest, blur):
                 return velocity

@@ -38,7 +38,7 @@ from ..model import bag_formats as types
 from ..model.bag_formats import CLOUD
 from ..model.errors import KittiRos2Error, Loss, UsageError, some_of
 from ..model.samples import Scan
-from .bag_cameras import camera_of, choose_cameras, find_heading, main_camera, place_cameras
+from .bag_cameras import camera_of, choose_cameras, find_heading, main_camera, make_camera_rig
 from .bag_poses import guess_pose, vehicle_frame
 from .plan import ScanPlan
 from .survey import topic_of, unchosen_notes
@@ -415,7 +415,7 @@ def _points_seen(
 ) -> dict[str, int]:
     """Return the points of each lidar in the image of camera 2, by topic; only of those joined."""
     heading = find_heading(survey.tree, None, rig)
-    placed = place_cameras(survey, rig, heading, [])
+    placed = make_camera_rig(survey, rig, heading, [])
     cameras = [rig_camera for rig_camera in placed.cameras if rig_camera.focal]
     if not cameras:
         return {}

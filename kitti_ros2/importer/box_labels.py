@@ -390,7 +390,7 @@ def others_of(names: Mapping[str, int]) -> dict[str, int]:
 _LEAST_OVERLAP = 0.5
 _SIDES = np.linspace(0.0, 1.0, 9)
 _NO_SIZE = (-1.0, -1.0, -1.0)
-_NO_PLACE = (-1000.0, -1000.0, -1000.0)
+_NO_LOCATION = (-1000.0, -1000.0, -1000.0)
 _NO_ANGLE = -10.0
 
 
@@ -432,7 +432,7 @@ def join_boxes(
                 alpha=_NO_ANGLE,
                 box_2d=_four(bounds[number]),
                 size_hwl=_NO_SIZE,
-                location=_NO_PLACE,
+                location=_NO_LOCATION,
                 rotation_y=_NO_ANGLE,
                 score=(1.0 if image_box.score is None else image_box.score) if scores else None,
                 track_id=tracks.number(image_box.identity),

@@ -29,7 +29,7 @@ from .bag_cameras import (
     guess_cameras,
     keeps_distortion,
     main_camera,
-    place_cameras,
+    make_camera_rig,
 )
 from .bag_labels import PixelFrames, guess_labels, has_cubes
 from .bag_poses import guess_pose, link_topics, moving_pairs
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
 # Choice of the topics and the frame of the GPS/IMU.
 
 
-def has_place(survey: Survey, scan: ScanPlan | None) -> bool:
+def has_vehicle_fix(survey: Survey, scan: ScanPlan | None) -> bool:
     """Whether a receiver of the vehicle has a fix."""
     return any(topic.has_fix for topic in _of_vehicle(survey, types.FIX, scan))
 
@@ -163,8 +163,8 @@ def _in_known_axes(
 ) -> list[TopicSurvey]:
     """Return the velocities that can be turned into the axes of the imu, if its frame is joined."""
     imu, fix = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('imu', 'fix'))
-    has_place = imu in joined if 'imu' in oxts else pose is not None and pose.body in joined
-    if not has_place:
+    is_joined = imu in joined if 'imu' in oxts else pose is not None and pose.body in joined
+    if not is_joined:
         return topics
     known_frames = {'', fix, *joined}
     return [topic for topic in topics if topic.frame in known_frames or is_fixed(topic.frame)]
@@ -434,13 +434,13 @@ def _find_sensors(
     heading = find_heading(survey.tree, None if scan is None else scan.frame, found_cameras)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, survey.tree, heading, notes)
-    rig = place_cameras(survey, found_cameras, heading, notes)
+    rig = make_camera_rig(survey, found_cameras, heading, notes)
     frame = None if scan is None else scan.frame
     sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses take the place of a missing fix.
-    placed = Stream.OXTS in streams and not has_place(survey, scan)
+    placed = Stream.OXTS in streams and not has_vehicle_fix(survey, scan)
     pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
     return _Sensors(scan, cameras, sets, pose, heading)
 

@@ -112,8 +112,8 @@ class Frames:
     notes: tuple[str, ...]
     losses: tuple[Loss, ...] = ()
     unsynchronised: str = ''
-    label_places: tuple[tuple[int, ...], ...] = ()
-    places_2d: tuple[tuple[int, ...], ...] = ()
+    label_indices: tuple[tuple[int, ...], ...] = ()
+    indices_2d: tuple[tuple[int, ...], ...] = ()
     unposed_ns: Int64Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     moved_ns: Mapping[str, Int64Array] = field(default_factory=dict)
 
@@ -185,7 +185,7 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
     order = np.argsort(reference, kind='stable')
     reference = reference[order]
     others = {stream: times for stream, times in series.items() if stream.value != plan.reference}
-    places_2d, lost_2d = _match_2d(plan, survey, reference, notes)
+    indices_2d, lost_2d = _match_2d(plan, survey, reference, notes)
     matches = match_frames(reference, others, round(plan.tolerance_s * NS_PER_S))
     notes += [_matching(stream, topics[stream], match) for stream, match in matches.items()]
     apart = {
@@ -201,7 +201,7 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
     samples |= {stream: match.indices for stream, match in matches.items()}
     labelled = samples.get(Stream.LABELS, np.empty(0, np.int64))
     if Stream.LABELS in samples:
-        samples[Stream.LABELS] = first_places(groups, labelled)
+        samples[Stream.LABELS] = first_indices(groups, labelled)
     reasons = tuple(apart.values())
     frames = Frames(
         stamps_ns=reference,
@@ -211,8 +211,8 @@ def _every_frame(plan: Plan, survey: Survey, track: Track | None) -> tuple[Frame
         notes=tuple(notes),
         losses=(*losses, *lost_2d),
         unsynchronised='; '.join(reasons) if len(apart) == len(matches) else '',
-        label_places=places_of(labelled, groups),
-        places_2d=places_2d,
+        label_indices=message_indices(labelled, groups),
+        indices_2d=indices_2d,
     )
     return frames, reasons
 
@@ -259,7 +259,7 @@ def _match_2d(
     groups = topic.groups()
     stamps = by_group(topic.stamps()[0], groups)
     match = match_frames(reference, {flat: stamps}, round(plan.tolerance_s * NS_PER_S))[flat]
-    indices = places_of(match.indices, groups)
+    indices = message_indices(match.indices, groups)
     notes.append(_matching(Stream.LABELS, flat, match))
     if match.matched:
         return indices, []
@@ -270,7 +270,7 @@ def _match_2d(
     return indices, [Loss(flat, match.dropped, reason)]
 
 
-def places_of(
+def message_indices(
     indices: Int64Array, groups: Sequence[Sequence[int]] | None
 ) -> tuple[tuple[int, ...], ...]:
     """Return the places of the messages of each frame, by the index of its group."""
@@ -280,7 +280,7 @@ def places_of(
     )
 
 
-def first_places(groups: Sequence[Sequence[int]] | None, indices: Int64Array) -> Int64Array:
+def first_indices(groups: Sequence[Sequence[int]] | None, indices: Int64Array) -> Int64Array:
     """Return the place of the first message of each frame's group, NONE without one."""
     if groups is None:
         return indices
@@ -296,16 +296,16 @@ def by_group(stamps_ns: Int64Array, groups: Sequence[Sequence[int]] | None) -> I
 def pick_frames(frames: Frames, mask: npt.NDArray[np.bool_]) -> Frames:
     """Return the frames of a mask, (N,)."""
     samples = {stream: indices[mask] for stream, indices in frames.samples.items()}
-    label_places, places_2d = (
+    label_indices, indices_2d = (
         tuple(group for group, is_kept in zip(groups, mask.tolist(), strict=False) if is_kept)
-        for groups in (frames.label_places, frames.places_2d)
+        for groups in (frames.label_indices, frames.indices_2d)
     )
     return replace(
         frames,
         stamps_ns=frames.stamps_ns[mask],
         samples=samples,
-        label_places=label_places,
-        places_2d=places_2d,
+        label_indices=label_indices,
+        indices_2d=indices_2d,
     )
 
 

@@ -104,7 +104,7 @@ class LabelledImages:
         if self._plan.cameras[camera].rectify:
             pixels = self._rigging.images.pixels(camera, image)
         picture = np.array(colour_pixels(pixels))
-        index = self._labels.place_at(stamp_ns, log_ns)
+        index = self._labels.index_at(stamp_ns, log_ns)
         calibration = self._rigging.calibrations.at(log_ns)
         labels = FrameLabels() if index is None else self._objects(index, stamp_ns)
         annotate(picture, objects_of(labels, calibration), calibration, camera)
@@ -150,7 +150,7 @@ class _Labels:
         """Close the files."""
         self._messages.close()
 
-    def place_at(self, stamp_ns: int, log_ns: int) -> int | None:
+    def index_at(self, stamp_ns: int, log_ns: int) -> int | None:
         """Return the index of the message of an image, None where none is near."""
         at = log_ns if self.by_log else stamp_ns
         after = int(np.searchsorted(self._stamps, at))

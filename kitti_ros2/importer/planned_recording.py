@@ -138,14 +138,14 @@ class PlannedRecording:
         self.cameras: Mapping[int, str] = {
             index: CAMERA_NAMES.get(index, str(index)) for index in self._plan.cameras
         }
-        self._places = {
-            stream: _places(topic, survey, frames.samples[stream].tolist())
+        self._positions = {
+            stream: _positions(topic, survey, frames.samples[stream].tolist())
             for stream, topic in self._topics.items()
         }
         self.streams: Mapping[Stream, StreamIndex] = {
-            stream: _index(frames, positions) for stream, positions in self._places.items()
+            stream: _index(frames, positions) for stream, positions in self._positions.items()
         }
-        self._label_places = _label_places(self._plan, survey, frames)
+        self._label_positions = _label_positions(self._plan, survey, frames)
         self._messages = MessagesByPosition(source, set(self._topics.values()))
         self.losses: Sequence[Loss] = damage(survey.losses, self.root.name)
         self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
@@ -206,7 +206,7 @@ class PlannedRecording:
 
     def _converted(self, stream: Stream, number: int, convert: Callable[[Any], T]) -> T | None:
         """Read and convert the message of a frame; None if the frame has none."""
-        position = self._places[stream][number] if stream in self._places else None
+        position = self._positions[stream][number] if stream in self._positions else None
         if position is None:
             return None
         with _described(position, number):
@@ -220,7 +220,7 @@ class PlannedRecording:
 
     def _labels_of(self, number: int) -> FrameLabels | None:
         """Read the messages with the boxes of a frame; None if it has none."""
-        positions = self._label_places[number] if self._label_places else ()
+        positions = self._label_positions[number] if self._label_positions else ()
         if not positions:
             return None
         with _described(positions[0], number):
@@ -293,17 +293,17 @@ def _described(position: MessagePosition, number: int) -> Iterator[None]:
         raise KittiRos2Error(text) from error
 
 
-def _label_places(plan: Plan, survey: Survey, frames: Frames) -> list[list[MessagePosition]]:
+def _label_positions(plan: Plan, survey: Survey, frames: Frames) -> list[list[MessagePosition]]:
     """Return the places of the messages with the boxes of each frame, none without labels."""
     if plan.labels is None:
         return []
     log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
-    indices = (index for group in frames.label_places for index in group)
+    indices = (index for group in frames.label_indices for index in group)
     positions = iter(positions_of(plan.labels.topic, log_ns, indices))
-    return [[next(positions) for _ in group] for group in frames.label_places]
+    return [[next(positions) for _ in group] for group in frames.label_indices]
 
 
-def _places(topic: str, survey: Survey, samples: Sequence[int]) -> list[MessagePosition | None]:
+def _positions(topic: str, survey: Survey, samples: Sequence[int]) -> list[MessagePosition | None]:
     """Return the place of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
     positions = iter(positions_of(topic, log_ns, (index for index in samples if index != NONE)))

@@ -110,12 +110,12 @@ class Rigging:
             if frame and target and frame != target:
                 imu_t_topic[topic] = self._tree.transform(target, frame)
         for topic in receiver:
-            antenna = self._place_of(topic_of(survey, topic).frame if topic else '')
+            antenna = self._imu_t_frame(topic_of(survey, topic).frame if topic else '')
             if antenna is not None:
                 imu_t_topic[topic] = antenna
         return imu_t_topic
 
-    def _place_of(self, frame: str) -> Transform | None:
+    def _imu_t_frame(self, frame: str) -> Transform | None:
         """Return imu_T_frame, None where static transforms do not connect them."""
         target = self._plan.imu_frame
         if not (frame and target):
@@ -168,7 +168,7 @@ class Rigging:
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         notes = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
-        notes += self._nominal_places() if first is None else ()
+        notes += self._nominal_pose_notes() if first is None else ()
         notes += [*self.scans.notes(), *self.images.notes(), *self.labels.notes()]
         notes += [*self._lever_arm, *self._swapped]
         return [*notes, *self.calibrations.notes]
@@ -193,7 +193,7 @@ class Rigging:
             else:
                 yield f'{note} places are written as they are, for no Imu tells the attitude'
 
-    def _nominal_places(self) -> Iterator[str]:
+    def _nominal_pose_notes(self) -> Iterator[str]:
         """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""
         plan = self._plan
         if plan.pose is None:
@@ -260,9 +260,9 @@ class Riggings:
             *survey.changes.values(),
         ]
         self._stamps_ns = [[stamp for stamp, _ in series] for series in self._series]
-        self._places = [_first_places([value for _, value in series]) for series in self._series]
+        self._firsts = [_first_indices([value for _, value in series]) for series in self._series]
         self._frames_ns = frames.stamps_ns
-        self._moments_ns = _moments(plan, frames) + _LATE_NS
+        self._images_ns = _latest_images_ns(plan, frames) + _LATE_NS
         self._made: dict[_State, Rigging] = {}
         self._notes: dict[str, None] = {}
         self._lost: Counter[tuple[str, str]] = Counter()
@@ -286,11 +286,11 @@ class Riggings:
 
     def _state(self, frame: int) -> _State:
         """Return the first place of the valid value in each series."""
-        if not len(self._moments_ns):
+        if not len(self._images_ns):
             return tuple(0 for _ in self._series)
-        latest_ns = int(self._moments_ns[frame])
+        latest_ns = int(self._images_ns[frame])
         valid = (max(bisect_right(stamps, latest_ns) - 1, 0) for stamps in self._stamps_ns)
-        return tuple(firsts[index] for firsts, index in zip(self._places, valid, strict=True))
+        return tuple(firsts[index] for firsts, index in zip(self._firsts, valid, strict=True))
 
     def _rigging(self, state: _State) -> Rigging:
         rigging = self._made.pop(state, None)
@@ -349,9 +349,9 @@ class Riggings:
         for rigging in self._kept:
             self._count(rigging, counts)
         losses = [Loss(stream, count, message) for (stream, message), count in counts.items()]
-        return (*losses, *self._without_place())
+        return (*losses, *self._unwritten_losses())
 
-    def _without_place(self) -> Iterator[Loss]:
+    def _unwritten_losses(self) -> Iterator[Loss]:
         plan, calibration = self._plan, self.first.calibrations.first
         if plan.layout.traits.calibration_per_frame or plan.calibration != TF or not self._series:
             return
@@ -401,7 +401,7 @@ def _numbers(calibration: Calibration) -> list[Float64Array]:
     return matrices
 
 
-def _first_places(values: Sequence[Any]) -> list[int]:
+def _first_indices(values: Sequence[Any]) -> list[int]:
     """Return for each value of a series the first place of the same one."""
     distinct: list[int] = []
     first_indices = []
@@ -445,7 +445,7 @@ def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
     return True
 
 
-def _moments(plan: Plan, frames: Frames) -> Any:  # noqa: ANN401 - Int64Array
+def _latest_images_ns(plan: Plan, frames: Frames) -> Any:  # noqa: ANN401 - Int64Array
     """Return (N,) the stamps of the latest image of each frame; its own without any."""
     latest = np.full(len(frames), np.iinfo(np.int64).min)
     for index, camera in plan.cameras.items():

@@ -41,7 +41,7 @@ from .kitti_frames import (
 )
 from .oxts_packets import PacketMaker
 from .rigging import Riggings
-from .tf_frames import BoxTimes, UnknownPlaceError
+from .tf_frames import BoxTimes, UnknownTransformError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -163,8 +163,8 @@ def make_depth_map(
     # The last write to a pixel stays: the nearest.
     order = np.argsort(-levels.astype(np.int64), kind='stable')
     depth_map = np.zeros((size[1], size[0]), dtype=np.uint16)
-    places_in = row[inside].astype(np.intp)[order], column[inside].astype(np.intp)[order]
-    depth_map[places_in] = levels[order]
+    pixels = row[inside].astype(np.intp)[order], column[inside].astype(np.intp)[order]
+    depth_map[pixels] = levels[order]
     return depth_map
 
 
@@ -494,7 +494,7 @@ class SetBuilder:
     def take(self, job: SampleJob, outcome: int | Exception) -> None:
         """Count a sample by its outcome: the bytes written, or an error."""
         if isinstance(outcome, Exception):
-            at_ns = outcome.stamp_ns if isinstance(outcome, UnknownPlaceError) else job.stamp_ns
+            at_ns = outcome.stamp_ns if isinstance(outcome, UnknownTransformError) else job.stamp_ns
             self._losses.lose(job.topic, at_ns, str(outcome))
             self._spoil([job.number])
             return

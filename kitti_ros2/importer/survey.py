@@ -216,7 +216,7 @@ class TopicSurvey:
     contents: list[tuple[int, Any]] = field(default_factory=list)
     size_bytes: int = 0
     links_ns: list[int] = field(default_factory=list)
-    places: array[float] | None = None
+    positions: array[float] | None = None
     moves: bool = False
     markers_ns: list[int] = field(default_factory=list)
     copies: list[int] = field(default_factory=list)
@@ -244,7 +244,7 @@ class TopicSurvey:
 
         The altitude is NaN where it is not known, and all three without a fix.
         """
-        return np.array(self.places or (), np.float64).reshape(-1, 3)
+        return np.array(self.positions or (), np.float64).reshape(-1, 3)
 
     @property
     def has_fix(self) -> bool:

@@ -332,7 +332,7 @@ class BoxTimes(NamedTuple):
     moved_ns: int = 0
 
 
-class UnknownPlaceError(ValueError):
+class UnknownTransformError(ValueError):
     """The place of a frame is not known at a stamp.
 
     Attributes:
@@ -441,7 +441,7 @@ def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Tra
     """
     (transform,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
     if transform is None:
-        raise UnknownPlaceError(tree.reason(target, source, stamp_ns), stamp_ns)
+        raise UnknownTransformError(tree.reason(target, source, stamp_ns), stamp_ns)
     return transform
 
 
