@@ -124,7 +124,7 @@ def build_sets(
         notes = tuple(note for note in report.notes if note not in repeated)
         reports.append(replace(report, name=folder_of(plan, name), losses=losses, notes=notes))
     if plan.layout.traits.frame_set:
-        _beside_each_other(stage, plan, plans)
+        _merge_splits(stage, plan, plans)
     return reports
 
 
@@ -217,7 +217,7 @@ def _link_scans(source: Path, target: Path) -> None:
             linker.link(path, target_path)
 
 
-def _beside_each_other(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
+def _merge_splits(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
     """Move splits from folders of their own to their places; keep the frames that all list."""
     lists: dict[str, list[str]] = {}
     for name in plans:
@@ -253,7 +253,7 @@ def loader_notes(plan: Plan, survey: Survey) -> Iterator[str]:
             yield 'loaders read label_2 of training frames; without labels say --name testing'
         return
     if is_set:
-        yield from _turned_scans(plan, survey)
+        yield from _turned_scan_notes(plan, survey)
     tracked = survey.tracklets and is_own(survey, plan.labels.topic)
     if not (plan.layout.traits.tracklets or plan.labels.topic == LABEL_LINES or tracked):
         yield (
@@ -262,7 +262,7 @@ def loader_notes(plan: Plan, survey: Survey) -> Iterator[str]:
         )
 
 
-def _turned_scans(plan: Plan, survey: Survey) -> Iterator[str]:
+def _turned_scan_notes(plan: Plan, survey: Survey) -> Iterator[str]:
     """Yield a note on the cameras that look aside from x of the scans."""
     if plan.scan is None or plan.calibration != TF:
         return

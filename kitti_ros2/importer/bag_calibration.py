@@ -27,7 +27,7 @@ from ..model.samples import Calibration, CameraCalibration
 from .bag_cameras import camera_of, of_images, other_cameras
 from .plan import NONE, SOURCE, TF
 from .survey import topic_of
-from .tf_frames import is_up, made_optical_frames, optical_name
+from .tf_frames import is_up, optical_links, optical_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -228,7 +228,7 @@ LEVEL = np.sin(np.radians(15))
 """Cameras that look up or down more steeply than its complement have no direction on the ground."""
 
 
-def made_frame(
+def make_forward_frame(
     plan: Plan,
     tree: FrameTree,
     models: Mapping[int, CameraModel],
@@ -257,7 +257,7 @@ def made_frame(
                 f'scan: forward: {CAMERA}; expected calibration: {TF} and a camera with a'
                 f' CameraInfo'
             )
-        rotation = _turned_to(optical_axis(tree, scan.frame, models, others), tree, scan)
+        rotation = _forward_axes(optical_axis(tree, scan.frame, models, others), tree, scan)
     if rotation is None:
         scan_t_forward = tree.find(scan.frame, scan.forward)
         if scan_t_forward is None:
@@ -289,7 +289,7 @@ def optical_axis(
     return np.asarray(axis, np.float64)
 
 
-def _turned_to(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
+def _forward_axes(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float64Array:
     """Return (3, 3) forward, left, up in the frame of the scans, forward along an optical axis."""
     up = _vertical(tree, scan.frame)
     ahead = axis - up * (up @ axis)
@@ -332,9 +332,9 @@ class PlannedRig:
         self.survey = survey
         self.models = camera_models(plan, survey)
         self.others, links = other_cameras(plan, survey)
-        optical = [*links, *made_optical_frames(plan, survey)]
+        optical = [*links, *optical_links(plan, survey)]
         self.tree = survey.tree_with(optical, lost)
-        self.plan, scan_links = made_frame(plan, self.tree, self.models, self.others)
+        self.plan, scan_links = make_forward_frame(plan, self.tree, self.models, self.others)
         if scan_links:
             self.tree = survey.tree_with([*optical, *scan_links], lost)
 
@@ -451,9 +451,9 @@ def _from_source(rig: PlannedRig) -> Calibrations:
         ]
     calibrations = [_with_imu(calibration, plan, rig.tree) for calibration in calibrations]
     for calibration in calibrations:
-        lacking = _lacking(calibration, plan)
-        if lacking:
-            raise MissingDataError(f'{lacking}; set calibration of the plan, or give --calib')
+        missing = _missing_part(calibration, plan)
+        if missing:
+            raise MissingDataError(f'{missing}; set calibration of the plan, or give --calib')
     if len(calibrations) == 1 or plan.layout.traits.calibration_per_frame:
         return Calibrations(stamps, calibrations)
     note = (
@@ -486,13 +486,13 @@ def _from_path(text: str, plan: Plan) -> Calibration:
         calibration = parse_raw_calibration(texts, path, rectified=not plan.is_extract, day=day)
     else:
         calibration = parse_calibration(STORE.read_text(path), path, path.name)
-    lacking = _lacking(calibration, plan)
-    if lacking:
-        raise BadFileError(path, lacking, 'a calibration of every stream of the plan')
+    missing = _missing_part(calibration, plan)
+    if missing:
+        raise BadFileError(path, missing, 'a calibration of every stream of the plan')
     return calibration
 
 
-def _lacking(calibration: Calibration, plan: Plan) -> str:
+def _missing_part(calibration: Calibration, plan: Plan) -> str:
     """Return the reason why the first required part is missing, empty where none is."""
     needed = [f'P{index}' for index in plan.cameras]
     needed += ['Tr_velo_to_cam', names.CALIB_VELO_TO_CAM] if plan.scan is not None else []

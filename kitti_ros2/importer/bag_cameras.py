@@ -285,7 +285,7 @@ _OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
 
 
 @dataclass(frozen=True)
-class Choice:
+class CameraChoice:
     """The cameras taken.
 
     Attributes:
@@ -318,13 +318,13 @@ def make_camera_rig(
     """Return cameras with frames of the bag's tree that are optical ones, and note changes."""
     tree = survey.tree
     placed = [
-        _with_optical(_with_known(camera, tree, notes), tree, heading, notes) for camera in cameras
+        _with_optical(_with_frame(camera, tree, notes), tree, heading, notes) for camera in cameras
     ]
     links = [optical_link(camera.bag_frame, camera.forward) for camera in placed if camera.forward]
     return CameraRig(placed, survey.tree_with(links), heading)
 
 
-def _with_known(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
+def _with_frame(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
     """Take the frame of the images where the tree has not that of the CameraInfo."""
     named = '' if camera.info is None else camera.info.frame
     if not named or named in tree.frames or camera.topic.frame not in tree.frames:
@@ -378,7 +378,7 @@ def direction_of(rig: CameraRig, camera: RigCamera) -> Float64Array | None:
     return None if axes is None else (axes @ camera.r.T)[:, 2]
 
 
-def choose_cameras(rig: CameraRig) -> Choice:
+def choose_cameras(rig: CameraRig) -> CameraChoice:
     """Choose camera 2, and the pairs beside it; of many, among those that look most ahead.
 
     Args:
@@ -416,12 +416,12 @@ def choose_cameras(rig: CameraRig) -> Choice:
         chosen[3] = min(mates, key=partial(_mate_rank, main))
     names = {camera.name for camera in chosen.values()}
     rest = [
-        camera for camera in cameras if camera.name not in names and _looks_as(tree, main, camera)
+        camera for camera in cameras if camera.name not in names and _is_alike(tree, main, camera)
     ]
     grey = [pair for pair in permutations(rest, 2) if is_pair(tree, *pair)]
     if grey:
         chosen[0], chosen[1] = grey[0]
-    return Choice(chosen, by_name=not joined and len(cameras) > len(chosen))
+    return CameraChoice(chosen, by_name=not joined and len(cameras) > len(chosen))
 
 
 def _is_of_another(
@@ -469,7 +469,7 @@ def _has_baseline(camera: RigCamera) -> bool:
     return bool(np.linalg.norm(camera.offset) >= _NO_BASELINE_M)
 
 
-def _looks_as(tree: FrameTree, main: RigCamera, other: RigCamera) -> bool:
+def _is_alike(tree: FrameTree, main: RigCamera, other: RigCamera) -> bool:
     pose = tree.find(main.frame, other.frame)
     return pose is not None and angle_of(main.r @ pose.rotation @ other.r.T) <= _ALIKE_RAD
 
@@ -512,7 +512,7 @@ def joined_cameras(rig: CameraRig, scan_frame: str | None) -> list[RigCamera]:
     return [camera for camera in cameras if rig.tree.joins(scan_frame, camera.frame)] or cameras
 
 
-def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
+def unjoined_reason(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
     """Describe why a camera has no calibration: which link moves, or that there is none."""
     try:
         lines = tree.steps(scan_frame, camera.frame)
@@ -525,7 +525,7 @@ def why_not_joined(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
     return f'{camera.frame} moves against {scan_frame} ({links}), so it has no fixed calibration'
 
 
-def describe_others(rig: CameraRig, choice: Choice, scan_frame: str | None) -> list[str]:
+def describe_others(rig: CameraRig, choice: CameraChoice, scan_frame: str | None) -> list[str]:
     """Return a note on each camera that was not taken, and on a choice by name.
 
     Args:
@@ -547,7 +547,7 @@ def describe_others(rig: CameraRig, choice: Choice, scan_frame: str | None) -> l
         direction = direction_of(rig, other)
         reason = 'no static transform tells where it looks'
         if scan_frame is not None and other not in joined:
-            reason = why_not_joined(rig.tree, other, scan_frame)
+            reason = unjoined_reason(rig.tree, other, scan_frame)
         elif direction is not None and rig.heading is not None:
             forward = rig.heading.source
             reason = f'it looks {describe_direction(direction)} (forward is {forward})'
@@ -634,7 +634,7 @@ def guess_camera_sets(
     if scan_frame is not None:
         joined = joined_cameras(replace(rig, cameras=cameras), scan_frame)
         notes += [
-            f'passed over: {camera.topic.name}; {why_not_joined(rig.tree, camera, scan_frame)}'
+            f'passed over: {camera.topic.name}; {unjoined_reason(rig.tree, camera, scan_frame)}'
             for camera in cameras
             if camera not in joined
         ]

@@ -35,15 +35,15 @@ from .box_labels import (
     OUT_OF_VIEW,
     ImageOf,
     LabelClasses,
-    Standing,
     TrackIds,
+    UprightFrame,
     boxes_of_lines,
     default_classes,
     is_own,
     join_boxes,
     join_cuboids,
     join_image_boxes,
-    leans,
+    lean_angles,
     make_boxes,
     others_note,
     others_of,
@@ -306,7 +306,7 @@ class LabelMessages:
         return incomplete
 
 
-def joined(messages: Sequence[Any]) -> Sequence[Any]:
+def merge_markers(messages: Sequence[Any]) -> Sequence[Any]:
     """Return messages of one moment; of MarkerArrays one with all markers, in their order.
 
     Those have no frame of their own, and one may delete the markers of another.
@@ -339,7 +339,7 @@ class BoxConversion:
 
     Attributes:
         left_out: Number of boxes without a label so far, by reason.
-        standing: What the boxes are upright in.
+        upright: The frame in which the boxes are upright.
     """
 
     def __init__(
@@ -369,7 +369,7 @@ class BoxConversion:
         self.left_out: Counter[str] = Counter()
         self._flat_absurd = 0
         self._max_lean = 0.0
-        self.standing = self._find_standing()
+        self.upright = self._find_upright()
         self._tracks = TrackIds()
         labels = plan.labels
         self._only_flat = (
@@ -415,8 +415,8 @@ class BoxConversion:
                 )
         return any(has_scores(message) for message in topic_of(survey, plan.topic).samples)
 
-    def _find_standing(self) -> Standing:
-        """Return what boxes are upright in, by the robot's body where the tree has it.
+    def _find_upright(self) -> UprightFrame:
+        """Return the frame in which boxes are upright, by the robot's body where the tree has it.
 
         Those that become tracklets are placed in a camera that is level in velo_link.
         """
@@ -426,7 +426,7 @@ class BoxConversion:
         labels = self._plan.labels
         lines = labels is not None and labels.topic == LABEL_LINES
         in_scans = self._plan.layout.traits.tracklets and not lines
-        return Standing(NOMINAL_CAM0_T_VELO if in_scans else None, up)
+        return UprightFrame(NOMINAL_CAM0_T_VELO if in_scans else None, up)
 
     @cached_property
     def _to_velo(self) -> StaticFrames:
@@ -466,7 +466,7 @@ class BoxConversion:
             find = self._classes.find
             cuboids = [replace(cuboid, class_name=find(cuboid.class_name)) for cuboid in cuboids]
         cuboids = self._with_levels(cuboids, messages)
-        lean = leans(cuboids, calibration, self.standing)
+        lean = lean_angles(cuboids, calibration, self.upright)
         cuboids = [cuboids[index] for index in np.flatnonzero(lean <= _MOST_LEAN_RAD)]
         self.left_out[LEANING] += len(lean) - len(cuboids)
         self._max_lean = max([self._max_lean, *lean[lean <= _MOST_LEAN_RAD]])
@@ -477,7 +477,7 @@ class BoxConversion:
             self._tracks,
             out_of_view=plan.out_of_view,
             occluded=plan.occluded,
-            standing=self.standing,
+            upright=self.upright,
         )
         self.left_out.update(left_out)
         self.left_out[OUT_OF_VIEW] += unseen
@@ -601,7 +601,7 @@ class BoxConversion:
                 f' is a track of its own'
             )
         if self._max_lean > _REPORTED_LEAN_RAD:
-            axis = "the camera's y" if self.standing.frame_T_velo is None else "the scans' z"
+            axis = "the camera's y" if self.upright.frame_T_velo is None else "the scans' z"
             notes.append(
                 f'boxes lean by up to {np.degrees(self._max_lean):.0f} degrees from {axis} axis,'
                 f' about which alone labels turn: their heading was kept'

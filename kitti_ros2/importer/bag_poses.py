@@ -267,7 +267,7 @@ class LinkTracks:
     """
 
     def __init__(self, links: Collection[tuple[str, str]] | None = None) -> None:
-        self._wanted = None if links is None else frozenset(links)
+        self._links = None if links is None else frozenset(links)
         self._series: dict[tuple[str, str], StampedSeries] = defaultdict(StampedSeries)
 
     def add(
@@ -292,7 +292,7 @@ class LinkTracks:
         fault: ValueError | None = None
         for stamp_ns, parent, child, numbers in read_transforms(data):
             link = plain(parent), plain(child)
-            if self._wanted is not None and link not in self._wanted:
+            if self._links is not None and link not in self._links:
                 continue
             try:
                 own_ns = log_ns if by_log else stamp_ns or log_ns
@@ -699,7 +699,7 @@ def read_motion(
     """
     names = NamedFrames(survey, plan.pose)
     pairs = needed_pairs(plan, survey, names)
-    reported_topic = '' if plan.pose is None else _told(topic_of(survey, plan.pose.topic))
+    reported_topic = '' if plan.pose is None else _reported_topic(topic_of(survey, plan.pose.topic))
     tree = read_tree(bags, survey, names, pairs, losses, reported_topic) if pairs else None
     if plan.pose is None:
         return PlannedMotion(tree=tree)
@@ -770,7 +770,7 @@ def read_track(
     ends = find_ends(plan, topic, survey, names)
     pairs = ends.pairs()
     if pairs and tree is None:
-        tree = read_tree(bags, survey, names, pairs, losses, _told(topic))
+        tree = read_tree(bags, survey, names, pairs, losses, _reported_topic(topic))
     world, frame, moved, body = ends
     if tree is not None and frame == moved and world != body:
         pose_track: Track = tree.track(world, body)
@@ -789,7 +789,7 @@ def read_track(
     return ProductTrack(before, pose_track, after)
 
 
-def _told(topic: TopicSurvey) -> str:
+def _reported_topic(topic: TopicSurvey) -> str:
     """Return the topic if its invalid poses are found when the track is read."""
     return topic.name if topic.msgtype in POSES.msgtypes else ''
 

@@ -73,8 +73,8 @@ class ImageOf(NamedTuple):
     size: tuple[int, int]
 
 
-class Standing(NamedTuple):
-    """What boxes are upright in.
+class UprightFrame(NamedTuple):
+    """The frame in which boxes are upright.
 
     Attributes:
         frame_T_velo: velo_link in the frame of the labels, which turn about its y axis; None for
@@ -96,7 +96,7 @@ class Standing(NamedTuple):
         return frame_t_velo, up
 
 
-_IN_THE_CAMERA = Standing()
+_IN_CAMERA = UprightFrame()
 
 
 def boxes_of_lines(text: str, tracks: TrackIds) -> list[Box]:
@@ -133,7 +133,7 @@ class TrackIds:
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
-        self._taken: set[int] = set()
+        self._used: set[int] = set()
         self.unnamed = 0
         """Number of boxes without a name so far."""
         self.repeated = 0
@@ -150,8 +150,8 @@ class TrackIds:
             number = self.number(identity)
             if number in numbers:
                 self.repeated += 1
-                number = max(self._taken) + 1
-                self._taken.add(number)
+                number = max(self._used) + 1
+                self._used.add(number)
             numbers.append(number)
         return numbers
 
@@ -160,9 +160,9 @@ class TrackIds:
         if identity in self._numbers:
             return self._numbers[identity]
         number = own_number(identity)
-        if number is None or number in self._taken:
-            number = max(self._taken, default=-1) + 1
-        self._taken.add(number)
+        if number is None or number in self._used:
+            number = max(self._used, default=-1) + 1
+        self._used.add(number)
         if identity:
             self._numbers[identity] = number
         else:
@@ -170,15 +170,15 @@ class TrackIds:
         return number
 
 
-def leans(
-    cuboids: Sequence[Cuboid], calibration: Calibration, standing: Standing = _IN_THE_CAMERA
+def lean_angles(
+    cuboids: Sequence[Cuboid], calibration: Calibration, upright: UprightFrame = _IN_CAMERA
 ) -> Float64Array:
     """Return (N,) radians by which boxes lean from the axis that their labels turn about.
 
     Raises:
         ValueError: A required part of the calibration is missing.
     """
-    frame_t_velo, up = standing.of(calibration)
+    frame_t_velo, up = upright.of(calibration)
     cosines = [
         abs(frame_t_velo.rotation[1] @ _upright(cuboid, up).velo_T_box.rotation[:, 2])
         for cuboid in cuboids
@@ -215,7 +215,7 @@ def make_boxes(
     *,
     out_of_view: bool = False,
     occluded: int = VISIBLE,
-    standing: Standing = _IN_THE_CAMERA,
+    upright: UprightFrame = _IN_CAMERA,
 ) -> tuple[list[Box], int]:
     """Make labels of boxes; also return how many were skipped because they are out of view.
 
@@ -227,7 +227,7 @@ def make_boxes(
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
         occluded: The occlusion of boxes of which it is not known, 0 to 3 (readme.txt of the object
             devkit).
-        standing: What they are upright in.
+        upright: The frame that they are upright in.
 
     Raises:
         ValueError: A required part of the calibration is missing.
@@ -235,12 +235,12 @@ def make_boxes(
     if not cuboids:
         return [], 0
     rect_t_velo = rect_from_velo(calibration)
-    frame_t_velo, up = standing.of(calibration)
+    frame_t_velo, up = upright.of(calibration)
     boxes = [box_of(_upright(cuboid, up), frame_t_velo) for cuboid in cuboids]
     locations, sizes, headings = (np.array(column) for column in zip(*boxes, strict=True))
     corners = box_corners(locations, sizes, headings)
     seen_by = calibration.cameras[image.camera]
-    if standing.frame_T_velo is not None:
+    if upright.frame_T_velo is not None:
         corners = (rect_t_velo @ frame_t_velo.inverse()).apply(corners)
     if seen_by.cam_T_velo is not None:
         corners = (seen_by.cam_T_velo @ rect_t_velo.inverse()).apply(corners)
@@ -252,8 +252,8 @@ def make_boxes(
     labels = [
         Box(
             class_name=class_name(cuboids[index].class_name),
-            truncated=float(_known(cuboids[index].truncation, truncated[index])),
-            occluded=_known(cuboids[index].occluded, occluded),
+            truncated=float(_or_default(cuboids[index].truncation, truncated[index])),
+            occluded=_or_default(cuboids[index].occluded, occluded),
             alpha=float(alphas[index]),
             box_2d=_four(bounds[index]) if seen[index] else _UNSEEN,
             size_hwl=boxes[index][1],
@@ -268,7 +268,7 @@ def make_boxes(
     return labels, len(cuboids) - len(labels)
 
 
-def _known(level: int | None, default: T) -> int | T:
+def _or_default(level: int | None, default: T) -> int | T:
     return default if level is None else level
 
 
@@ -315,7 +315,7 @@ class LabelClasses:
 
     def __init__(self, plan: LabelPlan, *, own: bool) -> None:
         self._topic = plan.topic
-        self._given = plan.classes
+        self._by_name = plan.classes
         self._by_word = {plain(name): kind for name, kind in plan.classes.items()}
         self._keeps = plan.keep_classes
         self._own = own
@@ -327,7 +327,7 @@ class LabelClasses:
     def find(self, name: str) -> str:
         """Return the class of a label for that of a box."""
         word = plain(name)
-        planned_class = self._given.get(name) or self._by_word.get(word or name)
+        planned_class = self._by_name.get(name) or self._by_word.get(word or name)
         if planned_class is not None and self._unmatched:
             self._unmatched = {
                 other for other in self._unmatched if other != name and plain(other) != word

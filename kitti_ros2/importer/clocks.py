@@ -394,8 +394,8 @@ def describe_gap(
     starts = int(stamps_ns.min()) - int(reference_ns.min())
     side = 'after' if gap > 0 else 'before'
     text = (
-        f'{stream} has no sample within {plan.tolerance_s * 1000:.0f} ms of {_of(plan)}: the'
-        f' nearest is {_distance(gap)} {side} it, and the first stamps are'
+        f'{stream} has no sample within {plan.tolerance_s * 1000:.0f} ms of {_reference(plan)}:'
+        f' the nearest is {_distance(gap)} {side} it, and the first stamps are'
         f' {_distance(starts)} apart'
     )
     shifts = find_corrections(survey, streams, plan.reference)
@@ -431,7 +431,7 @@ def oxts_losses(survey: Survey, plan: Plan, frames_ns: Int64Array) -> tuple[Loss
     return tuple(losses)
 
 
-def _of(plan: Plan) -> str:
+def _reference(plan: Plan) -> str:
     stream = planned_streams(plan).get(plan.reference)
     return plan.reference if stream is None else str(stream)
 

@@ -349,7 +349,7 @@ def guess_plan(
         survey, layout, notes, all_cameras=all_cameras, with_calibration=with_calibration
     )
     if not any(sensors[:-1]):
-        raise MissingDataError(f'{path}: {_nothing(survey, layout)}')
+        raise MissingDataError(f'{path}: {_describe_contents(survey, layout)}')
     scan, cameras, sets, pose, _ = sensors
     viewed = cameras or dict(zip((2,), sets.values(), strict=False))
     reference, topic = _reference(scan, viewed, pose)
@@ -429,12 +429,12 @@ def _find_sensors(
     survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
     """Return the sensors of a bag that a layout has a place for; see guess_plan."""
-    found_cameras = find_cameras(survey)
-    scan = guess_scan(survey, found_cameras, notes)
-    heading = find_heading(survey.tree, None if scan is None else scan.frame, found_cameras)
+    cameras_of_bag = find_cameras(survey)
+    scan = guess_scan(survey, cameras_of_bag, notes)
+    heading = find_heading(survey.tree, None if scan is None else scan.frame, cameras_of_bag)
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, survey.tree, heading, notes)
-    rig = make_camera_rig(survey, found_cameras, heading, notes)
+    rig = make_camera_rig(survey, cameras_of_bag, heading, notes)
     frame = None if scan is None else scan.frame
     sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
@@ -468,12 +468,12 @@ def _calibration(survey: Survey, cameras: dict[int, CameraPlan], notes: list[str
         return SOURCE
     if any(plan.info for plan in cameras.values()):
         return TF
-    lacking = 'camera_info' if cameras else 'camera'
-    notes.append(f'missing: calibration (no {lacking}); --calib FILE gives it')
+    missing = 'camera_info' if cameras else 'camera'
+    notes.append(f'missing: calibration (no {missing}); --calib FILE gives it')
     return NONE
 
 
-def _nothing(survey: Survey, layout: Layout) -> str:
+def _describe_contents(survey: Survey, layout: Layout) -> str:
     """Describe the content of a bag that has no data that a layout requires."""
     names = [f'{topic.name} ({topic.msgtype})' for topic in survey.topics.values() if topic.count]
     reasons = [loss.text() for loss in _unreadable(survey, layout, scans=True)]

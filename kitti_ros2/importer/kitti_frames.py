@@ -463,7 +463,7 @@ def spread(present: Int64Array, frame_count: int) -> Int64Array:
     return np.asarray(best[np.rint(steps).astype(np.int64)], np.int64)
 
 
-def numbered(messages: Iterable[BagMessage]) -> Iterator[tuple[int, BagMessage]]:
+def with_indices(messages: Iterable[BagMessage]) -> Iterator[tuple[int, BagMessage]]:
     """Yield all messages of bags, each with its place in its topic."""
     seen: Counter[str] = Counter()
     for message in messages:
@@ -508,7 +508,7 @@ class ImportReport:
     notes: tuple[str, ...]
 
 
-def unread(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ...]:
+def undecoded_losses(survey: Survey, plan: Plan, named: Collection[str]) -> tuple[Loss, ...]:
     """Return the messages of a plan's topics that the first pass could not decode.
 
     Args:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 _OPTION_HINT = re.compile(r' \([^()]*--calib\)')
 """The part of an error that advises on options of the conversion."""
 
-_KEPT = 4  # of the labels that were decoded last: several cameras show the same
+_CACHED = 4  # of the labels that were decoded last: several cameras show the same
 
 
 class LabelledImages:
@@ -69,16 +69,16 @@ class LabelledImages:
     def __init__(self, bag: OpenBag) -> None:
         survey = survey_sensors(bag)
         plan, labels = _plan(bag.path, survey)
-        self._plan, self._rigging = _rigged(bag, plan, labels, survey)
+        self._plan, self._rigging = _make_rigging(bag, plan, labels, survey)
         self.topics: Mapping[str, int] = {
             camera.topic: index for index, camera in self._plan.cameras.items()
         }
         self._labels = _Labels(bag, survey, labels)
         if plan.calibration == SOURCE:
-            self._labels.be_of_one_frame(bag.index.by_topic(), self.topics)
+            self._labels.limit_to_frame(bag.index.by_topic(), self.topics)
         # Changes of a calibration written by to-bag are applied.
         self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
-        self._objects = lru_cache(_KEPT)(self._read_objects)
+        self._objects = lru_cache(_CACHED)(self._read_objects)
 
     def draw(
         self,
@@ -141,7 +141,7 @@ class _Labels:
         self._messages = open_messages(bag, {topic})
         self._by_index = MessagesByIndex(self._messages, self._log_ns)
 
-    def be_of_one_frame(self, stamps: Mapping[str, Int64Array], images: Collection[str]) -> None:
+    def limit_to_frame(self, stamps: Mapping[str, Int64Array], images: Collection[str]) -> None:
         """Match labels to one image of each camera only, as in KITTI's frames."""
         periods = (default_tolerance_ns(stamps[topic]) for topic in images)
         self._tolerance_ns = min(self._tolerance_ns, *periods)
@@ -196,13 +196,13 @@ def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
     if plan.calibration == NONE:
         missing.append('calibration (camera_info)')
     if missing or plan.labels is None:
-        raise _impossible(path, f'the bag has no {" and no ".join(missing)}')
+        raise _no_images(path, f'the bag has no {" and no ".join(missing)}')
     labels = replace(plan.labels, out_of_view=True)
     plan = replace(plan, labels=labels, imu='', fix='', velocity='', imu_frame='')
     return plan, labels.topic
 
 
-def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
+def _make_rigging(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
     """Make the rigging of a plan; label lines have 2D boxes, which need no calibration."""
     try:
         rigging = Rigging(plan, survey, read_moving([bag], plan, survey, LossTally()))
@@ -210,7 +210,7 @@ def _rigged(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan
             _try_labels(rigging, topic_of(survey, labels).samples)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
-            raise _impossible(bag.path, _OPTION_HINT.sub('', str(error))) from None
+            raise _no_images(bag.path, _OPTION_HINT.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
         return plan, Rigging(plan, survey)
     return plan, rigging
@@ -232,5 +232,5 @@ def _try_labels(rigging: Rigging, messages: Sequence[Any]) -> None:
         raise errors[0]
 
 
-def _impossible(path: Path, reason: str) -> UsageError:
+def _no_images(path: Path, reason: str) -> UsageError:
     return UsageError(f'{path}: no annotated images can be made: {reason}')

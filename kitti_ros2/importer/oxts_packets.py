@@ -390,7 +390,7 @@ _BRIDGED_PERIODS = 2.5
 _USUAL_PERIODS = 1.5
 """Fixes farther apart have one between them that is lost."""
 
-_OR = ', or messages that cannot be decoded,'
+_OR_UNREADABLE = ', or messages that cannot be decoded,'
 _IDENTITY = Transform.identity()
 _BETWEEN: tuple[_Between, ...] = (imu_between, fix_between, velocity_between)
 
@@ -430,7 +430,7 @@ class PacketMaker:
         self._poses = imu_poses = ImuPoses(plan, survey, frames, rigging, motion)
         self.lost_ns = imu_poses.lost_ns
         self._notes: list[str] = [*imu_poses.notes]
-        self._lacking = 0
+        self._missing = 0
         self.losses: tuple[Loss, ...] = ()
         self._frames_ns = frames.stamps_ns
         self._topics = {
@@ -446,7 +446,7 @@ class PacketMaker:
         self._far: dict[str, list[int]] = {}
         gaps = np.diff(np.sort(self._stamps[plan.fix])) if plan.fix else np.zeros(0)
         self._usual_gap_ns = _USUAL_PERIODS * float(np.median(gaps)) if len(gaps) else 0.0
-        self._carried_m: list[float] = []
+        self._moved_m: list[float] = []
         self._bridged: list[tuple[int, float]] = []
         fixed = np.isfinite(topic_of(survey, plan.fix).fixes[:, 0]) if plan.fix else None
         self._velocities = self._find_velocities(survey, fixed)
@@ -459,13 +459,13 @@ class PacketMaker:
             else self._around(topic, 0)
             for role, topic in named.items()
         }
-        self._wanted = self._parts_of_frames(messages_by_role)
+        self._keys = self._parts_of_frames(messages_by_role)
         self._without_fix = [keys is None for keys in messages_by_role.get('fix', ())]
         self._gapless = Stream.OXTS in plan.layout.traits.line_streams
         self._forbid_gaps()
         self._pending: dict[int, dict[tuple[str, int], Any]] = {}
         self._frames_of: dict[tuple[str, int], list[int]] = {}
-        for frame, keys in enumerate(self._wanted):
+        for frame, keys in enumerate(self._keys):
             for key in keys or ():
                 self._frames_of.setdefault(key, []).append(frame)
         self._ready: dict[int, OxtsPacket | None] = {}
@@ -567,8 +567,8 @@ class PacketMaker:
                 f'oxts: the velocities of {self._derived} packets are derived from the places of'
                 f' {source}{why}'
             )
-        if self._lacking and not self._gapless:
-            notes.append(f'{self._lacking} frames have no fix{_OR} and get no packet')
+        if self._missing and not self._gapless:
+            notes.append(f'{self._missing} frames have no fix{_OR_UNREADABLE} and get no packet')
         if self._unoriented:
             notes.append(self._without_orientation())
         attitude = self._topics['imu'] if self._poses.poses is None and not self._unoriented else ''
@@ -577,7 +577,7 @@ class PacketMaker:
 
     def _without_orientation(self) -> str:
         """Return the note on packets whose Imu has no orientation, by frames unless all are."""
-        packets = sum(keys is not None for keys in self._wanted)
+        packets = sum(keys is not None for keys in self._keys)
         some = len(self._unoriented) < packets
         where = f' near frames {format_numbers(sorted(self._unoriented))}, where' if some else ';'
         fix = self._topics['fix']
@@ -586,9 +586,9 @@ class PacketMaker:
 
     def _metres(self, topic: str) -> str:
         """Return how far the places of fixes were carried on."""
-        if topic != self._topics['fix'] or not self._carried_m:
+        if topic != self._topics['fix'] or not self._moved_m:
             return ''
-        return f', and are carried on by up to {max(self._carried_m):.2f} m, by the velocity there'
+        return f', and are carried on by up to {max(self._moved_m):.2f} m, by the velocity there'
 
     def wants(self, topic: str, index: int) -> bool:
         """Whether a message, by its place in its topic, is part of a packet."""
@@ -600,7 +600,7 @@ class PacketMaker:
         for frame in self._frames_of.pop(key):
             messages = self._pending.setdefault(frame, {})
             messages[key] = message if message is None else self._prepared(topic, message)
-            if messages.keys() == self._wanted[frame]:
+            if messages.keys() == self._keys[frame]:
                 self._ready[frame] = self._make(frame, self._pending.pop(frame))
 
     def _prepared(self, topic: str, message: Any) -> Any:  # noqa: ANN401 - of the bag
@@ -611,8 +611,8 @@ class PacketMaker:
     def write(self, writer: LayoutWriter, first: int) -> int:
         """Write the packets that are ready, in order; returns how many."""
         count = 0
-        while self._next < len(self._wanted):
-            keys = self._wanted[self._next]
+        while self._next < len(self._keys):
+            keys = self._keys[self._next]
             if keys is not None and not keys:
                 self._ready[self._next] = self._make(self._next, {})
             if keys is not None and self._next not in self._ready:
@@ -623,20 +623,20 @@ class PacketMaker:
                 writer.write_oxts(first + self._next, stamp_ns, packet)
                 self._checks.take(stamp_ns, packet)
                 count += 1
-            elif self._wanted[self._next] is not None:
-                self._lack()
+            elif self._keys[self._next] is not None:
+                self._count_missing()
             self._next += 1
         return count
 
-    def _lack(self) -> None:
+    def _count_missing(self) -> None:
         """Count a frame whose messages have no fix, or cannot be decoded."""
-        self._lacking += 1
+        self._missing += 1
         if self._gapless:
             self._lose(
-                f'oxts ends before frame {self._next}, which has no fix{_OR}',
-                len(self._wanted) - self._next,
+                f'oxts ends before frame {self._next}, which has no fix{_OR_UNREADABLE}',
+                len(self._keys) - self._next,
             )
-            self._wanted.clear()
+            self._keys.clear()
             self._frames_of.clear()
 
     def _lose(self, reason: str, frames: int) -> None:
@@ -679,21 +679,21 @@ class PacketMaker:
 
     def _forbid_gaps(self) -> None:
         """Require packets of all frames in the tracking layout, where line n is frame n."""
-        lacking = [frame for frame, keys in enumerate(self._wanted) if keys is None]
-        if not lacking:
+        missing = [frame for frame, keys in enumerate(self._keys) if keys is None]
+        if not missing:
             return
         source = 'imu, fix or velocity near' if self._poses.poses is None else 'poses around'
-        if self._without_fix and all(self._without_fix[frame] for frame in lacking):
+        if self._without_fix and all(self._without_fix[frame] for frame in missing):
             source = 'fix near'
-        which = f'no {source} frames {format_numbers(lacking)}'
-        first = lacking[0]
+        which = f'no {source} frames {format_numbers(missing)}'
+        first = missing[0]
         if self._gapless and first and source == 'fix near':
             text = f'oxts ends before frame {first}, which has no fix near'
-            self._lose(text, len(self._wanted) - first)
-            del self._wanted[first:]
+            self._lose(text, len(self._keys) - first)
+            del self._keys[first:]
         elif self._gapless:
-            self._lose(f'{which}, so {Stream.OXTS.value} is left out', len(self._wanted))
-            self._wanted = []
+            self._lose(f'{which}, so {Stream.OXTS.value} is left out', len(self._keys))
+            self._keys = []
         else:
             self._notes.append(which)
 
@@ -752,15 +752,15 @@ class PacketMaker:
         if abs(frame_ns - first_ns) > self._tolerance_ns:
             self._far.setdefault(topic, []).append(abs(frame_ns - first_ns))
         if topic == self._topics['fix']:
-            return self._carried(first, frame, frame_ns - first_ns)
+            return self._extrapolated(first, frame, frame_ns - first_ns)
         return first
 
-    def _carried(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
+    def _extrapolated(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
         """Return a fix before a frame, or after it, carried on by the velocity of the places."""
         moving = self._moving(frame) if later_ns else None
         if moving is None or not moving.any():
             return fix
         way = moving * (later_ns / NS_PER_S)
-        self._carried_m.append(float(np.linalg.norm(way)))
+        self._moved_m.append(float(np.linalg.norm(way)))
         position = GeoOrigin(fix.latitude, fix.longitude, fix.altitude).moved(*way.tolist())
         return replace(fix, latitude=position.lat, longitude=position.lon, altitude=position.alt)

@@ -24,7 +24,7 @@ from ..model.geometry import Transform
 from ..model.recording import StreamIndex
 from ..model.samples import NONE, FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Clock, Layout, Stream
-from .bag_labels import joined
+from .bag_labels import merge_markers
 from .bag_poses import guess_pose, read_moving, read_track
 from .bag_scans import without_unreadable_scans
 from .box_labels import class_name, own_number
@@ -119,16 +119,16 @@ class PlannedRecording:
     def __init__(self, source: BagSource, survey: Survey) -> None:
         self.root = path_of(source)
         guess = guess_plan(survey, Layout.OBJECT, self.root)
-        plan = _to_look_at(without_unreadable_scans(guess.plan, survey))
+        plan = _for_pictures(without_unreadable_scans(guess.plan, survey))
         notes = list(guess.notes)
         losses = LossTally()
         survey = clocked(survey, plan)
         moving = read_moving([source], plan, survey, losses)
         notes.extend(f'{loss.stream}: {loss.text()}' for loss in losses.losses())
         self.guess_notes: list[str] = []
-        self._plan, self.no_calibration = _rigged(plan, survey, moving, self.guess_notes)
+        self._plan, self.no_calibration = _without_missing(plan, survey, moving, self.guess_notes)
         if self._plan.calibration == NO_CALIBRATION:
-            self.guess_notes += _turned(self._plan.scan)
+            self.guess_notes += _forward_notes(self._plan.scan)
         self._topics = frame_topics(self._plan)
         self._track = ego_track(source, survey, notes)
         self.origins: Mapping[int, FrameOrigin] = {}
@@ -209,7 +209,7 @@ class PlannedRecording:
         position = self._positions[stream][number] if stream in self._positions else None
         if position is None:
             return None
-        with _described(position, number):
+        with _naming_errors(position, number):
             return convert(self._messages.read(position))
 
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
@@ -223,14 +223,14 @@ class PlannedRecording:
         positions = self._label_positions[number] if self._label_positions else ()
         if not positions:
             return None
-        with _described(positions[0], number):
+        with _naming_errors(positions[0], number):
             return self._labels([self._messages.read(position) for position in positions], number)
 
     def _labels(self, messages: Sequence[Any], number: int) -> FrameLabels:
         if self._topics[Stream.LABELS] == LABEL_LINES:
             return labels_of_text(decode_text(messages[0]))
         times = times_of_boxes(self._plan, self._frames, number)
-        cuboids, left_out = self._rigging(number).labels.all_cuboids(joined(messages), times)
+        cuboids, left_out = self._rigging(number).labels.all_cuboids(merge_markers(messages), times)
         topic = self._topics[Stream.LABELS]
         lost = [
             f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
@@ -238,7 +238,7 @@ class PlannedRecording:
             if reason in left_out
         ]
         missing = {'boxes': '; '.join(lost)} if lost else {}
-        return FrameLabels(cuboids=[_identified(cuboid) for cuboid in cuboids], missing=missing)
+        return FrameLabels(cuboids=[_with_track_id(cuboid) for cuboid in cuboids], missing=missing)
 
     def _image(self, camera: int, number: int, message: Any) -> Image:  # noqa: ANN401 - as _scan
         return parse_png(self._rigging(number).images.png(camera, message), 'the message')
@@ -250,13 +250,13 @@ class PlannedRecording:
         return None if pose is None else Pose(pose @ self.base_t_imu)
 
 
-def _to_look_at(plan: Plan) -> Plan:
+def _for_pictures(plan: Plan) -> Plan:
     """Return the plan with incomplete frames, and with boxes outside the camera's view."""
     labels = None if plan.labels is None else replace(plan.labels, out_of_view=True)
     return replace(plan, incomplete=Incomplete.KEEP, labels=labels)
 
 
-def _rigged(
+def _without_missing(
     plan: Plan, survey: Survey, moving: MovingTree | None, guess_notes: list[str]
 ) -> tuple[Plan, dict[str, str]]:
     """Return the plan, without calibration and labels if it is missing, and the reason."""
@@ -269,14 +269,14 @@ def _rigged(
     return plan, {}
 
 
-def _turned(scan: ScanPlan | None) -> list[str]:
+def _forward_notes(scan: ScanPlan | None) -> list[str]:
     """Return a note where the z axis of a depth camera is taken as forward."""
     if scan is None or scan.forward != _OPTICAL:
         return []
     return [f'{scan.topic} is in {scan.frame}: its z axis is taken as forward']
 
 
-def _identified(cuboid: Cuboid) -> Cuboid:
+def _with_track_id(cuboid: Cuboid) -> Cuboid:
     """Return the box with its class in the form of labels, and its track if it is a number."""
     return replace(
         cuboid, class_name=class_name(cuboid.class_name), track_id=own_number(cuboid.identity)
@@ -284,7 +284,7 @@ def _identified(cuboid: Cuboid) -> Cuboid:
 
 
 @contextmanager
-def _described(position: MessagePosition, number: int) -> Iterator[None]:
+def _naming_errors(position: MessagePosition, number: int) -> Iterator[None]:
     """Raise any error as that of the message of a frame: a recorder may have written any bytes."""
     try:
         yield

@@ -231,7 +231,7 @@ def _body_of(topic: TopicSurvey) -> str:
 _LATE_NS = 5_000_000
 """A CameraInfo may be stamped so much later than its image."""
 _SAME = 1e-6
-_MOST_KEPT = 32
+_CACHE_SIZE = 32
 """Riggings: those that rectify have maps of the size of an image."""
 _State = tuple[int, ...]
 
@@ -263,7 +263,7 @@ class Riggings:
         self._firsts = [_first_indices([value for _, value in series]) for series in self._series]
         self._frames_ns = frames.stamps_ns
         self._images_ns = _latest_images_ns(plan, frames) + _LATE_NS
-        self._made: dict[_State, Rigging] = {}
+        self._cache: dict[_State, Rigging] = {}
         self._notes: dict[str, None] = {}
         self._lost: Counter[tuple[str, str]] = Counter()
         self._states: set[_State] = set()
@@ -293,13 +293,13 @@ class Riggings:
         return tuple(firsts[index] for firsts, index in zip(self._firsts, valid, strict=True))
 
     def _rigging(self, state: _State) -> Rigging:
-        rigging = self._made.pop(state, None)
+        rigging = self._cache.pop(state, None)
         if rigging is None:
             rigging = Rigging(self._plan, self._survey_of(state), self._moving)
             self._states.add(state)
-        if len(self._made) >= _MOST_KEPT:
-            self._account(self._made.pop(next(iter(self._made))))
-        self._made[state] = rigging
+        if len(self._cache) >= _CACHE_SIZE:
+            self._account(self._cache.pop(next(iter(self._cache))))
+        self._cache[state] = rigging
         return rigging
 
     def _survey_of(self, state: _State) -> Survey:
@@ -328,12 +328,12 @@ class Riggings:
             counts[loss.stream, loss.message] += loss.count
 
     @property
-    def _kept(self) -> list[Rigging]:
-        return [self.first, *(other for other in self._made.values() if other is not self.first)]
+    def _riggings(self) -> list[Rigging]:
+        return [self.first, *(other for other in self._cache.values() if other is not self.first)]
 
     def notes(self) -> list[str]:
         """Return the notes of all riggings, each once."""
-        notes = [note for rigging in self._kept for note in rigging.notes()]
+        notes = [note for rigging in self._riggings for note in rigging.notes()]
         return [*dict.fromkeys([*notes, *self._notes]), *self._on_changes()]
 
     def _on_changes(self) -> Iterator[str]:
@@ -346,7 +346,7 @@ class Riggings:
     def losses(self) -> tuple[Loss, ...]:
         """Return the losses of all riggings, and the frames whose calibration has no place."""
         counts = self._lost.copy()
-        for rigging in self._kept:
+        for rigging in self._riggings:
             self._count(rigging, counts)
         losses = [Loss(stream, count, message) for (stream, message), count in counts.items()]
         return (*losses, *self._unwritten_losses())
@@ -406,7 +406,7 @@ def _first_indices(values: Sequence[Any]) -> list[int]:
     distinct: list[int] = []
     first_indices = []
     for index, value in enumerate(values):
-        equal = (other for other in distinct[-_MOST_KEPT:] if _is_equal(values[other], value))
+        equal = (other for other in distinct[-_CACHE_SIZE:] if _is_equal(values[other], value))
         first = next(equal, index)
         if first == index:
             distinct.append(index)

@@ -25,7 +25,7 @@ from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damag
 from ..model.geometry import Transform
 from ..model.samples import NONE, rect_from_velo
 from ..model.streams import Stream
-from .bag_labels import LabelMessages, joined
+from .bag_labels import LabelMessages, merge_markers
 from .bag_poses import read_motion
 from .bag_scans import dropped_notes
 from .clocks import clocked, oxts_losses
@@ -36,8 +36,8 @@ from .kitti_frames import (
     ImportReport,
     choose_frames,
     frame_topics,
-    numbered,
-    unread,
+    undecoded_losses,
+    with_indices,
 )
 from .oxts_packets import PacketMaker
 from .rigging import Riggings
@@ -193,7 +193,7 @@ class SampleWriter:
         self.first = first
         self.empty_labels = 0
         rigging = riggings.first
-        labels_t_velo = rigging.labels.standing.frame_T_velo
+        labels_t_velo = rigging.labels.upright.frame_T_velo
         if labels_t_velo is not None:
             writer.set_label_frame(labels_t_velo)
         self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=plan.is_extract)
@@ -248,7 +248,7 @@ class SampleWriter:
         frame = number - self.first
         times = times_of_boxes(self.plan, self.frames, frame)
         stamp_ns = int(self.frames.stamps_ns[frame])
-        boxes = self._rigging(number).labels.boxes(joined(solid), stamp_ns, times, flat)
+        boxes = self._rigging(number).labels.boxes(merge_markers(solid), stamp_ns, times, flat)
         self.writer.write_labels(number, boxes)
         self.empty_labels += not boxes
         return 0
@@ -322,13 +322,13 @@ def set_notes(plan: Plan, folder: Path, files: int, empty: int) -> Iterator[str]
             f' out of ImageSets/train.txt and val.txt'
         )
     paths = {name: folder / names.IMAGE_SETS / f'{name}{names.TXT}' for name in _LISTS}
-    lacking = [name for name, path in paths.items() if not STORE.read_text(path).strip()]
-    if lacking:
-        lists = ' and '.join(f'{name}{names.TXT}' for name in lacking)
-        are = 'is empty' if len(lacking) == 1 else 'are empty'
+    missing = [name for name, path in paths.items() if not STORE.read_text(path).strip()]
+    if missing:
+        lists = ' and '.join(f'{name}{names.TXT}' for name in missing)
+        are = 'is empty' if len(missing) == 1 else 'are empty'
         yield (
             f"ImageSets/{lists} {are}, which stops mmdetection3d's create_data.py:"
-            f' {"; ".join(_LISTS[name] for name in lacking)}'
+            f' {"; ".join(_LISTS[name] for name in missing)}'
         )
 
 
@@ -371,7 +371,7 @@ class Target:
     excerpt: Excerpt | None = None
 
 
-def carry_out(job: SampleJob) -> tuple[SampleJob, int | Exception]:
+def run_job(job: SampleJob) -> tuple[SampleJob, int | Exception]:
     """Write a sample; return the bytes written, or why it was not."""
     try:
         return job, job.write()
@@ -449,7 +449,7 @@ class SetBuilder:
                 decoded = decode(message)
             except ValueError as error:
                 self._losses.lose(message.topic, message.stamp_ns, str(error))
-                self._spoil([*(number for _, number in samples), *labelled])
+                self._exclude([*(number for _, number in samples), *labelled])
                 decoded = None
             if packet:
                 self._packets.take(message.topic, index, decoded)
@@ -489,19 +489,19 @@ class SetBuilder:
         """Write labels in order and at once: tracks are numbered as they appear."""
         topic = frame_topics(self._samples.plan)[Stream.LABELS]
         write = partial(self._samples.write_labels, number, solid, flat)
-        self.take(*carry_out(SampleJob(Stream.LABELS, number, topic, log_ns, write)))
+        self.take(*run_job(SampleJob(Stream.LABELS, number, topic, log_ns, write)))
 
     def take(self, job: SampleJob, outcome: int | Exception) -> None:
         """Count a sample by its outcome: the bytes written, or an error."""
         if isinstance(outcome, Exception):
             at_ns = outcome.stamp_ns if isinstance(outcome, UnknownTransformError) else job.stamp_ns
             self._losses.lose(job.topic, at_ns, str(outcome))
-            self._spoil([job.number])
+            self._exclude([job.number])
             return
         self.counts[job.stream.value] += 1
         self.size_bytes += outcome
 
-    def _spoil(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
+    def _exclude(self, numbers: Any) -> None:  # noqa: ANN401 - an iterable of numbers
         """Exclude frames with a missing sample from the lists of frames."""
         for number in numbers:
             self._samples.writer.leave_out(number)
@@ -519,7 +519,7 @@ class SetBuilder:
             files = self.counts[Stream.LABELS.value]
             notes += set_notes(plan, self._target.stage, files, self._samples.empty_labels)
         lost = self._losses.losses()
-        undecoded = unread(survey, plan, {loss.stream for loss in lost})
+        undecoded = undecoded_losses(survey, plan, {loss.stream for loss in lost})
         return ImportReport(
             layout=plan.layout,
             name=plan.name,
@@ -585,11 +585,11 @@ def build(
         builder = SetBuilder(samples, packets, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:
-            read = numbered(messages)
+            read = with_indices(messages)
             if target.excerpt is not None:
                 read = target.excerpt.read(messages, survey, frames, frame_topics(plan))
             outcomes = ordered_map(
-                carry_out,
+                run_job,
                 builder.jobs(read, Decoder(messages.typestore, lent=True)),
                 worker_count(),
             )

@@ -339,7 +339,7 @@ class TopicSurvey:
             return
         header = np.array(self.header_ns, dtype=np.int64)
         if reason is None:
-            yield from self._mended(header)
+            yield from self._used_stamp_notes(header)
         again = np.flatnonzero(np.diff(header) == 0) + 1
         again = again[header[again] != 0]
         if self.groups() is not None:  # messages with one stamp are one sample: see label_groups
@@ -350,7 +350,7 @@ class TopicSurvey:
                 f' before (the first is message {again[0] + 1}); each is a sample of its own'
             )
 
-    def _mended(self, header_ns: Int64Array) -> Iterator[str]:
+    def _used_stamp_notes(self, header_ns: Int64Array) -> Iterator[str]:
         """Yield notes on header stamps that are used, and are 0 or out of order."""
         unset = np.flatnonzero(unset_stamps(header_ns))
         if len(unset):

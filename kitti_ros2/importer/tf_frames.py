@@ -181,7 +181,7 @@ def optical_link(frame: str, forward: str) -> Link:
     return frame, optical_name(frame, forward), LINK_T_OPTICAL
 
 
-def made_optical_frames(plan: Plan, survey: Survey) -> list[Link]:
+def optical_links(plan: Plan, survey: Survey) -> list[Link]:
     """Return the links to the optical frames that a plan has made.
 
     Raises:
@@ -355,16 +355,16 @@ class StaticFrames(Mapping[str, 'Transform']):
     def __init__(self, tree: FrameTree, base: MovingBase) -> None:
         self._tree = tree
         self._base = base
-        self._found: dict[str, Transform | None] = {base.frame: base.velo_T_frame}
+        self._cache: dict[str, Transform | None] = {base.frame: base.velo_T_frame}
 
     def _find(self, frame: object) -> Transform | None:
-        if not isinstance(frame, str) or (frame not in self._found and frame not in self._frames):
+        if not isinstance(frame, str) or (frame not in self._cache and frame not in self._frames):
             return None
-        if frame not in self._found:
+        if frame not in self._cache:
             base_t_frame = self._tree.find(self._base.frame, frame)
             joined = None if base_t_frame is None else self._base.velo_T_frame @ base_t_frame
-            self._found[frame] = joined
-        return self._found[frame]
+            self._cache[frame] = joined
+        return self._cache[frame]
 
     @property
     def _frames(self) -> AbstractSet[str]:

@@ -86,7 +86,7 @@ def passes(monkeypatch):
 
         monkeypatch.setattr(module, function, counted)
 
-    count('survey', survey, '_Pass')
+    count('survey', survey, '_SurveyPass')
     count('plan', guess, 'guess_cameras')
     count('description', source_files, 'parse_description')
     return found

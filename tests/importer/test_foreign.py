@@ -309,8 +309,8 @@ def test_a_camera_that_is_not_joined_is_an_error_that_shows_the_tree(tmp_path):
 
 
 def test_without_boxes_fix_or_odometry_the_rest_is_made(tmp_path):
-    lacking = ('/perception/objects', '/gps/fix', '/odom')
-    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, 'mcap', *lacking)
+    missing = ('/perception/objects', '/gps/fix', '/odom')
+    path = foreign.write_foreign(tmp_path / 'bag.mcap', TRUTH, 'mcap', *missing)
     report = convert(path, tmp_path / 'out', Layout.TRACKING)
     # The Imu makes oxts by itself.
     assert set(report.counts) == {'scan', 'image_2', 'image_3', 'calibration', 'oxts'}

@@ -14,7 +14,7 @@ from counted_calls import calls_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.box_labels import ImageOf, TrackIds, class_name, leans, make_boxes
+from kitti_ros2.importer.box_labels import ImageOf, TrackIds, class_name, lean_angles, make_boxes
 from kitti_ros2.kitti.label_file import format_object_labels
 from kitti_ros2.messages.cdr import deserialize, join, make_header
 from kitti_ros2.messages.detections import (
@@ -183,9 +183,9 @@ def test_a_box_that_leans_with_its_sensor_keeps_its_place_and_heading():
     (box,), _ = labels([cuboid()], rig=leaning)
     middle = rect_from_velo(leaning).apply(cuboid().velo_T_box.translation[None])[0]
     np.testing.assert_allclose(np.array(box.location) - [0, 0.75, 0], middle, atol=1e-9)
-    assert np.degrees(leans([cuboid()], leaning)) == pytest.approx([12], abs=0.01)
-    assert leans([cuboid()], RIG).max() < 1e-6
-    assert len(leans([], RIG)) == 0
+    assert np.degrees(lean_angles([cuboid()], leaning)) == pytest.approx([12], abs=0.01)
+    assert lean_angles([cuboid()], RIG).max() < 1e-6
+    assert len(lean_angles([], RIG)) == 0
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def test_a_box_of_other_axes_fills_the_same_space(turn):
     ]
     gaps = np.linalg.norm(corners[0][:, None] - corners[1], axis=2)
     assert gaps.min(axis=1).max() < 1e-6
-    assert leans([other], RIG).max() < 1e-6
+    assert lean_angles([other], RIG).max() < 1e-6
 
 
 def test_the_heading_of_an_upside_down_box_is_kept():
