@@ -17,10 +17,10 @@ K = np.array([[700.0, 0, 600], [0, 700, 180], [0, 0, 1]])
 
 def topic(name, msgtype, *samples, frame='', count=5):
     stamps = [(index + 1) * 100_000_000 for index in range(count)]
-    found = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(samples))
+    survey = TopicSurvey(name, msgtype, stamps, list(stamps), {frame: count}, list(samples))
     if msgtype == types.FIX:
-        found.places = array('d', (49.0, 8.4, 110.0) * found.count)
-    return found
+        survey.positions = array('d', (49.0, 8.4, 110.0) * survey.count)
+    return survey
 
 
 def at(x):
@@ -37,7 +37,7 @@ def compressed(name, form='png', frame=''):
 
 
 def info(name, frame='', d=(), model='plumb_bob'):
-    look = SimpleNamespace(
+    message = SimpleNamespace(
         width=0,
         height=0,
         k=K.ravel(),
@@ -46,13 +46,13 @@ def info(name, frame='', d=(), model='plumb_bob'):
         p=np.column_stack([K, np.zeros(3)]).ravel(),
         distortion_model=model,
     )
-    return topic(name, types.CAMERA_INFO, look, frame=frame)
+    return topic(name, types.CAMERA_INFO, message, frame=frame)
 
 
 def cloud(name, *fields, frame='lidar', width=100, count=5):
     names = ('x', 'y', 'z', *fields)
-    parts = [SimpleNamespace(name=each, offset=0, datatype=7, count=1) for each in names]
-    look = SimpleNamespace(fields=parts, width=width, height=1)
-    # Too short to be read: it tells no intensity.
-    look.__dict__.update(point_step=4, row_step=0, is_bigendian=False, data=np.zeros(0, np.uint8))
-    return topic(name, types.CLOUD, look, frame=frame, count=count)
+    parts = [SimpleNamespace(name=name, offset=0, datatype=7, count=1) for name in names]
+    sample = SimpleNamespace(fields=parts, width=width, height=1)
+    # Too short to be read: without intensity.
+    sample.__dict__.update(point_step=4, row_step=0, is_bigendian=False, data=np.zeros(0, np.uint8))
+    return topic(name, types.CLOUD, sample, frame=frame, count=count)

@@ -522,7 +522,7 @@ class _SurveyPass:
         self._decode_lent = Decoder(messages.typestore, lent=True)
         self._bodies: dict[str, bytes] = {}
         self._contents: dict[tuple[str, bytes], Any] = {}
-        self._values_of: dict[str, set[tuple[int, int]]] = defaultdict(set)
+        self._seen_boxes: dict[str, set[tuple[int, int]]] = defaultdict(set)
         self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self._links = LinkTally()
         self._calibrations: list[tuple[int, TextFile]] = []
@@ -613,8 +613,8 @@ class _SurveyPass:
             _count_classes(topic, sample)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(sample))
         if topic.msgtype == FIX:
-            topic.places = topic.places or array('d')
-            topic.places.extend(position_of(sample))
+            topic.positions = topic.positions or array('d')
+            topic.positions.extend(position_of(sample))
         elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
             self._enter_turn(topic, message, sample)
 
@@ -650,7 +650,7 @@ class _SurveyPass:
     def _enter_copy(self, topic: TopicSurvey, message: BagMessage) -> None:
         """Enter a message with boxes that is the same as an earlier one."""
         if topic.msgtype in BOXES:
-            keys = self._values_of[topic.name]
+            keys = self._seen_boxes[topic.name]
             key = topic.header_ns[-1], hash(body_after_header(message.data))
             if key in keys:
                 topic.copies.append(topic.count - 1)

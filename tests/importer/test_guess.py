@@ -212,7 +212,7 @@ def test_a_unit_that_measures_goes_before_one_that_does_not():
     for name, value in (('/a', 0.0), ('/z', 9.8)):
         topics.append(topic(f'{name}/imu', types.IMU, imu_with(value), frame='lidar'))
         topics.append(topic(f'{name}/fix', types.FIX, fix_at(value), frame='lidar'))
-        topics[-1].places = array('d', position_of(fix_at(value)))
+        topics[-1].positions = array('d', position_of(fix_at(value)))
     plan = guess(*topics, layout=Layout.RAW).plan
     assert (plan.imu, plan.fix) == ('/z/imu', '/z/fix')
 
