@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.recording import ReadableRecording
-    from ..options.stack_catalogue import Included, Stack
+    from ..options.stack_catalogue import LaunchFile, Stack
     from ..options.table import Settings
 
 
@@ -239,7 +239,7 @@ def _node(node: Node, parameters: Sequence[str]) -> _Call:
     return _Call('ComposableNodeContainer', (), outer)
 
 
-def _included(included: Included) -> list[object]:
+def _included(included: LaunchFile) -> list[object]:
     variables = [_Call('SetEnvironmentVariable', pair) for pair in included.environment.items()]
     share = _Call('FindPackageShare', (included.package,))
     file = _Call('PathJoinSubstitution', ([share, included.file],))
@@ -345,7 +345,7 @@ def write_setup(
 def _imu_notes(stack: Stack, recording: ReadableRecording, rate_hz: float) -> list[str]:
     topic = stack.topics.get(IMU, IMU)
     if {Stream.OXTS, Stream.OXTS_EXTRACT} & recording.streams.keys():
-        return stack.notes_of_imu(topic, rate_hz)
+        return stack.imu_notes(topic, rate_hz)
     missing = f'{stack.name} reads {topic}: {recording.name} has no packets of the GPS/IMU unit'
     return [missing] if stack.imu_hz else []
 

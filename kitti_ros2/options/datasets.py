@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from ..model.errors import UsageError
 from .declare import (
+    accepts,
     check_bounds,
     choice,
     fsync_option,
-    given_as,
     make_options,
     option,
     options_of,
@@ -370,7 +370,7 @@ class ExtractOptions:
         check_bounds(self, 'max_ratio')
 
 
-@given_as(keyword='OneOrMore')
+@accepts(keyword='OneOrMore')
 def parse_categories(name: str, value: object) -> tuple[str, ...]:
     """Parse categories of raw drives, separated by commas."""
     return parse_texts(name, value)

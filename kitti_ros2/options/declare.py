@@ -36,11 +36,11 @@ _WHOLE = re.compile(r'-?\d{1,100}', re.ASCII)
 _BEYOND = 10**100
 
 
-_GIVEN: dict[Parser, tuple[Any, str, str]] = {}
+_ACCEPTED: dict[Parser, tuple[Any, str, str]] = {}
 _ONE_WORD = str, '', 'str'
 
 
-def given_as(
+def accepts(
     kind: Any = str,  # noqa: ANN401 - a type
     placeholder: str = '',
     keyword: str = '',
@@ -55,7 +55,7 @@ def given_as(
     """
 
     def keep(parse: P) -> P:
-        _GIVEN[parse] = kind, placeholder, keyword or kind.__name__
+        _ACCEPTED[parse] = kind, placeholder, keyword or kind.__name__
         return parse
 
     return keep
@@ -68,7 +68,7 @@ def parse_text(name: str, value: object) -> str:
     raise UsageError(f'{name} takes a word, not {shown(value)}')
 
 
-@given_as(list[str], 'NAME...', keyword='OneOrMore')
+@accepts(list[str], 'NAME...', keyword='OneOrMore')
 def parse_texts(name: str, value: object) -> tuple[str, ...]:
     """Parse a list of words, or words separated by commas or spaces."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -77,7 +77,7 @@ def parse_texts(name: str, value: object) -> tuple[str, ...]:
     )
 
 
-@given_as(bool)
+@accepts(bool)
 def parse_flag(name: str, value: object) -> bool:
     """Parse true or false."""
     if isinstance(value, bool):
@@ -85,7 +85,7 @@ def parse_flag(name: str, value: object) -> bool:
     raise UsageError(f'{name} takes true or false, not {shown(value)}')
 
 
-@given_as(int, 'N')
+@accepts(int, 'N')
 def parse_integer(name: str, value: object) -> int:
     """Parse a whole number."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) < _BEYOND:
@@ -95,7 +95,7 @@ def parse_integer(name: str, value: object) -> int:
     raise UsageError(f'{name} takes a whole number, not {shown(value)}')
 
 
-@given_as(float, 'X')
+@accepts(float, 'X')
 def parse_number(name: str, value: object) -> float:
     """Parse a number."""
     if isinstance(value, float):
@@ -114,19 +114,19 @@ def parse_rounds(name: str, value: object) -> int:
     return parse_integer(name, value)
 
 
-@given_as(Path, 'PATH', keyword='AnyPath')
+@accepts(Path, 'PATH', keyword='AnyPath')
 def parse_path(name: str, value: object) -> Path:
     """Parse a path or a URL."""
     return value if isinstance(value, Path) else as_path(parse_text(name, value))
 
 
-@given_as(keyword='OneOrMore')
+@accepts(keyword='OneOrMore')
 def parse_columns(name: str, value: object) -> ScanColumns:
     """Parse the columns of scans, as a text or a list of words."""
     return ScanColumns.parse(' '.join(parse_texts(name, value)))
 
 
-@given_as(list[str], keyword='AnyPath | Sequence[AnyPath]')
+@accepts(list[str], keyword='AnyPath | Sequence[AnyPath]')
 def parse_paths(name: str, value: object) -> tuple[Path, ...]:
     """Parse a path or a list of paths, which may contain blanks and commas."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -167,7 +167,7 @@ def parse_bytes(text: str) -> int:
     return int(float(match[1]) * (1024 if match[3] else 1000) ** _POWERS[match[2]])
 
 
-@given_as(keyword='int | str')
+@accepts(keyword='int | str')
 def parse_size(name: str, value: object) -> int:
     """Parse a size such as 2GB."""
     try:
@@ -176,7 +176,7 @@ def parse_size(name: str, value: object) -> int:
         raise UsageError(f'{name} takes a size such as 2GB, not {shown(value)}') from None
 
 
-@given_as(keyword='int | str')
+@accepts(keyword='int | str')
 def parse_split_size(name: str, value: object) -> int:
     """Parse the size of one file of a bag, such as 2GB; below 1MB the unit is likely missing."""
     size = parse_size(name, value)
@@ -187,7 +187,7 @@ def parse_split_size(name: str, value: object) -> int:
     return size
 
 
-@given_as(str, 'SECONDS', keyword='float | str')
+@accepts(str, 'SECONDS', keyword='float | str')
 def parse_seconds_ns(name: str, value: object) -> int:
     """Parse seconds such as 60s to nanoseconds."""
     try:
@@ -206,7 +206,7 @@ def parse_epoch(name: str, value: object) -> int:
         ) from None
 
 
-@given_as(keyword='str | Sequence[float]')
+@accepts(keyword='str | Sequence[float]')
 def parse_position(name: str, value: object) -> tuple[float, ...]:
     """Parse numbers in metres, such as x, y and z."""
     items = value if isinstance(value, (list, tuple)) else str(value).replace(',', ' ').split()
@@ -218,7 +218,7 @@ def parse_position(name: str, value: object) -> tuple[float, ...]:
         ) from None
 
 
-@given_as(keyword='str | Sequence[float]')
+@accepts(keyword='str | Sequence[float]')
 def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     """Parse four numbers in metres: from and to forward, from and to to the left."""
     try:
@@ -232,7 +232,7 @@ def parse_four_numbers(name: str, value: object) -> tuple[float, ...]:
     return back, front, right, left
 
 
-@given_as(list[str], keyword='str | Sequence[float] | Sequence[Sequence[float]]')
+@accepts(list[str], keyword='str | Sequence[float] | Sequence[Sequence[float]]')
 def parse_boxes(name: str, value: object) -> tuple[tuple[float, ...], ...]:
     """Parse boxes, six numbers in metres each: xmin ymin zmin xmax ymax zmax, and the next box."""
     try:
@@ -257,7 +257,7 @@ def _flat(value: object) -> list[object]:
     return [value]
 
 
-@given_as(keyword='str | Sequence[float | None]')
+@accepts(keyword='str | Sequence[float | None]')
 def parse_span(name: str, value: object) -> tuple[float, float]:
     """Parse the lowest and the highest value, MIN:MAX; an end that is left out is infinite."""
     try:
@@ -272,7 +272,7 @@ def parse_span(name: str, value: object) -> tuple[float, float]:
     return -math.inf if low is None else low, math.inf if high is None else high
 
 
-@given_as(keyword='str | Sequence[int]')
+@accepts(keyword='str | Sequence[int]')
 def parse_image_size(name: str, value: object) -> tuple[int, int]:
     """Parse the width and the height of images in pixels, such as 1242x375."""
     text = 'x'.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
@@ -284,7 +284,7 @@ def parse_image_size(name: str, value: object) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-@given_as(list[str], keyword='str | Sequence[float | str]')
+@accepts(list[str], keyword='str | Sequence[float | str]')
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
     """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
     from fractions import Fraction  # noqa: PLC0415 - for one command
@@ -306,7 +306,7 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
 # Parsers of lists of classes, each with a class, a label or an overlap.
 
 
-@given_as(list[str], keyword='OneOrMore | Mapping[str, str]')
+@accepts(list[str], keyword='OneOrMore | Mapping[str, str]')
 def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
     """Parse classes of results with KITTI's, such as car=Car 3=Pedestrian, or a mapping.
 
@@ -315,7 +315,7 @@ def parse_class_map(name: str, value: object) -> tuple[tuple[str, str], ...]:
     return _parse_pairs(name, value, 'NAME=CLASS, such as car=Car 3=Pedestrian')
 
 
-@given_as(list[str], keyword='OneOrMore | Mapping[str, str]')
+@accepts(list[str], keyword='OneOrMore | Mapping[str, str]')
 def parse_labels(name: str, value: object) -> tuple[tuple[str, str], ...]:
     """Parse KITTI's classes with labels of Autoware, such as Van=TRUCK Tram=BUS, or a mapping."""
     return _parse_pairs(name, value, 'CLASS=LABEL, such as Van=TRUCK Tram=BUS')
@@ -339,7 +339,7 @@ def _parse_pairs(name: str, value: object, form: str) -> tuple[tuple[str, str], 
     return tuple(pairs)
 
 
-@given_as(list[str], keyword='OneOrMore | Mapping[str, float | None]')
+@accepts(list[str], keyword='OneOrMore | Mapping[str, float | None]')
 def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | None], ...]:
     """Parse class names, each alone or with an overlap, such as car truck=0.5, or a mapping."""
     if isinstance(value, dict):
@@ -358,7 +358,7 @@ def parse_class_overlaps(name: str, value: object) -> tuple[tuple[str, float | N
         ) from None
 
 
-@given_as(list[str], keyword='float | str | Sequence[str]')
+@accepts(list[str], keyword='float | str | Sequence[str]')
 def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     """Parse an IoU of all classes, such as 0.5, and those of some, such as Car=0.7."""
     items = value if isinstance(value, (list, tuple)) else [value]
@@ -380,9 +380,7 @@ def parse_least_overlaps(name: str, value: object) -> LeastOverlaps:
     return LeastOverlaps(tuple(sorted(overlaps.items())), others)
 
 
-# Declaration of an option, once, on the field of the options object that it fills.
-#
-# The command line, YAML files, ROS parameters and the reference's tables take it from there.
+# Declaration of an option: a field of the options object that it fills.
 
 T = TypeVar('T')
 
@@ -432,19 +430,19 @@ class Option:
     @property
     def kind(self) -> Any:  # noqa: ANN401 - a type
         """Type of the value on the command line."""
-        return _GIVEN.get(self.parse, _ONE_WORD)[0]
+        return _ACCEPTED.get(self.parse, _ONE_WORD)[0]
 
     @property
     def placeholder(self) -> str:
         """Placeholder of the value in help texts; empty for a flag, and for a plain word."""
         if self.choices and not self.metavar:
             return f'[{"|".join(self.choices)}]'
-        return self.metavar or _GIVEN.get(self.parse, _ONE_WORD)[1]
+        return self.metavar or _ACCEPTED.get(self.parse, _ONE_WORD)[1]
 
     @property
     def keyword_type(self) -> str:
         """Type of the keyword of the library."""
-        written = _GIVEN.get(self.parse, _ONE_WORD)[2]
+        written = _ACCEPTED.get(self.parse, _ONE_WORD)[2]
         return f'{written} | None' if self.default is None else written
 
     @property

@@ -13,10 +13,10 @@ from ..model.bag_formats import CONTAINERS
 from ..model.errors import UsageError, not_one_of
 from ..model.streams import GeoOrigin, Layout
 from .declare import (
+    accepts,
     check_bounds,
     choice,
     fsync_option,
-    given_as,
     option,
     parse_flag,
     parse_four_numbers,
@@ -125,7 +125,7 @@ class BagOptions:
 # Options of the conversion from bags to a KITTI data set.
 
 
-@given_as(keyword='str | Sequence[float]')
+@accepts(keyword='str | Sequence[float]')
 def parse_origin(name: str, value: object) -> str:
     """Parse LAT,LON,ALT, degrees and metres."""
     text = ','.join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

@@ -12,9 +12,9 @@ from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
 from ..model.errors import UsageError
 from ..model.streams import NS_PER_S, Layout, format_stamp, parse_seconds, parse_stamp
 from .declare import (
+    accepts,
     check_bounds,
     choice,
-    given_as,
     make_options,
     option,
     parse_columns,
@@ -256,7 +256,7 @@ class Bound:
         return any(ours is not None and other is not None and ours < other for ours, other in pairs)
 
 
-@given_as(keyword='int | str')
+@accepts(keyword='int | str')
 def parse_bound(name: str, value: object) -> Bound:
     """Parse the start or end of a selection."""
     return Bound.parse(parse_text(name, value))

@@ -67,7 +67,7 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Included:
+class LaunchFile:
     """A launch file of the stack itself.
 
     Attributes:
@@ -142,7 +142,7 @@ class Stack:
     moving: tuple[tuple[str, str], ...] = ()
     publishes: tuple[str, ...] = ()
     result: Result = field(default_factory=Result)
-    launch: tuple[Node | Included, ...] = ()
+    launch: tuple[Node | LaunchFile, ...] = ()
     start: str = ''
     parameter_files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     opencv: bool = False
@@ -158,7 +158,7 @@ class Stack:
         """Names of frames that it expects, by field of FrameNames."""
         return FRAMES.get(StackName(self.name), {})
 
-    def notes_of_imu(self, topic: str, rate_hz: float) -> list[str]:
+    def imu_notes(self, topic: str, rate_hz: float) -> list[str]:
         """Return a note if the rate of the Imu on a topic is too low."""
         if rate_hz >= _SLACK * self.imu_hz:
             return []

@@ -210,7 +210,7 @@ def stack_notes(
     if imu is not None and stack.imu_hz:
         stamps = [entry.stamp_ns for entry in schedule if entry.stream is imu.stream]
         rate = 1e9 / float(np.median(np.diff(stamps))) if len(set(stamps)) > 1 else np.inf
-        notes += stack.notes_of_imu(imu.topic, rate)
+        notes += stack.imu_notes(imu.topic, rate)
     return notes
 
 
