@@ -59,7 +59,7 @@ class Appending:
     Attributes:
         stage: The folder to build the new frames in, as if it were the set.
         first: The number of the first new frame.
-        notes: What was done about an earlier, interrupted append.
+        notes: Treatment of an earlier, interrupted append.
     """
 
     stage: Path
@@ -100,7 +100,7 @@ def appended(out: Path, split: str, *, fsync: bool = True) -> Iterator[Appending
             yield Appending(stage, first, notes)
             _commit(out, split, fsync=fsync)
         finally:
-            # What cannot be removed now is left to the next run.
+            # The next run removes the rest.
             with suppress(OSError, MemoryError), deferred_signals():
                 _recover(out)
             if os.path.lexists(out / FOLDER / JOURNAL):

@@ -73,7 +73,7 @@ def target_paths(files: Sequence[str], archive: str) -> list[str]:
 
 
 def is_kitti(file: str, archive: str) -> bool:
-    """Whether a file of an archive is in a folder of KITTI's."""
+    """Return whether a file of an archive is in a folder of KITTI's."""
     return bool(_locate(tuple(file.split('/')), archive)[1])
 
 
@@ -91,14 +91,14 @@ def paths_below(root: Path, paths: Sequence[str]) -> list[str]:
 
 
 def is_part_of_set(folder: str) -> bool:
-    """Whether a folder is named like a part of a data set: a split, a date, a drive, sequences."""
+    """Return whether a folder has the name of a split, a date, a drive or sequences."""
     return folder in _PARTS_OF_SETS or bool(
         names.RAW_DRIVE.fullmatch(folder) or names.RAW_DATE.fullmatch(folder)
     )
 
 
 def is_top(folder: str) -> bool:
-    """Whether a folder is one that KITTI's archives have at their top."""
+    """Return whether a folder is one that KITTI's archives have at their top."""
     top_names = (*names.SPLITS, names.DATASET, names.IMAGE_SETS)
     return folder in top_names or bool(
         _DEVKIT_NAME.fullmatch(folder) or names.RAW_DATE.fullmatch(folder)
@@ -167,7 +167,7 @@ TRACKING_CALIB = 'data_tracking_calib.zip'
 ODOMETRY_CALIB = 'data_odometry_calib.zip'
 
 _FIRST_ENTRIES = 20
-"""Of a tar: further ones would have to be decompressed."""
+"""Limit for a tar: further ones would have to be decompressed."""
 
 
 def raw_calib(date: str) -> str:
@@ -176,7 +176,7 @@ def raw_calib(date: str) -> str:
 
 
 def is_archive(name: str) -> bool:
-    """Whether a file's name is that of an archive."""
+    """Return whether a file's name is that of an archive."""
     return name.lower().endswith((ZIP, *TAR))
 
 

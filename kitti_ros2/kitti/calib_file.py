@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 # ``P0: 7.2e+02 ...``, in tracking partly without the colon (``R_rect 9.9e-01 ...``). Some values
 # are words (``calib_time: 09-Jan-2012 13:57:47``); numbers are only parsed on request.
 #
-# Exporters of other data sets write placeholders where a rig lacks a sensor: an empty value (View
+# Exporters of other data sets write placeholders for absent sensors: an empty value (View
 # of Delft's Tr_imu_to_velo) or a matrix of zeros (P0, P1, P3 of nuScenes' export_kitti.py). Their
 # keys count as absent.
 
 _MATRIX_SIZES = frozenset({0, 1, 9, 12})
-"""How many zeros make a placeholder; vectors (T, D, S of 3, 5 and 2 numbers) may be zero."""
+"""Numbers of zeros that make a placeholder; vectors (T, D, S of 3, 5 and 2 numbers) may be zero."""
 
 _LINE = re.compile(r'(?P<key>[A-Za-z]\w*)(?::|\s)\s*(?P<value>.*)')
 
@@ -173,7 +173,7 @@ class CalibTable:
 
 
 def _is_placeholder(words: list[str]) -> bool:
-    """Whether a value is empty, or a matrix of zeros or NaN."""
+    """Return whether a value is empty, or a matrix of zeros or NaN."""
     if len(words) not in _MATRIX_SIZES:
         return False
     try:
@@ -213,7 +213,7 @@ def parse_calibration(text: str, path: Path, name: str, source: str = '') -> Cal
         text: The file's content.
         path: For the errors.
         name: The file's name relative to the recording's root.
-        source: Where a calibration with the scanner can be had, for the errors.
+        source: Origin of a calibration with the scanner, for the errors.
 
     Raises:
         BadFileError: A line has no key, or the file is empty; an invalid number only makes its part
@@ -315,9 +315,9 @@ def parse_raw_calibration(
 
     Args:
         texts: File name to content, for the files that exist.
-        folder: Where they are, for the errors.
+        folder: Their folder, for the errors.
         rectified: False for extract drives.
-        source: Where absent files can be had, for the errors.
+        source: Origin of absent files, for the errors.
         day: The drive's, such as 2011_10_03; a note says if KITTI's calibration is of another.
     """
     parts = _RawParts(texts, folder, source)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Stamps of the packets of an unsynchronised drive: repeats, gaps, and evenly spaced stamps.
 #
-# The unit sends 100 packets a second; a packet is stamped when it arrives. Irregular in KITTI:
+# The GPS/IMU sends 100 packets a second; a packet is stamped when it arrives. Irregular in KITTI:
 #
 # - Packets that come twice, with the stamps of the first time: in 2011_09_26_drive_0028_extract the
 #   stamps step back by 0.05 s at 28 places, after which the last 6 packets are repeated

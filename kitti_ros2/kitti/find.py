@@ -101,14 +101,14 @@ def _is_drive(path: Path) -> bool:
 
 
 def _has_frames(path: Path) -> bool:
-    """Whether the sub-folders contain images or scans, whatever their names."""
+    """Return whether the sub-folders contain images or scans, whatever their names."""
     return _has_files(path, (names.BIN,), names.SCANS) or _has_files(
         path, names.IMAGE_SUFFIXES, *names.OBJECT_IMAGES
     )
 
 
 def _has_object_text(path: Path) -> bool:
-    """Whether the sub-folders contain texts of frames.
+    """Return whether the sub-folders contain texts of frames.
 
     Calibrations of four digits alone are those of tracking sequences, and a folder calib may be
     anyone's.
@@ -124,7 +124,7 @@ def _has_object_text(path: Path) -> bool:
 def _has_files(
     path: Path, suffixes: tuple[str, ...], *folders: str, digits: int | None = None
 ) -> bool:
-    """Whether one of the sub-folders has a file of a suffix; of so many digits, if given."""
+    """Return whether one of the sub-folders has a file of a suffix; of so many digits, if given."""
     present = STORE.names(path)
     return any(
         suffix.lower() in suffixes and (digits is None or _is_number(stem, digits))
@@ -323,7 +323,7 @@ def _below_root(path: Path, root: Path) -> PurePosixPath:
 
 # The reader and the writer of each layout, and names of its text files.
 #
-# What else differs between layouts is in LayoutTraits.
+# Other differences between layouts are in LayoutTraits.
 
 
 @dataclass(frozen=True)

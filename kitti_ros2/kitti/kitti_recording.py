@@ -472,7 +472,7 @@ class KittiRecording(RecordingPoses):
 
     @property
     def _scan_stamp(self) -> ScanStamp:
-        """The moment of a scan that is its stamp; a compensated scan has no start of a turn."""
+        """The time of a scan that is its stamp; a compensated scan has no start of a turn."""
         return self.options.scan_stamp if self.turns else ScanStamp.FORWARD
 
     def _verbatim(self, path: Path, text: str) -> TextFile:
@@ -566,8 +566,8 @@ def image_size(
     Args:
         recording: The recording.
         camera: KITTI index.
-        number: Of the frame.
-        otherwise: What else the user can do, the end of the error.
+        number: File number of the frame.
+        otherwise: The remedy, the end of the error.
 
     Raises:
         MissingDataError: The size is not known.

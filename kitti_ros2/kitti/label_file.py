@@ -106,7 +106,7 @@ def parse_track(line: str, path: Path | str, number: int) -> Box | BadFileError:
     Args:
         line: The line.
         path: For the error.
-        number: Of the line, from 1.
+        number: Line number, from 1.
     """
     try:
         return _parse_tracked(line)
@@ -324,7 +324,7 @@ class ResultFiles:
         frames: How the frames are named.
 
     Raises:
-        UsageError: The path contains no result file; the message says what to give.
+        UsageError: The path contains no result file; the message names the remedy.
         BadFileError: A tracker's file is no text, or no line begins with a frame number.
         OSError: It cannot be read.
     """
@@ -418,7 +418,7 @@ def find_frame_files(path: Path, digits: int = FRAME_DIGITS) -> Path | None:
 
     Args:
         path: A folder.
-        digits: Of the names; SEQUENCE_DIGITS for a tracker's files.
+        digits: Digits of the names; SEQUENCE_DIGITS for a tracker's files.
     """
     return next((folder for folder in (path, path / _DATA) if _named_by(folder, digits)), None)
 
@@ -441,7 +441,7 @@ def number_text(name: str) -> str:
 
 
 def _are_labels(folder: Path, texts: Sequence[str]) -> bool:
-    """Whether files of other names than KITTI's hold labels of a frame each."""
+    """Return whether files of other names than KITTI's hold labels of a frame each."""
     for name in texts:
         try:
             lines = STORE.read_text(folder / name).split('\n', 1)

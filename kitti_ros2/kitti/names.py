@@ -29,7 +29,7 @@ _NUMBER = re.compile(r'[0-9]+')
 
 _MOST_SHOWN = 80
 MOST_DIGITS = 12
-"""Of the numbers in the description of a bag."""
+"""Limit for numbers in the description of a bag."""
 RAW_DIGITS = 10
 FRAME_DIGITS = 6
 SEQUENCE_DIGITS = 4
@@ -94,12 +94,12 @@ POINT_LABELS = 'labels'
 PNG = '.png'
 JPEGS = ('.jpg', '.jpeg')
 IMAGE_SUFFIXES = (PNG, *JPEGS)
-"""Of images, in any case; KITTI's own first."""
+"""Suffixes of images, in any case; KITTI's own first."""
 OTHER_FORMATS = frozenset({
     '.bmp', '.gif', '.jp2', '.pgm', '.ppm', '.tif', '.tiff', '.webp',
     '.csv', '.las', '.laz', '.npy', '.npz', '.pcd', '.ply', '.json', '.xml',
 })  # fmt: skip
-"""Of images, scans and labels that are not read."""
+"""Suffixes of images, scans and labels that are not read."""
 BIN = '.bin'
 TXT = '.txt'
 LABEL = '.label'
@@ -121,12 +121,12 @@ def number_of(stem: str) -> int | None:
 
 @dataclass(frozen=True, eq=False)
 class FileNames:
-    """How the files of a folder, or the frames of a recording, are named.
+    """The names of the files of a folder, or of the frames of a recording.
 
     Attributes:
         digits: The digits of numbers, filled with zeros.
         suffix: The suffix of most files; empty for the frames of a recording.
-        stems: Where names are no numbers: the stem of each frame, whose number is its place here.
+        stems: If names are no numbers, the stem of each frame, whose number is its index here.
         others: The whole names of files with other digits or another suffix, by number.
     """
 
@@ -164,7 +164,7 @@ FRAME_NAMES = 'names'
 
 
 SIX_DIGITS = FileNames(FRAME_DIGITS)
-"""Of KITTI's frames but for raw drives."""
+"""Names of KITTI's frames but for raw drives."""
 
 
 def describe_names(names: FileNames) -> dict[str, object]:
@@ -224,8 +224,8 @@ def find_numbered(
 
     Args:
         entries: The names.
-        suffixes: Those of the files, in lower case, KITTI's own first.
-        digits: Those of KITTI's names.
+        suffixes: Suffixes of the files, in lower case, KITTI's own first.
+        digits: Digits of KITTI's names.
         frames: The names of the frames, where they are no numbers.
     """
     frames = frames or FileNames(digits)
@@ -308,7 +308,7 @@ def find_frames(folders: Iterable[tuple[Sequence[str], tuple[str, ...]]], digits
 
     Args:
         folders: The names in each folder, and the suffixes of its files.
-        digits: Those of KITTI's names.
+        digits: Digits of KITTI's names.
     """
     frame_stems: set[str] = set()
     for entries, suffixes in folders:
@@ -381,7 +381,7 @@ class ImageSet:
     Attributes:
         entries: The names, each once, in the order of the file.
         invalid: Reasons of the lines that are no name, with file and line.
-        repaired: What a reader may not accept: repeated, blank, CRLF or short lines.
+        repaired: Lines that a reader may not accept: repeated, blank, CRLF or short lines.
     """
 
     entries: tuple[str, ...]

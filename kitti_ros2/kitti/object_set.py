@@ -45,7 +45,7 @@ class DriveFrame(NamedTuple):
     """A file number of a raw drive.
 
     Attributes:
-        drive: Such as 2011_09_26_drive_0005_sync.
+        drive: Name, such as 2011_09_26_drive_0005_sync.
         number: The file number.
     """
 
@@ -289,7 +289,7 @@ class DriveStamps:
     """The true stamps of object frames, read from the raw drives; each file is read once.
 
     Args:
-        mapping: Of the object frames.
+        mapping: Mapping of the object frames.
         raw: The folder of the dates, or of the drives.
         numbers: The object frames.
     """

@@ -370,7 +370,7 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 
 
 def _is_plain(folder: Path) -> bool:
-    """Whether a folder holds files of KITTI's endings at their places only, and no links."""
+    """Return whether a folder holds files of KITTI's endings at their places only, and no links."""
     if is_remote(folder):
         return all(map(_is_of_data_set, map(PurePosixPath, objects_at(folder))))
     for root, folders, files in os.walk(folder):
@@ -382,7 +382,7 @@ def _is_plain(folder: Path) -> bool:
 
 
 def _is_of_data_set(path: PurePath) -> bool:
-    """Whether a data set has such a file, by its path in the folder; images are a camera's."""
+    """Return whether a data set has such a file, by its path in the folder."""
     suffix = path.suffix.lower()
     if suffix in names.IMAGE_SUFFIXES:
         return any(part.startswith('image_') for part in path.parts[:-1])
@@ -398,7 +398,7 @@ def _is_of_data_set(path: PurePath) -> bool:
 _MOST_LEVELS = 4
 _MOST_FOLDERS = 300
 _MOST_ENTRIES = 1000
-"""Of one folder."""
+"""Limit for one folder."""
 _MOST_ARCHIVES = 20
 """Opened, and in a command."""
 
@@ -516,7 +516,7 @@ def _around(path: Path) -> DataSet | None:
 
 
 def is_inside(name: str) -> bool:
-    """Whether a name is one of those in a data set, also of data that others add to KITTI's."""
+    """Return whether a name is one of a data set, also of data that others add to KITTI's."""
     return (
         name in _FOLDERS
         or name.startswith(('image_', 'velodyne_', 'label_'))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What options ask of an opened recording: motion compensation, stereo pairs, predictions."""
+"""Options applied to an opened recording: motion compensation, stereo pairs, predictions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 # median, and up to 0.90 m/s). Odometry has poses alone: there the motion is that of the steps
 # between neighbouring poses. Before the first and after the last, the nearest twist goes on.
 #
-# Every moment of a turn must be within two turns (0.2 s) of a packet or pose.
+# Every time of a turn must be within two turns (0.2 s) of a packet or pose.
 
 _REACH_TURNS = 2
 _FEWEST_POSES = 2  # which have no velocity, unlike a packet
@@ -95,10 +95,10 @@ def prepare_motion(recording: KittiRecording) -> None:
 
 
 def scan_at(recording: MovingRecording, number: int, to_ns: int) -> Scan:
-    """Read a scan with its points as they would have been measured at one moment.
+    """Read a scan with its points as they would have been measured at one time.
 
     Raises:
-        MissingDataError: There are no packets or poses near its turn and the moment, or the time of
+        MissingDataError: There are no packets or poses near its turn and the time, or the time of
             the points is not known.
         KittiRos2Error: The scan cannot be read.
         OSError: The same.
@@ -123,7 +123,7 @@ def scan_at(recording: MovingRecording, number: int, to_ns: int) -> Scan:
 def _compensated(
     recording: KittiRecording, turns: Mapping[int, Turn], number: int, scan: Scan
 ) -> Scan:
-    """Return a scan compensated for motion, at the moment of facing forward."""
+    """Return a scan compensated for motion, at the time of facing forward."""
     turn = turns[number]
     motion = _motion(recording, number, turn, turn.forward_ns)
     return replace(scan, points=compensate(scan.points, turn, motion, turn.forward_ns), turn=None)
@@ -176,13 +176,13 @@ def _motion(recording: MovingRecording, number: int, turn: Turn, target_ns: int)
 def _motion_between(
     recording: MovingRecording, number: int, span: tuple[int, int], length_ns: int
 ) -> ScannerMotion:
-    """Return the motion of the scanner from the packets or poses near two moments.
+    """Return the motion of the scanner from the packets or poses near two times.
 
     Args:
         recording: The recording.
         number: The scan, for its calibration.
-        span: The moments, nanoseconds.
-        length_ns: Of a turn of the scanner.
+        span: The times, nanoseconds.
+        length_ns: Duration of a turn of the scanner.
 
     Raises:
         MissingDataError: There are none near.
@@ -215,7 +215,7 @@ def _motion_between(
 def _poses_near(
     recording: MovingRecording, span: tuple[int, int], reach_ns: int
 ) -> dict[int, Pose]:
-    """Return the readable poses near two moments, by ascending stamp."""
+    """Return the readable poses near two times, by ascending stamp."""
     index = recording.streams.get(Stream.POSE)
     if index is None:
         return {}
@@ -225,7 +225,7 @@ def _poses_near(
 
 
 def _near(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> Int64Array:
-    """Return the places of the stamps near two moments, in ascending order, each stamp once."""
+    """Return the indices of the stamps near two times, in ascending order, each stamp once."""
     first, last = span
     within = np.flatnonzero((stamps_ns >= first - reach_ns) & (stamps_ns <= last + reach_ns))
     _, indices = np.unique(stamps_ns[within], return_index=True)
@@ -233,7 +233,7 @@ def _near(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> Int64A
 
 
 def _covers(stamps_ns: Int64Array, span: tuple[int, int], reach_ns: int) -> bool:
-    """Whether each moment of a span is near one of ascending stamps."""
+    """Return whether each time of a span is near one of ascending stamps."""
     if not len(stamps_ns):
         return False
     first, last = span
@@ -294,8 +294,8 @@ def pair_numbers(
 
     Args:
         left_ns: Stamps of the left images, nanoseconds, by file number.
-        right_ns: Those of the right ones.
-        common: Whether a number is the same moment in both.
+        right_ns: Stamps of the right ones.
+        common: Whether a number is the same time in both.
     """
     if common:
         return {number: number for number in right_ns if number in left_ns}

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 # Reader of raw drives: DATE/DATE_drive_NNNN_{sync,extract}.
 #
-# Each stream has its own numbers and its own stamps. In sync the same number is the same moment; in
+# Each stream has its own numbers and its own stamps. In sync the same number is the same time; in
 # extract the numbers of streams are independent and the images are not rectified. Scans are as
 # measured, not compensated for motion.
 

@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 # Start and length of each turn of the scanner.
 #
 # KITTI's HDL-64E turns clockwise seen from above. A turn begins and ends straight behind (azimuth
-# pi and -pi), and the scan's own stamp is the moment at which the scanner faces forward (it
+# pi and -pi), and the scan's own stamp is the time at which the scanner faces forward (it
 # triggers the cameras then): A. Geiger et al., "Vision meets Robotics: The KITTI Dataset", IJRR
-# 2013, section 2. In the raw files that moment is the middle of timestamps_start.txt and
+# 2013, section 2. In the raw files that time is the middle of timestamps_start.txt and
 # timestamps_end.txt, to the nanosecond (drives 0001 and 0005), so the start of a turn is the line
 # of timestamps_start.txt. Turns do not always follow each other without a gap (0001: 96 of 107 do).
 #
 # Object, tracking and raw scans are as measured: each laser's points lie on one line z = T rho + D.
 # Odometry scans do so only after x is moved by 0.8 m azimuth / 2 pi, the car having moved 0.86 m:
-# KITTI has compensated them for motion, and their points are all of one moment.
+# KITTI has compensated them for motion, and their points are all of one time.
 
 _LONGEST_TURN_NS = 1_000_000_000  # an HDL-64E's slowest takes 0.2 s
 
@@ -78,7 +78,7 @@ def scan_stamps(
 ) -> dict[int, int]:
     """Return the stamp of each scan, by file number.
 
-    A turn that begins before 1970, which no stamp can hold, keeps the moment of facing forward.
+    A turn that begins before 1970, which no stamp can hold, keeps the time of facing forward.
     """
     if scan_stamp is ScanStamp.FORWARD:
         return dict(forward_ns)
@@ -113,7 +113,7 @@ class RecordingIndex:
 
     @property
     def file_names(self) -> FileNames:
-        """How most streams name the files of a frame; for lists of frames."""
+        """The file names of a frame in most streams; for lists of frames."""
         digits = [
             listing.names.digits for listing in self._listings.values() if len(listing.numbers)
         ]

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Values = npt.NDArray[np.floating[Any]]
 
 HEAD_BYTES = 1 << 16
-"""Of a scan that are looked at: 4096 points."""
+"""Read of a scan to detect its format: 4096 points."""
 _ENOUGH_BYTES = 1 << 13
 _FEW_BYTES = 1 << 10
 _MOST_SCANS = 8  # small ones, until there is enough
@@ -98,7 +98,7 @@ class Mismatch(NamedTuple):
 
     Attributes:
         problem: A sentence without its subject.
-        remedy: What to do.
+        remedy: The remedy.
         point_bytes: Bytes of a point, 0 if points are not bare; None if it is not known.
     """
 
@@ -215,7 +215,7 @@ def find_mismatch(heads: Sequence[tuple[bytes, int]], points: int | None = None)
 
     Args:
         heads: First bytes and size of each.
-        points: Of the first scan, from its labels; None if they are not known.
+        points: Count of the first scan, from its labels; None if unknown.
     """
     heads = [(head, size) for head, size in heads if size]
     if not heads:
@@ -369,7 +369,7 @@ def _rows(values: Sequence[Values], columns: int) -> list[Values]:
 
 
 def _is_proved(values: Sequence[Values], columns: int) -> bool:
-    """Whether nothing speaks for 4 columns, and x y z of the others are lengths.
+    """Return whether nothing speaks for 4 columns, and x y z of the others are lengths.
 
     Two points of 18 bytes, as of the fields x y z intensity ring, have the size of 9 columns.
     """
@@ -388,9 +388,9 @@ def _is_proved(values: Sequence[Values], columns: int) -> bool:
 
 
 def _is_other(group: Values, points: Values) -> bool:
-    """Whether columns are no points of the scanner of others: seen elsewhere, small, or whole.
+    """Return whether columns are no points of others' scanner: seen elsewhere, small, or whole.
 
-    Points of lasers that look into the sky are 0 or NaN: those tell nothing, unless all are 0.
+    Points of lasers that look into the sky are 0 or NaN: those prove nothing, unless all are 0.
     """
     seen = _is_seen(group)
     if not seen.any():

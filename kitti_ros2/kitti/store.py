@@ -70,7 +70,7 @@ def cached_listing(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path],
 _CHUNK_BYTES = 1 << 20
 
 MOST_BYTES = 256 << 20
-"""Of a file that is read: a scan of KITTI has 2 MB, an image 1 MB."""
+"""Limit for a file that is read: a scan of KITTI has 2 MB, an image 1 MB."""
 
 
 @dataclass(frozen=True, eq=False)

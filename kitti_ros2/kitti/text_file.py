@@ -318,5 +318,5 @@ class PacketFiles:
             return None
 
     def describe(self) -> dict[str, str]:
-        """Return what the description of the recording says of them."""
+        """Return their part of the recording's description."""
         return {'drive': self.drive, 'stamps': self.stamps.value}

@@ -109,7 +109,7 @@ class LayoutWriter:
         STORE.write(self._file(self.depth_folder(camera), number, names.PNG), png)
 
     def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
-        """Write one packet of the GPS/IMU unit, or its line verbatim."""
+        """Write one packet of the GPS/IMU, or its line verbatim."""
         raise self._not_accepted(Stream.OXTS)
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:
@@ -132,7 +132,7 @@ class LayoutWriter:
         """Keep an incomplete frame out of lists of frames; other layouts have none."""
 
     def notes(self) -> list[str]:
-        """Return remarks on what the files cannot hold, once they are written."""
+        """Return notes on what the files cannot hold, once they are written."""
         return []
 
     def close(self) -> None:
@@ -339,7 +339,7 @@ class RawWriter(LayoutWriter):
             STORE.write_text(self.path / names.RAW_TRACKLETS, format_tracklets(self._tracklets()))
 
     def notes(self) -> list[str]:
-        """Return remarks on tracklets, each of which has one class and size."""
+        """Return notes on tracklets, each of which has one class and size."""
         notes = []
         if self._cut:
             notes.append(
@@ -433,7 +433,7 @@ _COLOUR_CAMERA = 2
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """How a set is written.
+    """Options of a written set.
 
     Attributes:
         label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.

@@ -58,7 +58,7 @@ _SAME_PIXEL = 1e-3
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT = 'plumb_bob', 'rational_polynomial', 'equidistant'
 LENS_MODELS = (PLUMB_BOB, RATIONAL, EQUIDISTANT)
-"""Of sensor_msgs/distortion_models.hpp, each with a function of OpenCV."""
+"""Names of sensor_msgs/distortion_models.hpp, each with a function of OpenCV."""
 
 _LENSES = {
     '': PLUMB_BOB,
@@ -176,7 +176,7 @@ class CameraModel:
 
     @property
     def is_as_rectified(self) -> bool:
-        """Whether its images are rectified as they are: D is 0 and K that of P."""
+        """True if its images are rectified as they are: D is 0 and K that of P."""
         plain = self.model in {PLUMB_BOB, RATIONAL} and not self.d.any()
         return plain and not self.turned and has_k_of_p(self.k, self.p)
 
@@ -232,7 +232,7 @@ def camera_model(message: Any) -> CameraModel:  # noqa: ANN401 - of the bag's ty
 
 
 def has_k_of_p(k: Any, p: Any) -> bool:  # noqa: ANN401 - lists or arrays
-    """Whether K, 9 numbers, is the left (3, 3) of P, 12 numbers, to 1e-3 pixels."""
+    """Return whether K, 9 numbers, is the left (3, 3) of P, 12 numbers, to 1e-3 pixels."""
     return np.allclose(_matrix(k, 3), _matrix(p, 4)[:, :3], rtol=0, atol=_SAME_PIXEL)
 
 
@@ -240,7 +240,7 @@ def lens_model(name: str, d: Float64Array) -> str:
     """Return the name that ROS has for a distortion model, plumb_bob for one without distortion.
 
     Args:
-        name: Of any calibration program.
+        name: Lens model of any calibration program.
         d: (n,) its numbers; all 0 is no distortion, but in a fisheye model.
     """
     lower = name.lower()
@@ -249,7 +249,7 @@ def lens_model(name: str, d: Float64Array) -> str:
 
 
 def _is_projection(matrix: Float64Array) -> bool:
-    """Whether a K or P is valid: finite numbers of limited size, focal lengths > 0, invertible."""
+    """Return whether a K or P is valid: finite, of limited size, focal lengths > 0, invertible."""
     if not (np.abs(matrix) <= _LARGEST).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         return False
     return bool(abs(np.linalg.det(matrix[:, :3])) >= _SINGULAR)
@@ -297,8 +297,8 @@ def with_nominal_mounts(
     """Add nominal values to a calibration where the mount of a camera is missing.
 
     Args:
-        calibration: Of a frame.
-        cameras: Those whose images or labels are in messages.
+        calibration: Calibration of a frame.
+        cameras: Cameras whose images or labels are in messages.
         own: Whether each names its own frame.
 
     Returns:

@@ -365,7 +365,7 @@ class LastKeys:
         self._keys: dict[int, Hashable] = {}
 
     def repeats(self, topic: int, key: Hashable) -> bool:
-        """Whether a message has the key of its topic's last one; its key is then the last.
+        """Return whether a message has the key of its topic's last one; its key is then the last.
 
         Messages without a key, None, never repeat.
         """
@@ -422,7 +422,7 @@ _VERSIONS = {
 def lacking_field(typestore: Typestore, msgtype: str) -> str:
     """Return the first missing field or one of another kind, such as header.stamp; empty for none.
 
-    Types that this package does not know have no required fields.
+    Types unknown to this package have no required fields.
     """
     if msgtype not in TYPESTORE.fielddefs:
         return ''
@@ -447,7 +447,7 @@ def lacking_field(typestore: Typestore, msgtype: str) -> str:
 
 
 def _is_number(typestore: Typestore, msgtype: str, path: str) -> bool:
-    """Whether a message has a number at a place such as center.x."""
+    """Return whether a message has a number at a path such as center.x."""
     name, _, inner = path.partition('.')
     fields = dict(typestore.fielddefs[msgtype][1]) if msgtype in typestore.fielddefs else {}
     kind, detail = fields.get(name, (None, ''))
@@ -465,7 +465,7 @@ def _lacking_within(typestore: Typestore, field: FieldDesc) -> str:
 
 
 def _is_alike(field: FieldDesc, expected: FieldDesc) -> bool:
-    """Whether both are numbers, texts, the same message, or arrays of these."""
+    """Return whether both are numbers, texts, the same message, or arrays of these."""
     kind, detail = field
     if kind != expected[0]:
         return False

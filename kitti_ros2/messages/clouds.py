@@ -495,7 +495,7 @@ class TurnTimes:
     """Reads when the first and last points of a topic's messages were measured, in their order."""
 
     def __init__(self) -> None:
-        self._unit_ns = 0  # of the times of points in clouds, once a whole turn has told it
+        self._unit_ns = 0  # of the times of points in clouds, once a whole turn has shown it
 
     def span_ns(self, message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types
         """Return the times of the first and last point, nanoseconds from the stamp.
@@ -525,7 +525,7 @@ class TurnTimes:
 
 
 def has_times(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a message of a type that scans are made from may have times of its points."""
+    """Return whether a message of a type that scans are made from may have times of its points."""
     fields = getattr(message, 'fields', None)
     return fields is None or time_field(message) is not None
 
@@ -545,7 +545,7 @@ def point_span_ns(cloud: PointCloud2) -> tuple[int, int] | None:
 
 
 def has_unexplained_times(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether the points of a cloud have times that differ, and are not those of a turn."""
+    """Return whether the points of a cloud have times that differ, and are not those of a turn."""
     if not hasattr(message, 'fields') or point_span_ns(message) is not None:
         return False
     limits = _least_and_greatest(message)
@@ -557,7 +557,7 @@ def _timed_points(cloud: PointCloud2, unit_ns: int) -> tuple[int, tuple[int, int
 
     Args:
         cloud: Any.
-        unit_ns: Of the times, 0 where only a whole turn tells it.
+        unit_ns: Of the times, 0 where only a whole turn determines it.
     """
     limits = _least_and_greatest(cloud)
     if limits is None:

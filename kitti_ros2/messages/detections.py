@@ -106,7 +106,7 @@ def _add_result(
 
 
 def has_scores(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether boxes are predictions: those with scores that are all 0 or 1 are ground truth."""
+    """Return whether boxes are predictions: scores that are all 0 or 1 are of ground truth."""
     scores = [obj.existence_probability for obj in getattr(message, 'objects', ())]
     for detection in getattr(message, 'detections', ()):
         scores += map(_score, detection.results)
@@ -125,7 +125,7 @@ def cuboids_of_detections(
     result without hypothesis, its id the class, no id or a tracking_id of the detection.
 
     Args:
-        message: Of the bag's own types.
+        message: A message of the bag's own types.
         to_velo: velo_T_frame by frame name.
         scores: Whether the recording has scores, even if these look like ground truth.
 
@@ -222,7 +222,7 @@ def make_cuboids(
     """Make the boxes of a message; also return why others were skipped: ABSURD or UNPLACED.
 
     Args:
-        boxes: Of the bag's types.
+        boxes: Boxes of the bag's types.
         make: Raises ValueError for a box in a frame that is not joined.
 
     Raises:
@@ -368,7 +368,7 @@ def cuboids_of_objects(
     The most probable class is used. A cylinder or a polygon becomes the box around it.
 
     Args:
-        message: Of the bag's own types.
+        message: A message of the bag's own types.
         to_velo: velo_T_frame by frame name.
         scores: Whether existence probabilities are scores.
 
@@ -459,7 +459,7 @@ def cuboids_of_markers(
     supported and skipped, except for those that frame a cube of the same id.
 
     Args:
-        message: Of the bag's own types.
+        message: A message of the bag's own types.
         to_velo: velo_T_frame by frame name.
         scores: Whether to read scores from the captions: car 0.87, or car 87%.
 
@@ -591,7 +591,7 @@ def cuboids_in(
     """Decode a Detection3DArray, DetectedObjects, TrackedObjects or MarkerArray.
 
     Args:
-        message: Of the bag's own types.
+        message: A message of the bag's own types.
         to_velo: velo_T_frame by frame name.
         scores: Whether the boxes have scores.
 

@@ -279,7 +279,7 @@ def encode_prediction_markers(
 
     Args:
         labels: Compared with the predictions.
-        predictions: Those without a 3D box are left out.
+        predictions: Boxes; those without a 3D box are left out.
         stamp_ns: Nanoseconds.
         frame_id: Name of velo_link.
         options: Sizes of markers.

@@ -190,7 +190,7 @@ class MovingTree:
         self.links = FrameTree(static, self._tracks, lost)
 
     def joins(self, target: str, source: str) -> bool:
-        """Whether links join two frames, at some stamps at least."""
+        """Return whether links join two frames, at some stamps at least."""
         try:
             self.links.steps(target, source)
         except MissingDataError:

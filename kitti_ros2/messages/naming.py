@@ -84,7 +84,7 @@ class Naming:
         """Return the last part of an image topic's name in the preset default.
 
         Args:
-            layout: Of the recording.
+            layout: Layout of the recording.
             own: image_rect, or image_raw where the images are not rectified.
         """
         return 'image_raw' if self.raw_images and layout.traits.extracts else own
@@ -119,7 +119,7 @@ def _naming_for(stack: StackName) -> Naming:
 STACK_NAMINGS: Mapping[StackName | None, Naming] = {
     stack: _naming_for(stack) for stack in StackName if stack in TOPICS or stack in FRAMES
 }
-"""Of the stacks that have names of their own; the others take those of the preset."""
+"""Names by stack; stacks that are absent take those of the preset."""
 
 IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
 """The possible names of images. Other versions of kitti2bag write "image"."""
@@ -199,7 +199,7 @@ def map_from_world(start: Start | None, base_t_imu: Transform, kind: MapFrame) -
 
 
 def has_no_gravity(start: Start | None, kind: MapFrame) -> bool:
-    """Whether map is requested to be east-north-up and cannot be."""
+    """Return whether map is requested to be east-north-up and cannot be."""
     return start is not None and not start.level and kind is MapFrame.ENU
 
 
@@ -225,10 +225,10 @@ class Rig:
 
     Attributes:
         frames: Frame names.
-        cameras: Those whose images or labels are in messages.
+        cameras: Cameras whose images or labels are in messages.
         base_t_imu: imu_link in base_link.
         map_T_world: The fixed frame of the reader's poses in map.
-        options: Of the messages.
+        options: Options of the messages.
         tracked: Whether labels have tracks.
     """
 
@@ -354,7 +354,7 @@ def promise(
     A reader of the bag compares the messages with it, so that a lost one is always detected.
 
     Args:
-        description: Of the recording; its files list all numbered files of a stream.
+        description: Description of the recording; its files list all numbered files of a stream.
         carried: By stream with files in messages: the selected numbers; those without a file are
             ignored. The text files are included if Stream.RECORDING is.
         calibrations: Names of the calibration files in messages, if these are not numbered.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """OxtsPacket <-> sensor_msgs/Imu, sensor_msgs/NavSatFix, geometry_msgs/TwistStamped.
 
-A packet of any Imu, NavSatFix and TwistStamped of one moment:
+A packet of any Imu, NavSatFix and TwistStamped of one time:
 
 ======================  ============================================================================
 columns                 from
@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     from .ros_types import Vector3
 
 
-# Covariances of the GPS/IMU unit's messages: one standard deviation each, axes independent.
+# Covariances of the GPS/IMU's messages: one standard deviation each, axes independent.
 #
 # =====================  =============  ============================================================
 # part                   sigma          from
@@ -161,7 +161,7 @@ _MAX_LAT_DEG, _MAX_LON_DEG, _MAX_ALT_M = 89.9, 360.0, 1e5
 
 
 class Mounting(NamedTuple):
-    """How the sensors of a packet are mounted on the unit; lever arms are compensated.
+    """The mounting of a packet's sensors on the GPS/IMU; lever arms are compensated.
 
     Attributes:
         imu_t_frame: The Imu message's frame in KITTI's imu frame (x forward, y left, z up): its
@@ -169,7 +169,7 @@ class Mounting(NamedTuple):
         imu_t_velocity: The same of the TwistStamped.
         imu_t_antenna: The same of the NavSatFix, used where the attitude is known.
         velocity_is_enu: Whether the velocity is along east, north, up instead of the axes of its
-            frame, as receivers with one antenna tell it; its rates are not used then.
+            frame, as receivers with one antenna send it; its rates are not used then.
     """
 
     imu_t_frame: Transform = _IDENTITY
@@ -266,13 +266,13 @@ def make_packet(
     pose: ImuPose | None = None,
     moving: Float64Array | None = None,
 ) -> OxtsPacket | None:
-    """Make the packet of messages of one moment; None where the NavSatFix has no fix.
+    """Make the packet of messages of one time; None where the NavSatFix has no fix.
 
     Args:
         imu: None where the recording has no such stream, as are the others.
         fix: The place of its frame, which is the antenna's (NavSatFix.msg).
         velocity: Along the axes of its frame, as encode_velocity writes it.
-        mounting: Of the sensors.
+        mounting: Mounting of the sensors.
         pose: Place and attitude from another source, which replace those of the messages; rates
             are then those of the velocity, if it has any.
         moving: (3,) m/s east, north, up that the place moves at, of the pose or of the fix; it
@@ -317,7 +317,7 @@ def make_packet(
 
 
 def has_orientation(imu: Imu) -> bool:
-    """Whether an Imu has an orientation; without it a packet's attitude is 0.
+    """Return whether an Imu has an orientation; without it a packet's attitude is 0.
 
     Imu.msg: -1 as the first element of the covariance declares it unknown. Some drivers leave the
     quaternion all zeros instead.
@@ -328,7 +328,7 @@ def has_orientation(imu: Imu) -> bool:
 
 
 def has_fix(fix: NavSatFix) -> bool:
-    """Whether a NavSatFix has a position (status below 0 is no fix) within KITTI's limits.
+    """Return whether a NavSatFix has a position (status below 0 is no fix) within KITTI's limits.
 
     Many receivers say 0, 0 with any status until they have a fix.
     """
@@ -346,7 +346,7 @@ def position_of(fix: NavSatFix | None) -> tuple[float, float, float]:
 
 
 def has_motion(message: Any) -> bool:  # noqa: ANN401 - a TwistStamped or Odometry of the bag
-    """Whether a message with a twist has a velocity that is not 0."""
+    """Return whether a message with a twist has a velocity that is not 0."""
     twist = getattr(message.twist, 'twist', message.twist)
     linear = _values_of(twist.linear)
     return linear is not None and bool((np.abs(linear) > _LEAST_MOTION).any())
@@ -433,7 +433,7 @@ def encode_odometry(
     """Make an Odometry: the pose of base_link in map, and its motion in base_link.
 
     Args:
-        pose: Of imu_link in map.
+        pose: Pose of imu_link in map.
         base_t_imu: imu_link in base_link; the lever arm is compensated.
         stamp_ns: Nanoseconds.
         frames: Names of map and base_link.

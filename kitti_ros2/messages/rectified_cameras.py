@@ -44,7 +44,7 @@ _FILLED = 0.9
 
 
 def needs_rectifying(k: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> bool:
-    """Whether a camera's images are not rectified: False where D is 0 and K is that of P.
+    """Return whether a camera's images are not rectified: False where D is 0 and K is that of P.
 
     K and D describe the images as they are, in the camera's frame; P the rectified ones. Where both
     are the same, there is nothing to rectify, whatever R is: bags of kitti2mcap and others that are
@@ -59,7 +59,7 @@ def needs_rectifying(k: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> bo
 
 
 def has_lens_of_larger_image(camera: CameraModel) -> bool:
-    """Whether K, D and R are of a larger image than the camera's, whose size and P fit each other.
+    """Return whether K, D and R are of a larger image than the camera's, whose size and P agree.
 
     Such images are rectified already. kitti2bag writes sync drives so: K, D and R are those of the
     unrectified camera (1392 x 512), P and the size those of its rectified images (1242 x 375).
@@ -314,9 +314,9 @@ def _viewpoint(
 
     Args:
         tree: The static transforms.
-        index: Of the camera.
+        index: KITTI index of the camera.
         rig: All cameras.
-        chosen: Those that get a viewpoint: only one of them can be the left camera of a frame that
+        chosen: Those with a viewpoint: only one of them can be the left camera of a frame that
             no transform joins.
     """
     model = rig[index]
@@ -349,7 +349,7 @@ def _viewpoint(
 
 
 def _has_both(model: CameraModel, around: Iterable[tuple[CameraModel, Transform | None]]) -> bool:
-    """Whether the tree has the baseline between a camera and another one that P displaces."""
+    """Return whether the tree has the baseline of a camera and another one that P displaces."""
     return any(
         _agree(model.r @ pose.translation, model.offset - other.offset)
         for other, pose in around
@@ -375,7 +375,7 @@ def _is_same(pose: Transform) -> bool:
 
 
 def _agree(position: Float64Array, offset: Float64Array) -> bool:
-    """Whether a frame is at the left camera's position by P, rather than at the same place."""
+    """Return whether a frame is at the left camera's position by P, rather than the same."""
     error = np.linalg.norm(position - offset)
     limit = max(_BASELINE_M, _BASELINE_SHARE * float(np.linalg.norm(offset)))
     return bool(error <= limit and error < np.linalg.norm(position))

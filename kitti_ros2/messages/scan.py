@@ -88,7 +88,7 @@ class PointValues:
 
     Args:
         points: (N, 4) float32.
-        turn: When each direction was scanned; None if all points are of one moment.
+        turn: When each direction was scanned; None if all points are of one time.
         stamp_ns: The cloud's stamp.
         labels: (N,) SemanticKITTI labels, if they are in the cloud.
     """
@@ -127,7 +127,7 @@ class PointValues:
 
     @property
     def is_ordered(self) -> bool:
-        """Whether the points are in the order of the lasers, as in KITTI's files."""
+        """True if the points are in the order of the lasers, as in KITTI's files."""
         return bool(self._counted.max(initial=0) < MOST_LASERS)
 
     @cached_property
@@ -136,7 +136,7 @@ class PointValues:
 
     @property
     def is_timed(self) -> bool:
-        """Whether the points have times."""
+        """True if the points have times."""
         return self._turn is not None
 
     @property
@@ -157,7 +157,7 @@ class PointValues:
 
     @cached_property
     def nanoseconds(self) -> npt.NDArray[np.uint32]:
-        """Nanoseconds since the stamp; 0 before it, and of points that are all of one moment."""
+        """Nanoseconds since the stamp; 0 before it, and of points that are all of one time."""
         return self.nanoseconds_of(self.part)
 
     def nanoseconds_of(self, parts: Float64Array) -> npt.NDArray[np.uint32]:

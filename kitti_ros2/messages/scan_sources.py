@@ -130,7 +130,7 @@ _MM_PER_M = 1000.0
 
 
 def is_depth(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether an Image or CompressedImage is of depth: by its encoding (not mono16) or format."""
+    """Return whether an image is of depth: by its encoding (not mono16) or format."""
     if not hasattr(message, 'format'):
         return message.encoding in {'16UC1', '32FC1'}
     return COMPRESSED_DEPTH in message.format
@@ -235,11 +235,11 @@ def _only_returns(metres: Float64Array) -> Float64Array:
     return metres
 
 
-# The lasers of Velodyne's scanners: angles, offsets and the moments at which they fire.
+# The lasers of Velodyne's scanners: angles, offsets and the times at which they fire.
 #
 # Sources: the user manuals VLP-16 (63-9243), VLP-32C (63-9325) and HDL-32E (63-9277), compared with
 # the calibration files VLP16db.yaml, VeloView-VLP-32C.yaml and 32db.yaml of the ROS driver. A
-# HDL-64E has no table that holds for all: each unit is measured, see parse_lasers.
+# HDL-64E has no common table: each scanner is measured, see parse_lasers.
 
 HDL_64E = 'HDL-64E'
 
@@ -254,7 +254,7 @@ _LASER_PARTS = (
 )
 _MOST_LASERS = 128
 _LARGEST = 100.0
-"""Of an entry: radians or metres."""
+"""Limit of an entry: radians or metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,9 +384,9 @@ def nominal_lasers(name: str) -> Lasers | None:
 
 
 def parse_lasers(text: str, path: Path) -> Lasers:
-    """Parse the calibration of a unit: the YAML of the ROS driver (velodyne_pointcloud/params).
+    """Parse the calibration of a scanner: the YAML of the ROS driver (velodyne_pointcloud/params).
 
-    It is made from the unit's db.xml by gen_calibration.py of that driver. Radians and metres; of
+    It is made from its db.xml by gen_calibration.py of that driver. Radians and metres; of
     each laser the entries laser_id, rot_correction, vert_correction, dist_correction,
     dist_correction_x, dist_correction_y, vert_offset_correction, horiz_offset_correction and
     two_pt_correction_available; missing ones are 0.
@@ -440,7 +440,7 @@ def _number(value: Any) -> float:  # noqa: ANN401 - of any YAML
 # bytes) and reflectivity (1 byte). A distance of 0 is no return. In mode 0x39, dual, two blocks
 # have the same azimuth, one return each; a return that both have is taken once.
 #
-# The azimuth of a value is interpolated to the moment of its firing ("precision azimuth" of the
+# The azimuth of a value is interpolated to the time of its firing ("precision azimuth" of the
 # manuals), not for the HDL-64E, as in the ROS driver. Points are x forward, y left, z up, as the
 # driver has them. Sources: the manuals named in velodyne_models; 63-HDL64ES3.
 
@@ -463,7 +463,7 @@ _BLOCK = np.dtype(
 _PACKET = np.dtype([('blocks', _BLOCK, (_BLOCKS,)), ('time', '<u4'), ('mode', 'u1'), ('id', 'u1')])
 
 _NEAR_X_M, _NEAR_Y_M, _FAR_M = 2.4, 1.93, 25.04
-"""Of the targets at which the distances of a HDL-64E are calibrated (63-HDL64ES3, appendix)."""
+"""Targets at which the distances of a HDL-64E are calibrated (63-HDL64ES3, appendix)."""
 
 NO_DISTANCE = 'distance 0'
 BAD_PACKET = 'a packet that is not 1206 bytes of data with valid flags and azimuths'
@@ -498,8 +498,8 @@ def decode_packets(
 
     Args:
         message: A VelodyneScan of the bag's own types.
-        model: Of the scanner.
-        lasers: Of the model, or of the unit.
+        model: Model of the scanner.
+        lasers: Lasers of the model, or of this scanner.
         intensity_scale: Divisor of the reflectivity.
 
     Raises:
@@ -579,7 +579,7 @@ def _cartesian(
 ) -> Float64Array:
     """Return (N, 3), metres, x forward, y left, z up.
 
-    The sensor's own axes, which the corrections of a unit are given in, are right and forward.
+    The sensor's own axes, which its corrections are given in, are right and forward.
     """
     angle = azimuth + lasers.azimuth[laser]
     sin_turn, cos_turn = np.sin(angle), np.cos(angle)
@@ -607,13 +607,13 @@ _FULL_BYTE = 255.0
 
 @dataclass(frozen=True)
 class ScanNeeds:
-    """What decoders need besides a message.
+    """The parameters of decoders besides a message.
 
     Attributes:
         intensity_scale: Divisor that scales intensities to 0..1.
-        camera: Of depth images.
+        camera: Camera of depth images.
         rectified: Whether depth images are rectified.
-        model, lasers: Of packets.
+        model, lasers: Scanner of packets.
     """
 
     intensity_scale: float = 1.0
@@ -628,13 +628,13 @@ class ScanSource:
     """A way to make scans.
 
     Attributes:
-        word: Of scan.from in a plan.
+        word: Value of scan.from in a plan.
         msgtypes: The message types that it decodes.
         decode: Decodes a message.
         suits: Whether a message of these types is of this source, with points.
         scale: Estimates the divisor of intensities from some messages.
         needs_info: Whether it needs a CameraInfo.
-        has_model: Whether it needs the model of the scanner, or the calibration of a unit.
+        has_model: Whether it needs the model of the scanner, or its own calibration.
         note: A line for the user of such scans, empty for none.
     """
 

@@ -129,7 +129,7 @@ class FrameTree:
         return joined if isinstance(joined, Transform) else None
 
     def joins(self, target: str, source: str) -> bool:
-        """Whether transform has no error for two frames."""
+        """Return whether transform has no error for two frames."""
         return self.anchor(target) == self.anchor(source)
 
     def anchor(self, frame: str) -> str:
@@ -162,7 +162,7 @@ class FrameTree:
         return sorted(filter(self.is_root, self.frames))
 
     def is_root(self, frame: str) -> bool:
-        """Whether a frame, which may be unknown, has no parent."""
+        """Return whether a frame, which may be unknown, has no parent."""
         return not self._parents.get(frame)
 
     def root_of(self, frame: str) -> str:
@@ -372,13 +372,13 @@ def _is_circle(line: list[str]) -> bool:
 
 
 def differ(first: Transform, second: Transform, limit: float) -> bool:
-    """Whether two transforms differ by more than a limit in any element."""
+    """Return whether two transforms differ by more than a limit in any element."""
     with np.errstate(invalid='ignore'):
         return bool((np.abs(first.matrix() - second.matrix()) > limit).any())
 
 
 def _is_rigid(link: Transform) -> bool:
-    """Whether a link is a valid rotation and translation; a quaternion of zeros is NaN here."""
+    """Return whether a link is a valid transform; a quaternion of zeros is NaN here."""
     if not (np.abs(link.matrix()) <= _FARTHEST_M).all() or np.linalg.det(link.rotation) < 0:
         return False
     product = link.rotation @ link.rotation.T
@@ -441,7 +441,7 @@ class Heading:
 
 
 def is_optical(frame: str) -> bool:
-    """Whether a frame's name says that z looks forward."""
+    """Return whether a frame's name says that z looks forward."""
     return bool(_OPTICAL.search(frame))
 
 
@@ -505,7 +505,7 @@ def describe_direction(direction: Float64Array) -> str:
 
 _STILL_M = 1e-6
 _JITTER_M = 5e-4
-"""Of what a rig's own transforms may differ by on /tf, computed anew for each message, say from
+"""Limit by which a rig's own transforms may differ on /tf, computed anew for each message, say from
 float32; less than a calibration is known to. A robot's slow way is none."""
 
 
@@ -597,5 +597,5 @@ def _still(parent: str) -> float:
 
 
 def _is_finite(transform: Transform) -> bool:
-    """Whether no number is NaN or infinite; a quaternion of zeros has become NaN."""
+    """Return whether no number is NaN or infinite; a quaternion of zeros has become NaN."""
     return bool(np.isfinite(transform.matrix()).all())

@@ -439,7 +439,7 @@ class Topic(Channel):
 
     @property
     def is_frame_text(self) -> bool:
-        """Whether each message is the text of a frame: a file, or its lines of a common file."""
+        """True if each message is the text of a frame: a file, or its lines of a common file."""
         return self.restores and not self.latched and not self.on_demand
 
     def serialize(self, sample: Sample, context: EncodeContext) -> list[Parts]:
@@ -555,7 +555,7 @@ def make_table(
     Args:
         cameras: Camera index to name.
         image_topic: One of naming.IMAGE_TOPICS.
-        options: Of the messages.
+        options: Options of the messages.
         packets: The stream of the messages of packets; their texts, which restore the files, are
             always those of OXTS.
     """

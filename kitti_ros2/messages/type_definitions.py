@@ -173,7 +173,7 @@ class LazyClasses(dict[str, Any]):
 
     Args:
         registered: Classes that exist already.
-        definitions: Of all types.
+        definitions: Definitions of all types.
     """
 
     def __init__(self, registered: Mapping[str, Any], definitions: Typesdict) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What bags are made of: containers, channels, message types, and formats of clouds."""
+"""The parts of bags: containers, channels, message types, and formats of clouds."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Container:
 
     Attributes:
         title: Its name for people.
-        suffix: Of its files.
+        suffix: Suffix of its files.
         magic: The first bytes of its files.
         globs: File names that belong to a bag in a directory.
-        side_suffixes: Of files that its library may leave beside.
+        side_suffixes: Suffixes of files that its library may leave beside.
         in_file: Whether a bag can be written to a single file of that suffix.
         in_rosbag2: Whether rosbag2 supports it: a directory then has a metadata.yaml.
-        encoding: Of the messages in it: cdr or ros1.
+        encoding: Encoding of its messages: cdr or ros1.
         compressions: Name of each to its levels; None for one without levels.
         compresses_messages: Whether it is messages that are compressed (rosbag2's message mode).
         stamp_limit_ns: The first log time that it cannot hold.
@@ -154,7 +154,7 @@ class Channel:
 
     @property
     def on_demand(self) -> bool:
-        """Whether its messages are large, so that a player encodes them for subscribers only."""
+        """True if its messages are large, so that a player encodes them for subscribers only."""
         return self.msgtype in LARGE_TYPES
 
 
@@ -193,7 +193,7 @@ class Channel:
 #     distortion_corrector.cpp, undistort_pointcloud, 0f14dfb).
 # - Ouster driver (ouster-ros, include/ouster_ros/os_point.h:22-31, 7ef403d): a struct of PCL,
 #   48 bytes. src/point_cloud_compose.h (8cd6278): ring is the row, the highest laser first (174);
-#   one column a moment; t is nanoseconds since the stamp, 0 where it would be negative (148-149).
+#   one column a time; t is nanoseconds since the stamp, 0 where it would be negative (148-149).
 #   src/impl/cartesian.h:14-22 (8cd6278): range is millimetres; missing returns have NaN for x y z.
 #   Its intensity is a count of photons, for which KITTI has no value: ours is the reflectance, as
 #   reflectivity is in steps of 1/255. LIO-SAM shuts down on clouds that are not dense
@@ -251,9 +251,9 @@ class CloudField:
     Attributes:
         name: As in PointField.
         kind: Its numpy type, little-endian.
-        offset: Of its first byte in the point.
+        offset: Offset of its first byte in the point.
         value: Its value, one of VALUES.
-        timed: Whether it is absent from scans whose points are all of one moment.
+        timed: Whether it is absent from scans whose points are all of one time.
     """
 
     name: str
@@ -276,7 +276,7 @@ class CloudFormat:
         follows: Whose format it is.
         fields: In the order of their offsets.
         point_step: Bytes of a point.
-        order: Of the points. A grid is organised: 64 rows, or 128 for more than 64 lasers, and NaN
+        order: Of points. A grid is organised: 64 rows, or 128 for more than 64 lasers, and NaN
             for missing returns.
         loss: Difference of the points from KITTI's file; '' if the cloud restores the file.
         extensible: Whether fields may follow, such as those of labels.
@@ -291,12 +291,12 @@ class CloudFormat:
 
     @property
     def is_timed(self) -> bool:
-        """Whether points have times; the stamp of the cloud is then the start of the turn."""
+        """True if points have times; the stamp of the cloud is then the start of the turn."""
         return any(field.value in {'seconds', 'nanoseconds'} for field in self.fields)
 
     @property
     def is_unsigned(self) -> bool:
-        """Whether times cannot be negative, so that the stamp must be the start of the turn."""
+        """True if times cannot be negative, so that the stamp must be the start of the turn."""
         return any(field.value == 'nanoseconds' for field in self.fields)
 
     def fields_of(

@@ -78,7 +78,7 @@ class Cuboid:
     """A box in ROS conventions.
 
     Attributes:
-        class_name: Such as Car.
+        class_name: Class, such as Car.
         identity: Unique in its frame: track id, or place in the file.
         velo_T_box: Its own frame (middle, x along the heading, y left, z up) in velo_link.
         size_lwh: Length, width, height along x, y, z, metres.
@@ -234,12 +234,12 @@ def count_points(cuboids: Sequence[Cuboid], points: npt.NDArray[np.float32]) -> 
 
 
 def is_absurd(box: Box) -> bool:
-    """Whether a box has a 3D size that is invalid."""
+    """Return whether a box has a 3D size that is invalid."""
     return has_cuboid(box) and min(box.size_hwl) <= 0
 
 
 def has_cuboid(box: Box) -> bool:
-    """Whether a label has a 3D box; DontCare and 2D detections have -1 for every size."""
+    """Return whether a label has a 3D box; DontCare and 2D detections have -1 for every size."""
     return box.class_name != DONT_CARE and box.size_hwl != (-1.0, -1.0, -1.0)
 
 
@@ -548,7 +548,7 @@ def match(
 
     Args:
         labels: Ground truth, with its DontCare regions.
-        predictions: Of any classes; one without a score is the surest.
+        predictions: Boxes of any classes; one without a score is the surest.
         overlaps: The IoU above which a prediction finds a label.
     """
     predicted = {prediction.class_name.lower() for prediction in predictions}

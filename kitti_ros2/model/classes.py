@@ -44,7 +44,7 @@ KITTI_CLASSES = (
 
 OTHERS = 'Misc'
 """KITTI's class of all other objects, such as trailers. Buses, motorcycles, animals and barriers,
-which KITTI's labels do not tell apart, have no name below: users may want to keep theirs."""
+which KITTI's labels do not distinguish, have no name below: users may want to keep theirs."""
 
 _SEPARATORS = re.compile(r'[\W_]+')
 
@@ -128,7 +128,7 @@ LABEL_OF_CLASS = {
     'Cyclist': AutowareLabel.BICYCLE,
     'Misc': AutowareLabel.UNKNOWN,
 }
-"""Of KITTI's classes; label files, tracking and tracklets spell a sitting person differently."""
+"""KITTI's classes; label files, tracking and tracklets spell a sitting person differently."""
 
 CLASS_OF_LABEL = {
     AutowareLabel.UNKNOWN: 'Misc',
@@ -200,4 +200,4 @@ class LeastOverlaps:
 
 
 KITTI_OVERLAPS = LeastOverlaps()
-"""Those of evaluate_object.cpp of the object devkit; other vehicles are as cars."""
+"""Values of evaluate_object.cpp of the object devkit; other vehicles are as cars."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is told to people: exceptions, losses, suggestions for misspelt names, and safe text."""
+"""Messages to people: exceptions, losses, suggestions for misspelt names, and safe text."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHORT = Repr()
 _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 200
 
-# Of longer words only the beginning and the end are shown.
+# Longer words are shown by their beginning and end.
 _LONG_WORD = re.compile(r'(\S{120})\S{200,}(\S{60})')
 
 
@@ -228,7 +228,7 @@ class BadFileError(KittiRos2Error):
     """Invalid content of a file.
 
     Attributes:
-        remedy: What to do, the end of the message; empty if unknown.
+        remedy: The end of the message; empty if unknown.
     """
 
     def __init__(
@@ -312,7 +312,7 @@ class BadBagError(KittiRos2Error):
     """A path is no readable bag, or a bag does not contain the requested data.
 
     Args:
-        path: What was read.
+        path: The path that was read.
         problem: Predicate about the path.
         expected: Supported content; empty if the problem names it.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What readers of all layouts offer, and what follows from it: times, motion of scans, route."""
+"""The protocol of all readers, and what follows from it: times, motion of scans, route."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class MovingRecording(Protocol):
     Attributes:
         layout: Its layout.
         name: The drive, sequence or split.
-        deskew: What was done to its scans; None: they are those of the files.
+        deskew: Treatment of its scans; None: they are those of the files.
     """
 
     layout: Layout
@@ -129,7 +129,7 @@ class ReadableRecording(MovingRecording, Protocol):
     Attributes:
         root: The folder that the names of its text files are relative to.
         image_topic: image_rect, or image_raw for images that are not rectified.
-        common_numbers: Whether the same number is the same moment in all streams.
+        common_numbers: Whether the same number is the same time in all streams.
         clock: The meaning of its stamps.
     """
 
@@ -169,7 +169,7 @@ class ReadableRecording(MovingRecording, Protocol):
 
     @property
     def notes(self) -> Sequence[str]:
-        """Remarks that are no loss, such as an absent stream."""
+        """Notes, such as on an absent stream."""
         ...
 
     def path(self, stream: Stream, number: int) -> Path:
@@ -214,7 +214,7 @@ def time_span(
     turns: Mapping[int, Turn],
     masks: Mapping[Stream, npt.NDArray[np.bool_]],
 ) -> tuple[int, int] | None:
-    """Return the first and last moment of samples and of the turns of scans; None without any.
+    """Return the first and last time of samples and of the turns of scans; None without any.
 
     Args:
         streams: The samples of a recording.
@@ -260,7 +260,7 @@ def numbers_around(numbers: Int64Array, selected: Int64Array) -> tuple[int, int]
     return lowest, int(after.min()) - 1 if len(after) else _HIGHEST
 
 
-# Motion compensation: the points of a turn of the scanner, moved to one moment, and back.
+# Motion compensation: the points of a turn of the scanner, moved to one time, and back.
 
 _ORDER = 3  # of the terms in time; see _LARGEST_ANGLE of scanner_motion.py
 _PRECISE = 1e-7  # of a turn: 10 ns, in which a car drives less than a micrometre
@@ -268,14 +268,14 @@ _MOST_STEPS = 30
 
 
 class Deskew(str, Enum):
-    """What was done to the scans of a recording: compensated for motion, or that undone."""
+    """The treatment of scans: compensated for motion, or that undone."""
 
     ON = 'on'
     UNDO = 'undo'
 
     @property
     def state(self) -> str:
-        """What the scans are then, and the option that made them so."""
+        """The state of the scans, and the option that caused it."""
         if self is Deskew.ON:
             return 'compensated for motion (--deskew)'
         return 'as measured (--undo-deskew)'
@@ -290,7 +290,7 @@ def turned(points: Float32Array) -> Float64Array:
     kitti_raw loader and CT-ICP's reader do the same.
 
     Args:
-        points: (N, 4), measured in velo_link at different moments (not compensated for motion).
+        points: (N, 4), measured in velo_link at different times (not compensated for motion).
     """
     return turned_to(np.arctan2(points[:, 1], points[:, 0]))
 
@@ -305,13 +305,13 @@ def turned_to(azimuth: Float32Array) -> Float64Array:
 
 
 def compensate(points: Float32Array, turn: Turn, motion: ScannerMotion, to_ns: int) -> Float32Array:
-    """Return (N, 4) points as they would have been measured at one moment.
+    """Return (N, 4) points as they would have been measured at one time.
 
     Args:
         points: (N, 4) in velo_link, each measured when the scanner faced it.
         turn: The turn of the scanner.
         motion: The motion of the scanner; the surroundings are taken as static.
-        to_ns: The moment, nanoseconds since 1970.
+        to_ns: The time, nanoseconds since 1970.
     """
     return _move(points, turned(points), turn, _terms(turn, motion, to_ns))
 
@@ -332,7 +332,7 @@ def undo_compensation(
         points: (N, 4) in velo_link at from_ns.
         turn: The turn of the scanner.
         motion: The motion of the scanner.
-        from_ns: The moment that the points were moved to.
+        from_ns: The time that the points were moved to.
     """
     terms = _terms(turn, motion, from_ns, back=True)
     parts = turned(points)
@@ -357,7 +357,7 @@ def _settle(
     """Iterate to the parts of the turn at which points were measured, in place.
 
     Args:
-        points: (N, 4) of one moment.
+        points: (N, 4) of one time.
         parts: (N,) to begin with.
         turn: The turn of the scanner.
         terms: The displacements back to the time of measurement.
@@ -379,7 +379,7 @@ def _settle(
 
 
 def move_rigidly(points: Float32Array, a_t_b: Float64Array) -> Float32Array:
-    """Return (N, 4) points of one moment, moved by a (4, 4) transform."""
+    """Return (N, 4) points of one time, moved by a (4, 4) transform."""
     moved: Float32Array = points.copy()
     columns = _columns(points)
     with np.errstate(invalid='ignore'):
@@ -404,7 +404,7 @@ class _Terms(NamedTuple):
 def _terms(
     turn: Turn, motion: ScannerMotion, target_ns: int, *, back: bool = False
 ) -> list[_Terms]:
-    """Return the displacements from the time of measurement to a moment, or back."""
+    """Return the displacements from the time of measurement to another time, or back."""
     terms = []
     for low, high, twist in motion.intervals(turn.start_ns, turn.end_ns):
         powers = [np.eye(4)]
@@ -487,7 +487,7 @@ class ScannerMotion:
     """The motion of the scanner around a turn.
 
     Attributes:
-        stamps_ns: (K,) ascending moments at which the twist changes, at least one.
+        stamps_ns: (K,) ascending stamps at which the twist changes, at least one.
         twists: (K + 1, 4, 4) before, between and after them.
     """
 
@@ -548,7 +548,7 @@ class ScannerMotion:
                 yield low, high, twist
 
     def _pose(self, stamp_ns: int) -> Float64Array:
-        """Return the pose in that of the first moment."""
+        """Return the pose in that of the first stamp."""
         after = int(np.searchsorted(self.stamps_ns, stamp_ns, side='right'))
         index = max(after - 1, 0)
         seconds = (stamp_ns - int(self.stamps_ns[index])) / NS_PER_S

@@ -66,7 +66,7 @@ class Turn:
 
     @property
     def end_ns(self) -> int:
-        """When it faces straight behind again."""
+        """The stamp at which it faces straight behind again."""
         return self.start_ns + self.length_ns
 
 
@@ -80,7 +80,7 @@ class Scan:
         start_ns, end_ns: First and last firing of the sweep, None if unknown.
         labels: (N,) uint32 of SemanticKITTI, low 16 bits class, high 16 instance, on request.
         missing: Requested data that is missing: name to the reason, a line.
-        turn: When each direction was scanned; None if all points are of one moment, as in scans
+        turn: When each direction was scanned; None if all points are of one time, as in scans
             that KITTI has compensated for motion.
         difference: Difference of the points from those of the file, '' if they are the same.
         extra: Further columns of the file by name, (N,) float32 or float64; see ScanColumns.
@@ -116,7 +116,7 @@ class Image:
 
 @dataclass(frozen=True)
 class OxtsPacket:
-    """One packet of the GPS/IMU unit: the 30 columns of KITTI's dataformat.txt, in its order.
+    """One packet of the GPS/IMU: the 30 columns of KITTI's dataformat.txt, in its order.
 
     Positions in degrees and metres, angles in radians, velocities in m/s, accelerations in m/s^2
     (gravity included), rates in rad/s. x, y, z are the unit's own body axes (forward, left, up);
@@ -260,7 +260,7 @@ class Calibration:
 
     @property
     def independent_cameras(self) -> bool:
-        """Whether each camera has extrinsics of its own instead of a common rectified frame."""
+        """True if each camera has extrinsics of its own instead of a common rectified frame."""
         return any(camera.cam_T_velo is not None for camera in self.cameras.values())
 
 
@@ -274,8 +274,8 @@ class FrameLabels:
     """The labelled objects of one frame.
 
     Attributes:
-        boxes: Those of a label file, in the file's order; None for an invalid line.
-        cuboids: Those of tracklets, in velo_link; a frame has these or boxes.
+        boxes: Boxes of a label file, in the file's order; None for an invalid line.
+        cuboids: Boxes of tracklets, in velo_link; a frame has these or boxes.
         source: The frame's lines verbatim, under their file's name; None for tracklets.
         missing: Invalid lines: place to the reason, a line.
     """
@@ -345,13 +345,13 @@ def _track_identity(track_id: int, index: int) -> str:
 
 
 def has_complete_labels(layout: Layout, losses: Iterable[Loss]) -> bool:
-    """Whether a frame of a labelled recording has no object if it has no labels.
+    """Return whether a frame of a labelled recording has no object if it has no labels.
 
     Then the labels of all frames are in one file, and nothing of it is lost.
 
     Args:
-        layout: Of the recording.
-        losses: Of the recording; those of a bag may concern labels if they name no other stream.
+        layout: Layout of the recording.
+        losses: Its losses; those of a bag may concern labels if they name no other stream.
     """
     others = {stream.value for stream in Stream} - {Stream.LABELS.value}
     return layout.traits.common_labels and all(loss.stream in others for loss in losses)

@@ -68,7 +68,7 @@ FRAME_STREAMS = (
 )
 """The streams whose samples make frames.
 
-If a file number is the same moment in all streams, every number of any of them is a frame.
+If a file number is the same time in all streams, every number of any of them is a frame.
 Otherwise (a raw extract) the samples of the first stream that has any are the frames.
 """
 
@@ -111,7 +111,7 @@ class LayoutTraits:
     """The differences between layouts, apart from their files (see kitti.opening).
 
     Attributes:
-        title: What a recording of the layout is called in reports.
+        title: Title of a recording of the layout in reports.
         noun: The same in one word.
         default_name: The name of a new recording; {date} (YYYY_MM_DD) and {kind} (sync or extract)
             are filled in.
@@ -152,11 +152,11 @@ class LayoutTraits:
 
     @property
     def common_labels(self) -> bool:
-        """Whether one file has the labels of all frames: a frame without any has no object."""
+        """True if one file has the labels of all frames: a frame without any has no object."""
         return self.tracklets or Stream.LABELS in self.line_streams
 
     def is_extract(self, name: str) -> bool:
-        """Whether a recording of this name is unrectified, with file numbers of each stream."""
+        """Return whether a recording of this name is unrectified, numbered by stream."""
         return self.extracts and name.endswith('_extract')
 
 
@@ -322,7 +322,7 @@ class ScanColumns:
 
     Attributes:
         names: In the order of the file; - is skipped.
-        kinds: Of each, f4 or f8.
+        kinds: Type of each, f4 or f8.
     """
 
     names: tuple[str, ...]
@@ -398,7 +398,7 @@ class ScanColumns:
 
     @property
     def is_kitti(self) -> bool:
-        """Whether files are KITTI's own: float32 x y z reflectance."""
+        """True if files are KITTI's own: float32 x y z reflectance."""
         return self.names[:3] == _XYZ and self.names[3:] in _KITTI and set(self.kinds) == {'f4'}
 
     @property
@@ -429,17 +429,17 @@ class ScanColumns:
 
 _KITTI = tuple((name,) for name in _REFLECTANCES)
 KITTI_COLUMNS = ScanColumns((*_XYZ, 'intensity'), ('f4',) * 4)
-"""Those of KITTI's files."""
+"""Columns of KITTI's files."""
 
 
 def _common(name: str) -> str:
     return _REFLECTANCES[0] if name in _REFLECTANCES else name
 
 
-# A place on earth that local poses are put at.
+# The geographic origin of local poses.
 
 EARTH_RADIUS_M = 6378137.0
-"""Of KITTI's sphere: latlonToMercator.m of the raw devkit."""
+"""Radius of KITTI's sphere: latlonToMercator.m of the raw devkit."""
 
 _MAX_LAT_DEG = 85.0  # Mercator stretches without bound towards the poles
 _MAX_LON_DEG = 180.0
@@ -465,7 +465,7 @@ class GeoOrigin:
         """Parse LAT,LON,ALT; the default for an empty text.
 
         Raises:
-            ValueError: It is not three numbers of a place; the message says what is expected.
+            ValueError: It is not three numbers of a place; the message names what is expected.
         """
         if not text.strip():
             return cls()

@@ -19,7 +19,7 @@ _DEEPEST = 100
 _MOST_REPEATED = 100_000
 _LONGEST_NUMBER = 5000
 _MOST_BITS = 14_000
-"""Of a whole number, about 4200 digits: Python writes no more than 4300."""
+"""Limit for a whole number, about 4200 digits: Python writes no more than 4300."""
 _NUMBERS = ('tag:yaml.org,2002:int', 'tag:yaml.org,2002:float')
 _MERGE = 'tag:yaml.org,2002:merge'
 # ASCII but tabs and question marks, some of which libyaml takes and PyYAML refuses.
@@ -31,7 +31,7 @@ class YamlTextError(ValueError):
 
     Attributes:
         line: Number of the line from 1; None if it is not known.
-        problem: What is wrong, one line.
+        problem: The problem, one line.
     """
 
     def __init__(self, problem: str, line: int | None = None) -> None:

@@ -188,7 +188,7 @@ class BagProgram:
 
     Args:
         source: The bag; the program keeps its files open until it is closed.
-        selection: Topics, and the first and last moment, both included.
+        selection: Topics, and the first and last time, both included.
         reserved: Maps a topic and its type to the reason why the player itself publishes that
             topic, or to an empty string; the bag's messages of a reserved topic are skipped.
         images: Makes image topics that the bag does not contain; None makes none.
@@ -586,7 +586,7 @@ def open_program(
 
 
 def publishes_clock(settings: PlaySettings) -> bool:
-    """Whether a node with these settings publishes the recording's time on /clock."""
+    """Return whether a node with these settings publishes the recording's time on /clock."""
     return settings.playback.clock_hz > 0 and settings.stamps is Stamps.ORIGINAL
 
 

@@ -74,7 +74,7 @@ class Field(ctypes.Structure):
 
 
 class IndividualTypeDescription(ctypes.Structure):
-    """Of rosidl_runtime_c/type_description/individual_type_description__struct.h."""
+    """Type of rosidl_runtime_c/type_description/individual_type_description__struct.h."""
 
     _fields_: ClassVar = [('type_name', CString), ('fields', CSequence)]
 
@@ -112,7 +112,7 @@ class MessageTypeSupport(ctypes.Structure):
 
 
 class MessageMember(ctypes.Structure):
-    """Of rosidl_typesupport_introspection_c/message_introspection.h."""
+    """Struct of rosidl_typesupport_introspection_c/message_introspection.h."""
 
     _fields_: ClassVar = [
         ('name', ctypes.c_char_p),
@@ -135,7 +135,7 @@ class MessageMember(ctypes.Structure):
 
 
 class MessageMembers(ctypes.Structure):
-    """Of rosidl_typesupport_introspection_c/message_introspection.h."""
+    """Struct of rosidl_typesupport_introspection_c/message_introspection.h."""
 
     _fields_: ClassVar = [
         ('message_namespace', ctypes.c_char_p),
@@ -658,7 +658,7 @@ def type_hash(cls: type) -> str:
     """
     metaclass: Any = type(cls)
     try:
-        if metaclass._TYPE_SUPPORT is None:  # noqa: SLF001 - the contract that rclpy itself uses
+        if metaclass._TYPE_SUPPORT is None:  # noqa: SLF001 - as rclpy itself does
             metaclass.__import_type_support__()
         address = unwrap_pointer(metaclass._TYPE_SUPPORT)  # noqa: SLF001 - as above
     except Exception as error:  # a broken installation may raise anything

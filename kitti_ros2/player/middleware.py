@@ -29,19 +29,19 @@ if TYPE_CHECKING:
     from .to_the_end import StopRequest
 
 
-# What the libraries of ROS write to stderr while they start, held back: an error is one line.
+# Capture of what libraries of ROS write to stderr while they start: an error is one line.
 
 TOO_MANY = 'too many open files; raise the limit (ulimit -n)'
 
 
 def lacks_files(error: str) -> bool:
-    """Whether the text of an error says that no more files can be opened."""
+    """Return whether an error is that no more files can be opened."""
     return TOO_MANY in error or os.strerror(errno.EMFILE) in error
 
 
 @contextmanager
 def captured_stderr() -> Iterator[Callable[[], list[str]]]:
-    """Hold back what libraries write to stderr; write it at the end unless it was read."""
+    """Capture what libraries write to stderr; write it at the end unless it was read."""
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
         stderr_copy = os.dup(2)
@@ -135,7 +135,7 @@ def _use_profile() -> None:
 
 
 def stays_on_this_machine(environment: Mapping[str, str]) -> bool:
-    """Whether discovery is limited to this machine.
+    """Return whether discovery is limited to this machine.
 
     By ROS_AUTOMATIC_DISCOVERY_RANGE without ROS_STATIC_PEERS, or the older ROS_LOCALHOST_ONLY.
     """

@@ -309,7 +309,7 @@ _REFUSALS = (
     InvalidTopicNameException,
     ValueError,
 )
-"""What rclpy raises for a topic: its name is none, or another type is published on it already."""
+"""Errors of rclpy for a topic: an invalid name, or another type is published on it already."""
 
 _CLOCK = struct.Struct('<4siI')
 _ENCAPSULATION = b'\x00\x01\x00\x00'
@@ -376,7 +376,7 @@ class Outlets(Transport):
         return Audience(len(nodes), subscriptions)
 
     def has_subscriber(self, outlet: int) -> bool:
-        """Whether an outlet has a subscriber."""
+        """Return whether an outlet has a subscriber."""
         return bool(self._publishers[outlet].get_subscription_count())
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:  # noqa: ARG002 - see Transport

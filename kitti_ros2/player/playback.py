@@ -123,7 +123,7 @@ class PlaybackSchedule:
         self._burst_left = 0
         self._burst_sent = 0
         self._jump = False
-        # Time stands still before the start, and from a jump until it is handled.
+        # Time is stopped before the start, and from a jump until it is handled.
         self._time_stopped = True
         self._next_idle = 0
         now = self._clock.now_ns()
@@ -314,7 +314,7 @@ class Playback(PlaybackSchedule):
 
     @property
     def stopped(self) -> bool:
-        """Whether a stop was requested."""
+        """True if a stop was requested."""
         return self._stopped
 
     def state(self) -> PlaybackState:
@@ -620,12 +620,12 @@ class Answers:
         return True
 
     def all_in(self) -> bool:
-        """Whether no answer is expected any more, after the last frame was sent."""
+        """Return whether no answer is expected any more, after the last frame was sent."""
         with self._condition:
             return not self._open or self._now_ns() - self._moved_ns >= self._patience_ns()
 
     def silent(self) -> bool:
-        """Whether frames are on their way, and no answer has come for the whole time limit."""
+        """Return whether frames are on their way, without an answer within the time limit."""
         with self._condition:
             if not self._open:
                 return False
@@ -633,7 +633,7 @@ class Answers:
             return self._now_ns() - since >= self._timeout_ns
 
     def flooded(self) -> bool:
-        """Whether far more messages came than frames were sent."""
+        """Return whether far more messages came than frames were sent."""
         with self._condition:
             return self.messages > _FLOOD * (10 + len(self._sent_ns))
 

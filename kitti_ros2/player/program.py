@@ -69,7 +69,7 @@ class Program(Protocol):
         """Missing data, one line each."""
 
     def notes(self) -> tuple[str, ...]:
-        """Return non-fatal remarks so far."""
+        """Return the notes so far."""
 
     def fetch(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         """Return the messages at a position, and the losses: messages that could not be made.
@@ -303,7 +303,7 @@ class ReadAhead:
             self._submit()
 
     def low(self) -> bool:
-        """Whether less than half of the limit is prefetched."""
+        """Return whether less than half of the limit is prefetched."""
         return len(self._ahead) * 2 < self._size
 
     def _submit(self) -> None:

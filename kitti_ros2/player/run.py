@@ -132,7 +132,7 @@ class LivePlayer(KittiPlayer):
 
     Args:
         answers: The answers of the stack.
-        options: Those of KittiPlayer.
+        options: Arguments of KittiPlayer.
     """
 
     def __init__(self, answers: Answers, **options: Any) -> None:  # noqa: ANN401 - see above
@@ -181,7 +181,7 @@ class LivePlayer(KittiPlayer):
         self._heard[topic] = self.create_subscription(kind, topic, receive, profile, raw=True)
 
     def hears(self, topic: str) -> bool:
-        """Whether a publisher of a topic is connected to the subscription."""
+        """Return whether a publisher of a topic is connected to the subscription."""
         return topic in self._heard and bool(self._heard[topic].handle.get_publisher_count())
 
 
@@ -220,7 +220,7 @@ class AnsweredOutlets(Outlets):
         super().publish(outlet, data, stamp_ns)
 
     def _is_heard_without_large(self, outlet: int) -> bool:
-        """Whether the stack hears a small topic, and no image or scan that would mark the frame."""
+        """Return whether the stack has a small topic, and no image or scan that marks the frame."""
         channel = self.channels[outlet]
         if self._wanted or channel.latched or channel.topic in _TRANSFORMS:
             return False

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 # The interface between a session and its middleware or server, and statistics of subscribers.
 
 SETTLED_NS = 1_000_000_000
-"""How long the subscriptions must stay unchanged before playback begins.
+"""Time without changes of subscriptions before playback begins.
 
 `ros2 bag record -a` looks for topics ten times a second and subscribes to them one by one;
 starting at the first match would lose messages of topics that are not matched yet.
@@ -97,7 +97,7 @@ class Transport(ABC):
 
     @abstractmethod
     def has_subscriber(self, outlet: int) -> bool:
-        """Whether an outlet has a subscriber now."""
+        """Return whether an outlet has a subscriber now."""
 
     @abstractmethod
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
@@ -140,7 +140,7 @@ class SubscriberWait:
         self._since_ns = 0
 
     def over(self, audience: Audience, now_ns: int) -> bool:
-        """Whether to begin, given the current audience; now_ns is steady time."""
+        """Return whether to begin, given the current audience; now_ns is steady time."""
         if audience != self._audience:
             self._audience, self._since_ns = audience, now_ns
         enough = audience.subscribers >= self.needed
@@ -186,7 +186,7 @@ class Reception:
 
 
 LAST_WAIT_S = 1.4
-"""How long to wait until the last messages have arrived."""
+"""Limit of the wait until the last messages have arrived."""
 
 _STOPPED_WAIT_S = 0.4
 _PATIENCE_S = 0.2
@@ -360,7 +360,7 @@ class Session:
             self._changed()
 
     def _update_wanted(self, ahead: ReadAhead, *, at_rest: bool) -> frozenset[int]:
-        """Tell read-ahead which outlets have a subscriber; return them.
+        """Set the outlets with a subscriber in read-ahead; return them.
 
         A subscriber that comes while messages are due waits until they are made for it; one that
         came while none were misses nothing.
@@ -507,11 +507,11 @@ def encode_diagnostics(
     """Make a DiagnosticArray with one DiagnosticStatus, serialised.
 
     Args:
-        stamp_ns: Of the header, nanoseconds.
+        stamp_ns: Stamp of the header, nanoseconds.
         level: OK or WARN.
-        name: Of the component that reports.
+        name: Name of the component that reports.
         message: Its state, in a line.
-        hardware_id: What it reports on.
+        hardware_id: Subject of the report.
         values: Its state in detail.
     """
     cdr = CdrWriter()

@@ -85,7 +85,7 @@ class Keyboard:
 
     @property
     def listening(self) -> bool:
-        """Whether keys are handled."""
+        """True if keys are handled."""
         return self._thread is not None
 
     def __enter__(self) -> Self:
@@ -204,14 +204,14 @@ def _restore(terminal: int, attributes: list[Any]) -> None:
 
 
 def _is_our_terminal(stream: TextIO | None) -> bool:
-    """Whether a stream is a terminal in the foreground; stdin may be None."""
+    """Return whether a stream is a terminal in the foreground; stdin may be None."""
     if stream is None or stream.closed or not stream.isatty():
         return False
     return in_foreground(stream.fileno())
 
 
 def in_foreground(terminal: int) -> bool:
-    """Whether this process is in the foreground; a background read would stop it."""
+    """Return whether this process is in the foreground; a background read would stop it."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:
@@ -287,7 +287,7 @@ def player_keyboard(
 
 _REFRESH_S = 0.2
 _ERASE = '\r\x1b[K'
-_COLUMNS = 80  # of a terminal that does not know its size
+_COLUMNS = 80  # of a terminal without a known size
 _LISTED = 3
 
 
@@ -355,7 +355,7 @@ class StatusLine:
 
 @dataclass(frozen=True)
 class Terminal:
-    """What a player writes to a terminal, and whether it reads keys from it.
+    """The output of a player to a terminal, and its keyboard.
 
     Attributes:
         say: Writes one line about what was done.
