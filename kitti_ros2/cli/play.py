@@ -15,7 +15,7 @@ from ..files.processes import freeze_imports
 from ..model.errors import UsageError
 from ..options.declare import parse_texts
 from ..options.table import PLAY, make_play_settings
-from ..player.ros_installed import check_installed
+from ..player.ros_installation import check_installed
 from .command import QuietOption, add_config, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
 from .output import say, say_error
@@ -103,7 +103,7 @@ def _play_for_viewers(
     quiet: bool,
 ) -> int:
     from ..files.processes import keep_freed_memory
-    from ..player.to_the_end import StatusLine, Terminal
+    from ..player.terminal import StatusLine, Terminal
 
     if not 0 <= viewers.port <= _LAST_PORT:
         raise UsageError(f'invalid port {viewers.port}; {_FOXGLOVE} takes 0 to {_LAST_PORT}')

@@ -47,7 +47,7 @@ from ..options.evaluation import (
 )
 from ..options.outputs import BagOptions
 from ..player.playback import Answers
-from ..player.ros_installed import check_installed
+from ..player.ros_installation import check_installed
 from .detection import score_detection
 from .ground_truth import read_ground_truth
 from .odometry import open_truth, score_odometry

@@ -19,14 +19,14 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from ..model.errors import UsageError, one_line
-from .ros_installed import middleware
+from .ros_installation import middleware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from typing_extensions import Self
 
-    from .to_the_end import StopRequest
+    from .terminal import StopRequest
 
 
 # Capture of what libraries of ROS write to stderr while they start: an error is one line.

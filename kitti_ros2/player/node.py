@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .outlets import QosOverride
     from .playback import Playback
     from .program import Program
-    from .to_the_end import Controlled
+    from .terminal import Controlled
 
 
 # The player's services: those of rosbag2 if rosbag2_interfaces is installed, else std_srvs.

@@ -19,7 +19,7 @@ from .middleware import Closing, create_node, start_ros
 from .node import Executor, KittiPlayer, to_parameters
 from .outlets import Outlets
 from .session import LAST_WAIT_S, favour_what_is_due
-from .to_the_end import StatusLine, Terminal, play_to_the_end
+from .terminal import StatusLine, Terminal, play_to_the_end
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .outlets import QosOverride
     from .playback import Answers
     from .program import Program
-    from .to_the_end import StopRequest
+    from .terminal import StopRequest
 
 
 def run_player(

@@ -31,7 +31,7 @@ from ..model.errors import UsageError, one_line
 from ..options.outputs import RATES, Stamps
 from ..player.bag_program import STATE, describe, open_program, reserved_by_viewers
 from ..player.session import Audience, Session, Transport, encode_state, favour_what_is_due
-from ..player.to_the_end import play_to_the_end
+from ..player.terminal import play_to_the_end
 from .foxglove_proxy import ViewerProxy, hidden_address
 from .origin_check import exposure
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ..options.table import PlaySettings
     from ..player.playback import Playback
     from ..player.program import Program
-    from ..player.to_the_end import StopRequest, Terminal
+    from ..player.terminal import StopRequest, Terminal
     from .origin_check import OriginCheck
 
 

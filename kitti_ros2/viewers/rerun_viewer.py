@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..player.program import Program
-    from ..player.to_the_end import StopRequest
+    from ..player.terminal import StopRequest
     from .rerun_show import ShowReport
 
 

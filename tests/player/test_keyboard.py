@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from kitti_ros2.player import to_the_end
-from kitti_ros2.player.to_the_end import Key, Keyboard
+from kitti_ros2.player import terminal as player_terminal
+from kitti_ros2.player.terminal import Key, Keyboard
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
@@ -27,7 +27,7 @@ from waiting import PATIENCE_S, wait_until  # isort: skip
 def terminal(monkeypatch):
     """Both ends of a terminal; it is nobody's, so it counts as in the foreground."""
     master, slave = pty.openpty()
-    monkeypatch.setattr(to_the_end, 'in_foreground', lambda _: True)
+    monkeypatch.setattr(player_terminal, 'in_foreground', lambda _: True)
     stream = os.fdopen(slave, 'r')
     yield master, stream
     os.close(master)
@@ -70,7 +70,7 @@ def pressed(terminal, keys, count, on_error=None):
     ],
 )
 def test_keys(terminal, monkeypatch, keys, expected):
-    monkeypatch.setattr(to_the_end, '_REST_OF_ESCAPE_S', 60)
+    monkeypatch.setattr(player_terminal, '_REST_OF_ESCAPE_S', 60)
     assert pressed(terminal, keys, len(expected)) == expected
 
 
@@ -123,9 +123,9 @@ def test_what_was_begun_is_undone_when_no_thread_can_start(terminal, monkeypatch
 
 @pytest.mark.parametrize('keys', [b'', b'\x1b', b'\x1b['])
 def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
-    monkeypatch.setattr(to_the_end, '_POLL_S', 3600)
-    monkeypatch.setattr(to_the_end, '_REST_OF_ESCAPE_S', 3600)
-    monkeypatch.setattr(to_the_end, '_DEADLY', ())  # only the main thread may handle signals
+    monkeypatch.setattr(player_terminal, '_POLL_S', 3600)
+    monkeypatch.setattr(player_terminal, '_REST_OF_ESCAPE_S', 3600)
+    monkeypatch.setattr(player_terminal, '_DEADLY', ())  # only the main thread may handle signals
     entered = Keyboard({}, lambda _: None, terminal[1]).__enter__()
     type_in(terminal, keys)
     closing = threading.Thread(target=entered.__exit__, args=(None, None, None), daemon=True)
@@ -137,7 +137,7 @@ def test_closing_waits_for_no_key(terminal, monkeypatch, keys):
 
 def test_the_thread_ends_with_its_terminal(monkeypatch):
     master, slave = pty.openpty()
-    monkeypatch.setattr(to_the_end, 'in_foreground', lambda _: True)
+    monkeypatch.setattr(player_terminal, 'in_foreground', lambda _: True)
     with os.fdopen(slave, 'r') as stream, Keyboard({}, lambda _: None, stream) as entered:
         os.close(master)
         wait_until(lambda: not entered._thread.is_alive())
@@ -145,7 +145,7 @@ def test_the_thread_ends_with_its_terminal(monkeypatch):
 
 def test_the_mode_comes_back_after_a_shell_changed_it(terminal, monkeypatch):
     _, stream = terminal
-    monkeypatch.setattr(to_the_end, '_POLL_S', 0.02)
+    monkeypatch.setattr(player_terminal, '_POLL_S', 0.02)
     before = termios.tcgetattr(stream.fileno())
     with Keyboard({}, lambda _: None, stream):
         termios.tcsetattr(stream.fileno(), termios.TCSANOW, before)
@@ -187,7 +187,7 @@ def test_no_standard_input_is_no_terminal(monkeypatch):
 # A shell, the terminal's own session leader, and its job, which ends on q or when told to.
 SHELL = """
     import fcntl, os, select, signal, sys, termios, threading
-    from kitti_ros2.player import to_the_end as keyboard
+    from kitti_ros2.player import terminal as keyboard
 
     keyboard._POLL_S = 0.02
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
@@ -280,7 +280,7 @@ def test_a_job_in_the_background_leaves_the_terminal_to_the_shell(way):
 # A foreground process of its terminal that a signal ends.
 KILLED = """
     import fcntl, resource, signal, termios
-    from kitti_ros2.player.to_the_end import Keyboard
+    from kitti_ros2.player.terminal import Keyboard
 
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Of tests that run in the background the shell lets SIGQUIT be ignored.
@@ -294,7 +294,7 @@ KILLED = """
 """
 
 
-@pytest.mark.parametrize('number', to_the_end._DEADLY)
+@pytest.mark.parametrize('number', player_terminal._DEADLY)
 def test_a_signal_that_ends_the_process_leaves_the_mode_of_before(number):
     master, slave = pty.openpty()
     before = termios.tcgetattr(slave)

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from kitti_ros2.model.errors import UsageError
-from kitti_ros2.player import to_the_end
+from kitti_ros2.player import terminal as player_terminal
 from kitti_ros2.player.playback import PlaybackState
 from kitti_ros2.player.session import Counts
-from kitti_ros2.player.to_the_end import StatusLine, describe_now, describe_result
+from kitti_ros2.player.terminal import StatusLine, describe_now, describe_result
 
 from waiting import PATIENCE_S  # isort: skip
 
@@ -49,7 +49,7 @@ class Screen:
 
 @pytest.fixture
 def screen(monkeypatch):
-    monkeypatch.setattr(to_the_end, 'in_foreground', lambda _: True)
+    monkeypatch.setattr(player_terminal, 'in_foreground', lambda _: True)
     found = Screen()
     yield found
     found.close()
@@ -58,7 +58,7 @@ def screen(monkeypatch):
 @pytest.fixture
 def by_hand(monkeypatch):
     """Lines are drawn when the test draws them."""
-    monkeypatch.setattr(to_the_end, '_REFRESH_S', threading.TIMEOUT_MAX)
+    monkeypatch.setattr(player_terminal, '_REFRESH_S', threading.TIMEOUT_MAX)
 
 
 def shown(text):
@@ -137,7 +137,7 @@ def test_it_is_refreshed_by_itself(screen):
 @pytest.mark.parametrize('reason', ['quiet', 'no terminal', 'background'])
 def test_no_line_is_drawn_without_a_terminal_or_when_quiet(screen, monkeypatch, reason, tmp_path):
     if reason == 'background':
-        monkeypatch.setattr(to_the_end, 'in_foreground', lambda _: False)
+        monkeypatch.setattr(player_terminal, 'in_foreground', lambda _: False)
     stream = screen.stream if reason != 'no terminal' else (tmp_path / 'log').open('w')
     line = StatusLine(stream, show=reason != 'quiet')
     with line.follow(lambda: 'text'):
