@@ -108,7 +108,7 @@ def _open_file(storage: str, file: NamedFile, problems: Problems) -> BagFile:
 
 
 def _is_unnamed(channel: StoredChannel) -> bool:
-    """Whether a channel of a ROS 2 type names no encoding: ROS 2 itself has cdr alone.
+    """Return whether a channel of a ROS 2 type names no encoding: ROS 2 itself has cdr alone.
 
     Recorders in drivers write this, where they create a topic without its serialization_format.
     """
@@ -133,7 +133,7 @@ class OpenBag:
 
     Attributes:
         path: The same.
-        located: What it holds.
+        located: Its files.
 
     Raises:
         BadBagError: The path holds no bag, or one that cannot be read at all.
@@ -301,7 +301,7 @@ def _is_metadata(path: Path) -> bool:
 
 
 def _has_bag_alone(path: Path) -> bool:
-    """Whether a path is a file or a rosbag2 directory, not a folder that also holds bags."""
+    """Return whether a path is a file or a rosbag2 directory, not a folder that also holds bags."""
     return path.is_file() or (path / METADATA).is_file()
 
 
@@ -329,7 +329,7 @@ def _is_bag(bag: BagFiles, *, forced: bool) -> UsageError:
 
 
 def _is_damaged(bag: BagFiles) -> bool:
-    """Whether a bag is damaged, as far as a short read shows."""
+    """Return whether a bag is damaged, as far as a short read shows."""
     if bag.losses or sum(file.stat().st_size for file in bag.files) > _QUICKLY_READ_BYTES:
         return bool(bag.losses)
     try:

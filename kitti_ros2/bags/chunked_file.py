@@ -104,7 +104,7 @@ class RecordFormat(Protocol[Head]):
         ...
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether records of an opcode contain a second length that must agree with their own."""
+        """Return whether records of an opcode contain a second length, which must agree."""
         ...
 
     def inside(self, source: Source, position: int) -> int | None:
@@ -168,7 +168,7 @@ def walk(
         position: Start of the first record.
         end: End of the last record.
         lose: Called with the start and end of damaged bytes.
-        search: What it may cost to search them.
+        search: Limits the cost of a search for records.
 
     Raises:
         LimitError: It would cost more.
@@ -286,7 +286,7 @@ class Run:
         self._end_ns = 0
 
     def takes(self, record: Record) -> bool:
-        """Whether a record follows directly and the chunk stays small enough."""
+        """Return whether a record follows directly and the chunk stays small enough."""
         return record.position == self.end and record.end - self._start <= _LARGEST_RUN
 
     def add(self, channel_id: int, stamp_ns: int) -> None:
@@ -328,7 +328,7 @@ class ChunkScan(ABC, Generic[Head]):
         form: Its record format.
 
     Attributes:
-        noun: What the format calls a channel.
+        noun: The name of a channel in the format.
         descriptions: Opcodes of the records that describe channels.
         footer, data_end: Opcodes of the records at the end of the file and of its messages; None
             if the format has none.
@@ -381,7 +381,7 @@ class ChunkScan(ABC, Generic[Head]):
         return FileContents(channels, self._pieces, self._compressions, self._stamps)
 
     def _walk(self) -> bool:
-        """Enter all records; return whether the file ends as its format says.
+        """Enter all records; return whether the end of the file is valid.
 
         Raises:
             LimitError: There are too many.
@@ -488,7 +488,7 @@ def chunk_records(
     Args:
         form: The format of the records.
         file: The file of the chunk.
-        position: Of its first byte.
+        position: The offset of its first byte.
         data: A chunk, or records outside of chunks.
         problems: Collects notes and losses.
         cost: Number of messages lost if nothing of it can be read.
@@ -600,7 +600,7 @@ class ChunkedFile(BagFile, Generic[Head]):
     def fetch(self, chunk: Chunk) -> FetchedChunk:
         """Read a chunk, and unpack it unless it is large, on any thread."""
         data = self._file.read(chunk.position, chunk.length)
-        with suppress(ValueError):  # read finds the damage again
+        with suppress(ValueError):  # read reports the damage
             if self._form.unpacked_size(data) <= _MOST_UNPACKED:
                 return FetchedChunk(data, unpack(self._form, self._file, chunk.position, data))
         return FetchedChunk(data, None)

@@ -42,7 +42,7 @@ class Problems:
     """Notes and losses of a bag, each listed once.
 
     Attributes:
-        notes: Non-fatal remarks without loss, one line each.
+        notes: Notes, one line each.
         losses: Damaged or unreadable parts, one line each with their position (file, byte or row),
             and the number of lost messages; None if that is unknown.
     """
@@ -51,7 +51,7 @@ class Problems:
     losses: dict[str, int | None] = field(default_factory=dict)
 
     def note(self, text: str) -> None:
-        """Enter a remark that is not a loss."""
+        """Enter a note."""
         self.notes[text] = None
 
     def lose(self, text: str, messages: int | None = None) -> None:
@@ -63,13 +63,13 @@ class Problems:
         self.losses[text] = (self.losses.get(text) or 0) + 1
 
     def add(self, other: Problems) -> None:
-        """Enter what others hold so far."""
+        """Enter those of another so far."""
         self.notes |= other.notes
         self.losses |= other.losses
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is known to be damaged."""
+        """True if nothing is known to be damaged."""
         return not self.losses
 
     @property
@@ -235,7 +235,7 @@ class BagIndex:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """One topic of a bag; values that need more messages than there are, are None.
+    """One topic of a bag; None for values that need more messages.
 
     Attributes:
         name: Topic.
@@ -346,7 +346,7 @@ class MessageStart(bytes):
     """The first kilobyte or more of a large message, of which the rest was read and not kept.
 
     Attributes:
-        size: Of the whole message, in bytes.
+        size: Bytes of the whole message.
     """
 
     size: int
@@ -366,7 +366,7 @@ class StoredChannel(Channel):
     """A topic as stored in a file.
 
     Attributes:
-        encoding: Of the messages: cdr, ros1, protobuf, json, or an unsupported one.
+        encoding: That of the messages: cdr, ros1, protobuf, json, or an unsupported one.
         definition: The text that defines the type and those in it, empty if missing.
         definition_encoding: ros2msg, ros2idl or ros1msg.
         profiles: rosbag2's text of the offered QoS profiles, empty if missing.
@@ -444,7 +444,7 @@ class BagFile(ABC):
             chunk: One of chunks.
             channel_ids: Ids of the requested channels.
             since_ns: The first requested stamp.
-            fetched: What fetch returned for the chunk; without it the file is read now.
+            fetched: The result of fetch for the chunk; None reads the file now.
         """
 
     def fetch(self, chunk: Chunk) -> FetchedChunk:
@@ -516,7 +516,7 @@ class FileBytes:
 
     @cached_property
     def limits(self) -> FileLimits:
-        """What it may hold: as much as its compressed form allows, if it was unpacked."""
+        """The limits of its content, by its packed size if it was unpacked."""
         return FileLimits(self.size if self._packed is None else self._packed)
 
     def __init__(self, file: NamedFile) -> None:
@@ -567,7 +567,7 @@ class FileBytes:
                     os.posix_fadvise(file, start, _READAHEAD_BYTES, os.POSIX_FADV_WILLNEED)
 
     def is_cut(self) -> bool:
-        """Whether it has become shorter since it was opened."""
+        """Return whether it has become shorter since it was opened."""
         return os.fstat(self._file.fileno()).st_size < self.size
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Decompression, and what a file of a bag may hold by its size on the disk.
+"""Decompression, and limits of the content of a bag file by its size on the disk.
 
 Some files are made to fill the memory.
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from typing import BinaryIO, Protocol
 
 
-# What a file of a bag may hold, by its size on the disk: some are made to fill the memory.
+# Limits of the content of a bag file, by its size on the disk: some are made to fill the memory.
 
 Record = TypeVar('Record')
 LARGEST_BLOCK = 'KITTI_ROS2_LARGEST_BLOCK'
@@ -79,7 +79,7 @@ def check_file(stored: int, size: int) -> None:
 
 
 class FileLimits:
-    """What all blocks of a file may become together: each alone may be within its limits.
+    """Limits of all blocks of a file together: each alone may be within its own.
 
     Args:
         stored: Bytes of the file, compressed if all of it is.
@@ -142,7 +142,7 @@ class FileLimits:
         """Enter what it has cost so far to search the damaged bytes of a block.
 
         Args:
-            position: Of the block.
+            position: Offset of the block.
             cost: In bytes that are searched in that time; of all searches the largest counts.
 
         Raises:
@@ -173,8 +173,8 @@ class Search:
     """A search of the damaged bytes of a block.
 
     Args:
-        limits: Of the file.
-        position: Of the block.
+        limits: Those of the file.
+        position: Offset of the block.
     """
 
     def __init__(self, limits: FileLimits, position: int) -> None:
@@ -195,7 +195,7 @@ class Search:
 
 
 class DescriptionLimits:
-    """How many topics and types a file may describe, and by how much text.
+    """Limits of the number and the text of the topics and types that a file describes.
 
     Args:
         stored: Bytes of the file, compressed if all of it is.
@@ -212,7 +212,7 @@ class DescriptionLimits:
         """Enter one more before it is kept.
 
         Args:
-            size: Of its texts, in bytes.
+            size: Bytes of its texts.
 
         Raises:
             LimitError: There are too many, or their texts are too long.
@@ -294,7 +294,7 @@ def decompress(name: str, data: Buffer, size: int) -> Buffer:
     Args:
         name: zstd, lz4 (frame format), bz2; empty or none for uncompressed data.
         data: The block.
-        size: Of the data before compression, in bytes.
+        size: Bytes of the data before compression.
 
     Raises:
         ValueError: The block is damaged or too large, or the compression is unknown.
@@ -358,7 +358,7 @@ def decompress_beginning(name: str, data: Buffer, size: int) -> Buffer:
     Args:
         name: As of decompress.
         data: The beginning of a block.
-        size: Of the whole data before compression; 0 if it is not known.
+        size: Bytes of the whole data before compression; 0 if unknown.
     """
     if name in UNCOMPRESSED:
         return data

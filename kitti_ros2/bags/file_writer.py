@@ -239,8 +239,8 @@ class _TopicList:
 
     Args:
         channels: By channel id.
-        hashes: Of their types.
-        tallies: Of the files; one that was closed before a channel was added does not count it.
+        hashes: Hashes of their types.
+        tallies: By file; one that was closed before a channel was added does not count it.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ class BagFiles:
         compression_mode: rosbag2's own compression around the storage: '', file or message.
         message_count: From metadata.yaml, None without one.
         topics: Those listed in metadata.yaml.
-        losses: Defects found so far, one line each.
+        losses: Losses so far, one line each.
     """
 
     path: Path
@@ -64,14 +64,14 @@ class BagFiles:
 
 
 def looks_like_bag(path: Path) -> bool:
-    """Whether a path is a file of any kind, or a folder that contains files of a bag."""
+    """Return whether a path is a file of any kind, or a folder that contains files of a bag."""
     if not path.is_dir():
         return path.exists()
     return (path / METADATA).is_file() or any(_files(path).values())
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag by its content or name, or a folder that contains files of one.
+    """Return whether a path is a bag by its content or name, or a folder with files of one.
 
     Raises:
         BadBagError: A file is empty, or irregular.
@@ -259,7 +259,7 @@ _ENDINGS = tuple(glob.removeprefix('*') for glob in _GLOBS)
 
 
 def is_bag_name(path: Path) -> bool:
-    """Whether a file has the name of a bag of any container."""
+    """Return whether a file has the name of a bag of any container."""
     return any(path.match(glob) for glob in _GLOBS)
 
 

@@ -139,7 +139,7 @@ def parse_chunk_index(body: Buffer) -> tuple[Chunk, str, int]:
 
 
 def agrees(data: Buffer, crc: int) -> bool:
-    """Whether bytes match a checksum; 0 means that there is none."""
+    """Return whether bytes match a checksum; 0 is no checksum."""
     return crc in (0, crc32(data))
 
 
@@ -215,7 +215,7 @@ class McapFormat:
         return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether records of an opcode contain a second length."""
+        """Return whether records of an opcode contain a second length."""
         return opcode in _CHECKED
 
     def inside(self, source: Source, position: int) -> int | None:
@@ -264,7 +264,7 @@ class McapFormat:
 
 
 def _agrees(opcode: int, length: int, head: Buffer) -> bool:
-    """Whether the opcode is known and the inner lengths agree with the record's."""
+    """Return whether the opcode is known and the inner lengths agree with the record's."""
     if opcode not in _LEAST:
         return opcode >= _FIRST_PRIVATE
     if opcode in _FIXED:
@@ -293,7 +293,7 @@ _NESTED = 'a chunk inside a chunk, where MCAP has none, is not read'
 
 
 class _McapChannel(NamedTuple):
-    """What a Channel record says; the library's records take three times the memory."""
+    """The content of a Channel record; the library's records take three times the memory."""
 
     topic: str
     schema_id: int
@@ -301,7 +301,7 @@ class _McapChannel(NamedTuple):
     profiles: str
 
     def contradicts(self, other: _McapChannel) -> bool:
-        """Whether another record describes another channel; a copy may lack the QoS profiles."""
+        """Return whether another record describes another channel; QoS profiles may be missing."""
         return self[:3] != other[:3]
 
 
@@ -311,7 +311,7 @@ class Descriptions:
     The first of an id is used: chunks have a checksum, the copies in a damaged summary have none.
 
     Args:
-        limits: How many there may be.
+        limits: Limits of their number.
     """
 
     def __init__(self, limits: DescriptionLimits) -> None:

@@ -286,7 +286,7 @@ def metadata_record(name: str, metadata: Mapping[str, bytes]) -> list[bytes]:
     """Return a Metadata record in parts: the text of many topics is tens of megabytes.
 
     Args:
-        name: Of the record.
+        name: Name of the record.
         metadata: Texts in UTF-8 by key.
     """
     entries = [_prefixed(text) for key, value in metadata.items() for text in (key.encode(), value)]

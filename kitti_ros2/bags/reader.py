@@ -128,7 +128,7 @@ def in_time_order(
 class _Turns:
     """The chunks in the order of their first stamps; those that are next are read in threads.
 
-    Their number grows with the number of chunks taken: who wants the first message only does not
+    Their number grows with the number of chunks taken: a reader of the first message only does not
     wait for others.
     """
 
@@ -161,7 +161,7 @@ class _Turns:
         while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
         file, channel_ids = self._files[number]
-        # What a thread could not read is tried again here, where errors are handled.
+        # Reads that failed in a thread are repeated here, where errors are handled.
         fetched = None if ahead is None or ahead.error() else ahead.result()
         return number, chunk.position, file.read(chunk, channel_ids, self._since_ns, fetched)
 
@@ -279,7 +279,7 @@ class BagMessages:
 
     @property
     def complete(self) -> bool:
-        """Whether no file is known to be truncated or damaged, as far as it was read."""
+        """True if no file is known to be truncated or damaged, as far as it was read."""
         return self._problems.complete
 
     @property
@@ -588,7 +588,7 @@ class Decoder:
         """Decode a message to an object.
 
         Args:
-            message: Of a bag with these types.
+            message: A message of a bag with these types.
             expected: The type it must have; any if empty.
 
         Raises:

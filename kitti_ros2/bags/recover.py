@@ -32,11 +32,11 @@ class RecoveryReport:
     Attributes:
         path: The repaired bag.
         counts: Messages by topic, including topics without messages.
-        size_bytes: Of all messages.
+        size_bytes: Bytes of all messages.
         losses: Damaged or skipped parts, one line each.
         lost: Number of messages known to be lost.
         lost_exactly: Whether no others are lost.
-        notes: Non-fatal remarks without loss.
+        notes: Notes, one line each.
     """
 
     path: Path
@@ -118,7 +118,7 @@ class _Copy:
 
     Attributes:
         counts: Messages by topic.
-        size_bytes: Of all messages.
+        size_bytes: Bytes of all messages.
         losses: Reasons why messages cannot be written, with the number of messages.
     """
 

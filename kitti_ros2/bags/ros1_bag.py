@@ -60,7 +60,7 @@ MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = range(2, 8)
 MAGIC = b'#ROSBAG V2.0\n'
 
 Fields: TypeAlias = 'dict[bytes, bytes]'
-"""Of the header of a record, by name."""
+"""Fields of a record's header, by name."""
 
 _UINT32 = struct.Struct('<I')
 _TIME = struct.Struct('<II')
@@ -273,7 +273,7 @@ class Ros1Format:
         return (Kind.WHOLE if record.end <= end else Kind.CUT), record
 
     def is_checked(self, opcode: int) -> bool:
-        """Whether records of an opcode contain a second length."""
+        """Return whether records of an opcode contain a second length."""
         return opcode in _ENTRY_SIZES
 
     def inside(self, source: Source, position: int) -> int | None:
@@ -317,7 +317,7 @@ class Ros1Format:
 
 
 def _begins_after_chunk(head: Buffer) -> bool:
-    """Whether a record begins that is behind a chunk, never in it: then the chunk is empty."""
+    """Return whether a record begins that only follows a chunk: then the chunk is empty."""
     try:
         return opcode_of(split_record(head, 0)[0]) in {CHUNK, INDEX, CHUNK_INFO}
     except ValueError:
@@ -325,7 +325,7 @@ def _begins_after_chunk(head: Buffer) -> bool:
 
 
 def _agrees(opcode: int, fields: Fields, length: int) -> bool:
-    """Whether the opcode is known and the header agrees with the data's length."""
+    """Return whether the opcode is known and the header agrees with the data's length."""
     if opcode in _ENTRY_SIZES:
         (count,) = _UINT32.unpack(fields[b'count'])
         return bool(length == count * _ENTRY_SIZES[opcode])
@@ -345,7 +345,7 @@ class Ros1Channel(StoredChannel):
     """A connection.
 
     Attributes:
-        md5sum: Of the definition.
+        md5sum: MD5 of the definition.
         callerid: The publisher's node.
     """
 
@@ -357,7 +357,7 @@ class DescribedConnections:
     """The connections of a file.
 
     Args:
-        limits: How many there may be.
+        limits: Limits of their number.
 
     Attributes:
         by_id: The last description of each.

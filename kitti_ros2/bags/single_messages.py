@@ -40,7 +40,7 @@ def positions_of(topic: str, log_ns: Int64Array, indices: Iterable[int]) -> list
     Args:
         topic: Its name.
         log_ns: (N,) log times of all its messages, nanoseconds, ascending.
-        indices: Those to locate.
+        indices: Indices of the requested ones.
     """
     stamps = [(index, int(log_ns[index])) for index in indices]
     return [
@@ -93,7 +93,7 @@ class MessagesByIndex:
     """Reads messages by their index in time order; seeks where it is not that of the next one.
 
     Args:
-        messages: Of a bag; closed by the caller.
+        messages: All messages of a bag; closed by the caller.
         log_ns: (N,) log times of all of them, nanoseconds, ascending.
     """
 

@@ -43,10 +43,10 @@ class Row(NamedTuple):
 
     Attributes:
         row_id: The id.
-        types: Of the columns, as SQLite numbers them.
+        types: Types of the columns, as SQLite numbers them.
         values: Offset of the first value in the payload.
-        size: Of the payload, in bytes.
-        position: Of the payload in the file.
+        size: Bytes of the payload.
+        position: Offset of the payload in the file.
     """
 
     row_id: int
@@ -69,7 +69,7 @@ class Pages:
 
     Attributes:
         expected: The file's size according to its head, in bytes; 0 if that is unreliable.
-        page_size, usable: Of a page, in bytes: all of it, and what the format uses.
+        page_size, usable: Bytes of a page, and those that the format uses.
 
     Raises:
         ValueError: The head is invalid.

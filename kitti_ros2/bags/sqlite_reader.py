@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # Connections to databases of any origin, which may hold programs in place of tables.
 
 _TABLES = ('topics', 'messages', 'message_definitions')
-_PERIOD = 100_000  # SQLite's instructions between two looks at the budget
+_PERIOD = 100_000  # SQLite's instructions between two checks of the budget
 _ALWAYS = 20_000_000  # about a second
 _QUERY_BYTES = 1_000_000  # of what is no value of the file, such as a query
 _LONGEST = 2**31 - 1
@@ -63,7 +63,7 @@ class GuardedConnection(sqlite3.Connection):
         """Refuse views and virtual tables where rosbag2 has tables, and bound the queries.
 
         Args:
-            size: Of the file, in bytes.
+            size: Bytes of the file.
 
         Raises:
             ValueError: A table of rosbag2 is none, or computes its columns.

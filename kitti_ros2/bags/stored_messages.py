@@ -61,7 +61,7 @@ _MOST_IDL_CHARACTERS = 30_000
 _MOST_EXPRESSIONS = 300
 _DEEPEST = 4
 
-# What is not closed ends with the text: to look for its end again from each quote is quadratic.
+# Unclosed texts end with the input: a search for their end from each quote is quadratic.
 _TEXT_OR_COMMENT = re.compile(r'("(?:\\.|[^"\\])*(?:"|\\?\Z))|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
 _ANNOTATION = re.compile(r'@\s*([\w:]+)\s*\([^()]*\)')
 _VALUE = 'value'
@@ -403,7 +403,7 @@ def ros1_to_cdr(typestore: Typestore, data: Buffer, msgtype: str) -> memoryview:
         Exception: The message is damaged; the generated code may raise anything.
     """
     bounded = copy(typestore)
-    # The code for items that are messages reads past the end, as often as a damaged length says.
+    # The code for items that are messages reads past the end, as often as a damaged length states.
     bounded.max_sequence_length = max(len(data), 1)
     return bounded.ros1_to_cdr(data, msgtype)
 
@@ -444,7 +444,7 @@ class FoxgloveChannel(StoredChannel):
 
     @property
     def is_ros(self) -> bool:
-        """Whether its stored messages are of a ROS type, which the bag defines."""
+        """True if its stored messages are of a ROS type, which the bag defines."""
         return self.original.encoding in _ROS
 
 
@@ -583,7 +583,7 @@ READ = frozenset({'cdr', 'ros1'})
 
 
 def is_stored_as_cdr(channel: StoredChannel) -> bool:
-    """Whether messages of a channel are in their file as they are read."""
+    """Return whether messages of a channel are in their file as they are read."""
     return channel.encoding == 'cdr' and not isinstance(channel, FoxgloveChannel)
 
 

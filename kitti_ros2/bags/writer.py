@@ -86,7 +86,7 @@ class PartialBag:
 
 
 def is_interruption(error: BaseException) -> bool:
-    """Whether an exception is no fault of the data: a signal, the disk, or too little memory."""
+    """Return whether an exception is of a signal, the disk or the memory, not of the data."""
     return isinstance(error, (KeyboardInterrupt, SystemExit, OutputError, OSError, MemoryError))
 
 
@@ -149,12 +149,12 @@ class BagWriter:
     """A bag open for writing; as a context manager it closes on success and aborts on failure.
 
     Args:
-        path: Where the bag will be once closed.
+        path: The path of the bag once closed.
         context: Arguments of the writer of each file.
         single_file: Whether path is the only file, not a directory of files.
 
     Attributes:
-        path: Where the bag will be once closed.
+        path: The path of the bag once closed.
 
     Raises:
         OutputExistsError: The output exists and may not be replaced.
@@ -189,7 +189,7 @@ class BagWriter:
                     self._staging.content.mkdir()
                 self._next_file()
             if context.options.keep_partial:
-                # A message that is cut in two could not be told from a damaged bag.
+                # A message that is cut in two would look like a damaged bag.
                 self._signals = DeferredSignals()
         except BaseException as error:
             self.abort()

@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 _PLAIN = ('', 'identity')
 _HEADERS_S = 20.0
-"""For all headers that one call of fsspec waits for: those of HEAD, GET and their redirects."""
+"""Limit of all headers that one call of fsspec waits for: of HEAD, GET and their redirects."""
 _LEFT_S: WeakKeyDictionary[object, float] = WeakKeyDictionary()
-"""Of it, by the task of the call."""
+"""The rest of it, by the task of the call."""
 
 
 async def open_session(**options: object) -> ClientSession:
     """Open a session; fsspec awaits it.
 
     Args:
-        options: Those of fsspec and of its configuration.
+        options: Options of fsspec and of its configuration.
     """
     kwargs: Any = options
     headers = dict(kwargs.get('headers') or {})

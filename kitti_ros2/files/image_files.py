@@ -84,12 +84,12 @@ def jpeg_frame(data: bytes) -> JpegFrame | None:
 
 
 def is_webp(data: bytes) -> bool:
-    """Whether data begin as a WebP."""
+    """Return whether data begin as a WebP."""
     return data[:4] == b'RIFF' and data[8:12] == b'WEBP'
 
 
 def is_whole_webp(data: bytes) -> bool:
-    """Whether a WebP has all the bytes that its header states."""
+    """Return whether a WebP has all the bytes that its header states."""
     return len(data) >= _RIFF_HEAD + int.from_bytes(data[4:8], 'little')
 
 
@@ -168,7 +168,7 @@ def decode_jpeg(file: npt.NDArray[Any], flags: int) -> npt.NDArray[Any] | None:
 
     Args:
         file: Its bytes, (N,) uint8.
-        flags: Of cv2.imdecode.
+        flags: Flags of cv2.imdecode.
 
     Returns:
         The pixels as cv2.imdecode returns them; None where it cannot decode any.
@@ -244,14 +244,14 @@ _HEADER = struct.Struct('>IIBBBBB')
 _MOST_SIDE = 10**6
 """Pixels of a row or a column that libpng takes."""
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-"""Of a pixel, by colour type."""
+"""Samples of a pixel, by colour type."""
 _DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _PALETTE = 3
 _ENTRY_BYTES = 3
 _LAST_FILTER = 4
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
            (0, 1, 1, 2))  # fmt: skip
-"""Of Adam7: first column and row, and the distance of columns and rows."""
+"""Passes of Adam7: first column and row, and the distance of columns and rows."""
 _MOST_INFLATED = 1032
 """Bytes that a byte of deflated data becomes at most: 258 of each two bits."""
 _MOST_BEYOND = 2**16
@@ -631,7 +631,7 @@ def parse_image(data: bytes, path: Path | str, size: int | None = None) -> Image
     """Parse an image from the bytes of its file, without decoding it.
 
     Args:
-        data: The whole file; of a PNG its two ends are enough, as parse_png says.
+        data: The whole file; of a PNG its two ends are enough, as in parse_png.
         path: The file, for errors.
         size: Bytes of the file, where data is only its ends.
 

@@ -39,7 +39,7 @@ __all__ = ['adler32', 'crc32']
 # A file is on the disk after fsync of the file and, for its name, fsync of its folder (fsync(2)).
 
 _THREADS = 8
-"""They wait for the disk, which writes the metadata of files that are synced at once together."""
+"""Threads that wait for the disk, which writes the metadata of several files together."""
 _BATCH = 32
 """Files that a thread takes at a time."""
 _ALONE = 4
@@ -131,7 +131,7 @@ def start_writing_out(file: int, position: int = 0, size: int = 0) -> None:
 
     Args:
         file: Descriptor of a regular file.
-        position: Of the first byte.
+        position: Offset of the first byte.
         size: Number of bytes; 0: up to the end.
     """
     function = _sync_file_range()
@@ -216,7 +216,7 @@ def write_uncached(file: int, buffers: Buffers, position: int) -> int:
     Args:
         file: Descriptor of a regular file.
         buffers: Flat bytes, at most IOV_MAX of them.
-        position: Of the first byte in the file.
+        position: Offset of the first byte in the file.
 
     Returns:
         Number of bytes written, as os.pwritev.
@@ -247,7 +247,7 @@ def _write_cached(file: int, buffers: Buffers, position: int) -> int:
 
 
 def kernel_drops_pages(platform: str, release: str) -> bool:
-    """Whether a kernel (sys.platform, os.uname().release) handles the flag correctly."""
+    """Return whether a kernel (sys.platform, os.uname().release) handles the flag correctly."""
     version = re.match(r'(\d+)\.(\d+)', release, re.ASCII)
     if platform != 'linux' or version is None:
         return False

@@ -165,11 +165,11 @@ def reported(path: Path) -> Iterator[None]:
 
 
 class Staging:
-    """A temporary place for an output until it is complete.
+    """A temporary directory for an output until it is complete.
 
     Attributes:
         path: The output.
-        content: Where to write it: a path inside the partial directory that does not exist yet.
+        content: The path to write to, inside the partial directory; it does not exist yet.
 
     Args:
         path: The output.
@@ -394,7 +394,7 @@ def _remove(entry: Path) -> None:
 
 
 def may_exist(path: Path) -> bool:
-    """Whether a path exists, or cannot be examined."""
+    """Return whether a path exists, or cannot be examined."""
     try:
         path.lstat()
     except FileNotFoundError:

@@ -5,7 +5,7 @@
 They are forked: a new interpreter would import numpy first, which takes 0.2 s. A fork copies the
 calling thread only, and locks that other threads hold stay locked in the copy (POSIX, fork).
 
-And what a process keeps: imports, freed memory, threads of OpenCV.
+Also the imports, freed memory and OpenCV threads of a process.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ _ENDING = {signal.SIGINT, signal.SIGTERM}
 
 
 def can_fork() -> bool:
-    """Whether a fork is safe here: on Linux, in a program without threads of Python."""
+    """Return whether a fork is safe here: on Linux, in a program without threads of Python."""
     return sys.platform == 'linux' and threading.active_count() == 1
 
 
@@ -219,8 +219,8 @@ def forked_map(function: Callable[[T], R], items: Sequence[T], workers: int) -> 
     """Map in order on forked processes; as forked, the processes start with the first result.
 
     Raises:
-        KittiRos2Error: A process was killed, for example for lack of memory.
-        Exception: What the function raises.
+        KittiRos2Error: A process was killed, for example when memory ran out.
+        Exception: That of the function.
     """
     with forked(function, items, workers) as results:
         yield from results
@@ -243,8 +243,8 @@ def forked(
             for each process. 0: none.
 
     Raises:
-        KittiRos2Error: By the iterator: a process was killed, for example for lack of memory.
-        Exception: By the iterator: what the function raises.
+        KittiRos2Error: By the iterator: a process was killed, for example when memory ran out.
+        Exception: By the iterator: that of the function.
     """
     pool: list[_Fork[T, R]] = []
     try:
@@ -298,7 +298,7 @@ class _Fork(Generic[T, R]):
 
         Raises:
             KittiRos2Error: The process was killed.
-            Exception: What the function raised.
+            Exception: That of the function.
         """
         try:
             result, error = self.connection.recv()
@@ -350,7 +350,7 @@ def _work(
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     for other in not_ours:  # as long as one is open, a pipe without a reader is not broken
         other.close()
-    # The other end is closed when the results are not wanted any more.
+    # The other end is closed when no more results are needed.
     with suppress(BrokenPipeError, ConnectionResetError, EOFError):
         for item in items:
             try:

@@ -57,7 +57,7 @@ class RemotePath(UrlPath):
         return self.stat()
 
     def _is_folder(self) -> bool | None:
-        """Whether it is a folder; None if there is nothing."""
+        """Return whether it is a folder; None if there is nothing."""
         from .remote_reads import entry_of  # noqa: PLC0415 - for URLs only
 
         try:
@@ -66,15 +66,15 @@ class RemotePath(UrlPath):
             return None
 
     def exists(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
-        """Whether there is a file or a folder."""
+        """Return whether there is a file or a folder."""
         return self._is_folder() is not None
 
     def is_file(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
-        """Whether there is a file."""
+        """Return whether there is a file."""
         return self._is_folder() is False
 
     def is_dir(self, *, follow_symlinks: bool = True) -> bool:  # noqa: ARG002 - as in Path
-        """Whether there is a folder."""
+        """Return whether there is a folder."""
         return self._is_folder() is True
 
     def is_symlink(self) -> bool:
@@ -122,7 +122,7 @@ class RemotePath(UrlPath):
 
 
 def is_remote(path: object) -> TypeIs[RemotePath]:
-    """Whether a path is a URL."""
+    """Return whether a path is a URL."""
     return isinstance(path, RemotePath)
 
 

@@ -65,11 +65,11 @@ _SUFFIX = re.compile(r'\.[A-Za-z][A-Za-z0-9]{1,7}', re.ASCII)
 
 
 class RemoteEntry(NamedTuple):
-    """What a store says of a name.
+    """The entry of a name in a store.
 
     Attributes:
         is_folder: Whether it is a folder.
-        size: Of a file, bytes; None where listings have none.
+        size: Bytes of a file; None where listings have none.
         changed_ns: Time of the last change since 1970 UTC; 0 if unknown.
         tag: Changes with the content (ETag); empty if unknown.
     """
@@ -86,7 +86,7 @@ _CHANGED = (
 _TAGS = ('ETag', 'etag')
 _FOLDER = RemoteEntry(is_folder=True)
 _MOST_ENTRIES = 200_000
-"""Of all listings that are kept; fsspec keeps about 1 KB for each."""
+"""Limit of all cached listings; fsspec has about 1 KB for each."""
 
 
 class _Listings:
@@ -162,7 +162,7 @@ def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
 
 
 def entry_of(path: UrlPath) -> RemoteEntry:
-    """Return what the store says of a path.
+    """Return the entry of a path.
 
     Raises:
         FileNotFoundError: There is nothing.
@@ -208,7 +208,7 @@ def _missing(path: UrlPath) -> FileNotFoundError:
 
 
 def sized_entry_of(path: UrlPath) -> RemoteEntry:
-    """Return what the store says of a path, with a file's size also where listings have none.
+    """Return the entry of a path, with a file's size also where listings have none.
 
     Raises:
         FileNotFoundError: There is nothing.
@@ -231,7 +231,7 @@ def known_listing(folder: UrlPath) -> Mapping[str, RemoteEntry] | None:
 
 
 def _asked(path: UrlPath) -> RemoteEntry | None:
-    """Ask for a path on its own: first what its name looks like, a file or a folder."""
+    """Ask for a path on its own: first as its name suggests, a file or a folder."""
     looks_like_file = bool(_SUFFIX.fullmatch(path.suffix)) or path.scheme in _HTTP
     try:
         if not looks_like_file:
@@ -388,7 +388,7 @@ class _Range(NamedTuple):
     """Blocks of a file that one request reads.
 
     Attributes:
-        start: Of the first block, in bytes.
+        start: Offset of the first block, in bytes.
         data: The bytes, once they are there.
         length: Their number.
     """
@@ -593,16 +593,16 @@ _OUT_OF_ORDER = 8
 
 
 class _ReadFolder:
-    """What is read of a folder.
+    """The files of a folder that are read, and read ahead.
 
     Attributes:
         listing: Its entries by name.
-        names: Of its files, in the order of the listing.
+        names: Names of its files, in the order of the listing.
         indices: Their indices in it, by name.
         pending: Files that are read ahead, by index.
         last: Index of the file that was read last.
         step: From one file that is read to the next.
-        window: How many files are read ahead; 0 while files are read in no order.
+        window: Number of files that are read ahead; 0 while files are read in no order.
         ahead: Index of the last file that was read ahead.
         used: Count of all reads at the last one here.
     """
@@ -666,7 +666,7 @@ class _Texts:
 
 
 class FilesAhead:
-    """Reads whole files; keeps those that follow for their turn."""
+    """Reads whole files, and those that follow ahead of their turn."""
 
     def __init__(self) -> None:
         self._lock = Lock()

@@ -33,7 +33,7 @@ FileSystem: TypeAlias = Any
 """fsspec's AbstractFileSystem, which has no types."""
 
 _PACKAGES = {'gs': 'gcsfs', 'gcs': 'gcsfs', 'abfs': 'adlfs', 'az': 'adlfs', 'sftp': 'paramiko'}
-"""Of schemes that the extra does not install."""
+"""Packages of schemes that the extra does not install."""
 
 
 def filesystem_of(path: UrlPath) -> FileSystem:
@@ -95,7 +95,7 @@ T = TypeVar('T')
 
 TRIES = 5
 _OUTER_TRIES = 2
-"""Where the file system of fsspec makes several tries itself, as those of S3 and GCS do."""
+"""Tries with a file system of fsspec that tries again itself, as those of S3 and GCS do."""
 _FIRST_WAIT_S = 0.2
 _LONGEST_WAIT_S = 60.0
 _PASSING = frozenset(
@@ -120,7 +120,7 @@ _PASSING_NAMES = frozenset({
     'ClientOSError', 'ClientConnectionError', 'ConnectionError', 'ChunkedEncodingError',
     'TransferEncodingError', 'ContentLengthError', 'FSTimeoutError', 'TimeoutError',
 })  # fmt: skip
-"""Of aiohttp, botocore, urllib3, requests and gcsfs, none of which need be installed."""
+"""Errors of aiohttp, botocore, urllib3, requests and gcsfs, none of which need be installed."""
 _CREDENTIALS = frozenset({
     'NoCredentialsError', 'PartialCredentialsError', 'CredentialRetrievalError',
     'DefaultCredentialsError', 'ProfileNotFound', 'TokenRetrievalError', 'SSOTokenLoadError',
@@ -128,7 +128,7 @@ _CREDENTIALS = frozenset({
 
 
 class ShortBodyError(OSError):
-    """Fewer bytes came than the store says that the file has."""
+    """Fewer bytes came than the store lists for the file."""
 
     def __init__(self, got: int, expected: int) -> None:
         super().__init__(errno.EIO, f'{got} of {expected} bytes came')
@@ -138,7 +138,7 @@ def attempt(path: UrlPath, request: Callable[[], T]) -> T:
     """Make a request to a store, again after a pause while it fails for a moment.
 
     Args:
-        path: What it is about.
+        path: The file or folder.
         request: Makes it; called up to TRIES times.
 
     Raises:
@@ -170,7 +170,7 @@ def retry_wait_s(attempt: int, first_s: float) -> float:
 
 
 def is_passing(status: int) -> bool:
-    """Whether a server that replies this status may reply another one to the same request."""
+    """Return whether the same request may get another status later."""
     return status >= 500 or status in _BUSY
 
 
@@ -273,7 +273,7 @@ def _causes(error: Exception) -> list[BaseException]:
 
 
 def _may_pass(error: BaseException, status: int | None) -> bool:
-    """Whether a request may succeed when it is made again."""
+    """Return whether a request may succeed when it is made again."""
     if status is not None:
         return is_passing(status)
     if isinstance(error, OSError) and error.errno in _PASSING:
@@ -347,7 +347,7 @@ class StoreError(OutputError):
     """A store refuses a request about an output, or does not answer.
 
     Attributes:
-        reason: What the store says.
+        reason: The reason that the store gives.
     """
 
     def __init__(self, path: UrlPath, error: Exception, *, remains: str = '') -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What outputs are, without how they are staged: which --overwrite may replace, and JSON text.
+"""Rules for outputs, apart from their staging: which --overwrite may replace, and JSON text.
 
 The command line needs both before it writes anything, and so nothing heavy is imported here.
 """

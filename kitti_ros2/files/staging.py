@@ -48,7 +48,7 @@ __all__ = [
 def open_staging(
     path: Path, refusal: Callable[[Path], str | None], *, fsync: bool = True
 ) -> Staging | UploadStaging:
-    """Open the temporary place of an output, local or in a store.
+    """Open the temporary directory of an output, local or in a store.
 
     Args and errors are those of Staging and UploadStaging; a store needs no fsync.
     """
@@ -67,7 +67,7 @@ def staged(
 
     Args:
         out: The data set: absent, an empty folder, or one that the refusal lets be replaced.
-        refusal: As in Staging; None keeps all.
+        refusal: As in Staging; None: all are kept.
         fsync: As in Staging.
 
     Raises:
@@ -103,7 +103,7 @@ def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
 
 
 def lies_inside(out: Path, source: Path) -> bool:
-    """Whether an output is its source or lies inside it."""
+    """Return whether an output is its source or lies inside it."""
     if is_remote(out) or is_remote(source):
         return is_remote(out) and is_remote(source) and out.is_relative_to(source)
     # Unlike Path.resolve, this accepts circular links.

@@ -4,7 +4,7 @@
 
 concurrent.futures is not made for those. Its futures and its executor share conditions with their
 threads, and an exception that comes right after threading.Condition has taken its lock leaves it
-taken: the thread waits for it for ever, and so does who waits for the thread. What is shared here
+taken: the thread waits for it for ever, and its waiters do, too. What is shared here
 are locks and a queue of C, which take a lock and note that they have it in one step.
 
 Signals are held back while a step runs that must not be cut in two.
@@ -37,7 +37,7 @@ _DEFERRED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class DeferredSignals:
-    """As a context manager: the first signal that ends a program is handled when the block ends.
+    """A context manager that handles the first signal that ends a program when the block ends.
 
     Only in the main thread, which handles them; elsewhere, nothing happens. Signals that are
     ignored stay ignored, and those that Python does not handle end the process at once. Close it
@@ -97,7 +97,7 @@ def deferred_signals() -> Iterator[None]:
 #
 # concurrent.futures is not made for those. Its futures and its executor share conditions with their
 # threads, and an exception that comes right after threading.Condition has taken its lock leaves it
-# taken: the thread waits for it for ever, and so does who waits for the thread. What is shared here
+# taken: the thread waits for it for ever, and its waiters do, too. What is shared here
 # are locks and a queue of C, which take a lock and note that they have it in one step.
 
 R = TypeVar('R')
@@ -107,7 +107,7 @@ class ThreadTask(Generic[R]):
     """A call that a thread makes.
 
     Args:
-        call: What to call.
+        call: The function.
         ended: The task is put there when it has ended.
     """
 
@@ -145,7 +145,7 @@ class ThreadTask(Generic[R]):
             return self._error
 
     def has_failed(self) -> bool:
-        """Whether it has ended, by an exception."""
+        """Return whether it has ended, by an exception."""
         return self._error is not None
 
     def result(self) -> R:
@@ -165,7 +165,7 @@ class Threads:
 
     Args:
         most: Number of threads.
-        name: Of the threads, to which their number is added.
+        name: Name of the threads, to which their number is added.
     """
 
     def __init__(self, most: int, name: str) -> None:
@@ -180,7 +180,7 @@ class Threads:
         """Have a thread make a call.
 
         Args:
-            call: What to call.
+            call: The function.
             ended: The task is put there when it has ended.
 
         Raises:

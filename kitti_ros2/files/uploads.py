@@ -100,10 +100,10 @@ def send(uploads: Iterable[Upload]) -> Iterator[Sent]:
 
 
 def is_same(expected: StoredObject, stored: StoredObject | None) -> bool:
-    """Whether an object arrived as it was sent, as far as the store shows it."""
+    """Return whether an object arrived as it was sent, as far as the store shows it."""
     if stored is None or stored.size != expected.size:
         return False
-    # A store may divide a file in its own parts, and say so in its digest.
+    # A store may divide a file in its own parts, and show that in its digest.
     comparable = bool(stored.digest) and ('-' in stored.digest) is ('-' in expected.digest)
     return not comparable or stored.digest == expected.digest
 
@@ -246,7 +246,7 @@ class _Multipart:
 
 
 def _is_there(target: RemotePath, expected: StoredObject) -> bool:
-    """Whether an object has arrived though its request failed: an answer may have been lost."""
+    """Return whether an object has arrived though its request failed: the answer was lost."""
     with suppress(StoreError):
         stored = object_at(target)
         return stored is not None and stored.digest == expected.digest
@@ -273,11 +273,11 @@ _VERIFICATIONS = 3
 
 
 class UploadStaging:
-    """A local temporary place for an output in a store until it is complete; as Staging.
+    """A local temporary directory for an output in a store until it is complete; as Staging.
 
     Attributes:
         path: The output.
-        content: Where to write it: a path that does not exist yet, in a local temporary folder.
+        content: The path to write to, in a local temporary folder; it does not exist yet.
 
     Args:
         path: The output.
@@ -547,7 +547,7 @@ def _this_process() -> dict[str, object]:
 
 
 def _process_space() -> str:
-    """Return what tells machines and containers apart: boot and process namespace."""
+    """Return an id of this machine or container: boot and process namespace."""
     with suppress(OSError):
         boot = Path('/proc/sys/kernel/random/boot_id').read_text(encoding='ascii').strip()
         return f'{boot} {Path("/proc/self/ns/pid").readlink()}'
@@ -555,7 +555,7 @@ def _process_space() -> str:
 
 
 def _is_dead(content: bytes | None) -> bool:
-    """Whether a lock is of a process of this machine that has ended."""
+    """Return whether a lock is of a process of this machine that has ended."""
     owner = _parsed(content)
     space, pid = owner.get('space'), owner.get('pid')
     if not space or space != _process_space() or owner.get('host') != socket.gethostname():

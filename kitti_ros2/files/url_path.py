@@ -42,7 +42,7 @@ class UrlPath(PosixPath):
     Attributes:
         scheme: In small letters, such as s3.
         names: From the root down.
-        parameters: What follows `?` in http URLs.
+        parameters: The text behind `?` in http URLs.
 
     Raises:
         UsageError: The URL contains a password.
@@ -79,7 +79,7 @@ class UrlPath(PosixPath):
 
     @property
     def _raw_paths(self) -> list[str]:
-        """What pathlib would read of the path: Path(url) shall fail, not become a local path."""
+        """The text that pathlib reads of the path: Path(url) fails instead of becoming local."""
         raise LocalPathError(self)
 
     @_raw_paths.setter
@@ -225,7 +225,7 @@ class UrlPath(PosixPath):
         return Path(*self.names[len(folder.names) :])
 
     def is_relative_to(self, *other: str | os.PathLike[str]) -> bool:
-        """Whether the path is a folder, or below it."""
+        """Return whether the path is a folder, or below it."""
         try:
             self.relative_to(*other)
         except ValueError:
@@ -233,7 +233,7 @@ class UrlPath(PosixPath):
         return True
 
     def match(self, path_pattern: str, *, case_sensitive: bool | None = None) -> bool:
-        """Whether the names match a relative pattern."""
+        """Return whether the names match a relative pattern."""
         del case_sensitive  # they are
         return PurePosixPath(*self.names).match(path_pattern)
 

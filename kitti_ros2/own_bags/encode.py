@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .schedule import Entry, Schedule
 
 
-# The description of a recording in its bag: what the messages hold of its files.
+# The description of a recording in its bag: which of its files are in the messages.
 
 
 def describe(
@@ -68,7 +68,7 @@ def describe(
         recording: The recording.
         schedule: The selected samples.
         table: The rows that have messages.
-        options: Of the messages.
+        options: Message options.
     """
     carried = {row.stream: schedule.numbers_of(row.stream) for row in table if row.restores}
     numbered = Stream.CALIBRATION in recording.streams
@@ -84,7 +84,7 @@ def describe(
 
 
 def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream) -> bool:
-    """Whether the first readable image of a stream has colours."""
+    """Return whether the first readable image of a stream has colours."""
     for number in schedule.numbers_of(stream):
         try:
             image = cast('Image', recording.read(stream, number))
@@ -157,7 +157,7 @@ def turn_notes(
     Args:
         scans: Stamps of the scans to be encoded, nanoseconds, by file number.
         turns: The turn of each scan, by file number; none for scans compensated for motion.
-        cloud_format: Of the clouds.
+        cloud_format: Format of the clouds.
     """
     notes = []
     timed = cloud_format.is_timed
@@ -182,16 +182,16 @@ def turn_notes(
     return notes
 
 
-# Notes on what a stack of --for needs and a recording does not have.
+# Notes on inputs of a stack of --for that a recording does not have.
 
 
 def stack_notes(
     options: MessageOptions, table: Sequence[Topic], images: str, schedule: Schedule
 ) -> list[str]:
-    """Return what the stack of the options will miss.
+    """Return notes on inputs of the stack that will be missing.
 
     Args:
-        options: Of the messages, with a stack.
+        options: Message options, with a stack.
         table: The rows that have messages.
         images: The last part of the names of image topics.
         schedule: The selected samples.

@@ -206,7 +206,7 @@ class NumberedTopic(NamedTuple):
 
     @property
     def is_numbered(self) -> bool:
-        """Whether any number is known."""
+        """True if any number is known."""
         return bool((self.numbers != UNKNOWN).any())
 
 
@@ -214,7 +214,7 @@ class NumberedBag(NamedTuple):
     """The messages of a bag written by to-bag with KITTI's numbers.
 
     Attributes:
-        source_files: The layout of the recording.
+        source_files: The source files of the recording.
         topics: By name; topics of the recording as a whole are absent.
     """
 
@@ -228,7 +228,7 @@ class NumberedBag(NamedTuple):
 
     @property
     def common(self) -> bool:
-        """Whether a number is the same time in all streams; not in a raw extract."""
+        """True if a number is the same time in all streams; not in a raw extract."""
         return has_common_numbers(self.source_files)
 
     @property
@@ -277,7 +277,7 @@ class NumberedBag(NamedTuple):
 
 
 def has_common_numbers(source_files: SourceFiles) -> bool:
-    """Whether a file number is the same time in all streams of a recording."""
+    """Return whether a file number is the same time in all streams of a recording."""
     return not source_files.layout.traits.is_extract(source_files.name)
 
 
@@ -302,7 +302,7 @@ def number_bag(
     Args:
         bag: Any bag.
         log_ns: Log times by topic, (N,) nanoseconds, ascending.
-        source_files: Its layout, if already read.
+        source_files: Its source files, if already read.
         by_header: Whether a bag with other log times is read to get the stamps in its headers.
 
     Returns:
@@ -395,7 +395,7 @@ def _named(text: TextFile, source_files: SourceFiles, stream: Stream) -> int:
 def select_part(
     source: BagSource, source_files: SourceFiles, selection: SelectionOptions
 ) -> SourceFiles:
-    """Return a layout whose selected files are those that to-bag writes for a selection.
+    """Return source files whose selected ones are those that to-bag writes for a selection.
 
     Raises:
         UsageError: The selection contains none of its frames.

@@ -294,7 +294,7 @@ def _positions(name: str, topic: NumberedTopic) -> dict[int, MessagePosition]:
 
 
 def _camera_name(topic: str, index: int) -> str:
-    """KITTI's name of a camera, or its number on a rig of independent ones."""
+    """Return KITTI's name of a camera, or its number on a rig of independent ones."""
     name = CAMERA_NAMES.get(index, str(index))
     return name if f'camera_{name}/' in topic else str(index)
 
@@ -307,7 +307,7 @@ def open_own_recording(
     Args:
         bag: The bag.
         survey: The survey of the bag.
-        source_files: The layout of the recording, if already read.
+        source_files: The source files of the recording, if already read.
 
     Raises:
         BadBagError: The bag cannot be read.

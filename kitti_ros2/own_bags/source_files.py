@@ -55,9 +55,9 @@ class Folder:
 
     Attributes:
         path: Relative to the recording's root.
-        names: How they are named.
+        names: Their naming scheme.
         numbers: File numbers of the recording, ascending.
-        carried: Those of them that were written to the bag, ascending.
+        carried: File numbers that were written to the bag, ascending.
     """
 
     path: PurePosixPath
@@ -70,7 +70,7 @@ class Folder:
         return self.path / self.names.name(number)
 
     def has(self, number: int) -> bool:
-        """Whether the recording has a file of this number."""
+        """Return whether the recording has a file of this number."""
         index = bisect_left(self.numbers, number)
         return self.numbers[index : index + 1] == (number,)
 
@@ -104,7 +104,7 @@ def shown(name: str) -> str:
 
 
 def is_inside(name: str) -> bool:
-    """Whether a name is a relative path that stays below its root."""
+    """Return whether a name is a relative path that stays below its root."""
     path = PurePosixPath(name)
     return not (path.is_absolute() or '..' in path.parts or not path.parts or '\0' in name)
 
@@ -140,20 +140,20 @@ class EarlierVersionError(UndescribedError):
 
 @dataclass(frozen=True, kw_only=True)
 class DescribedRecording:
-    """What a description says of one recording, beside its files of text.
+    """The description of one recording, apart from its text files.
 
     Attributes:
-        layout: Which of the four.
+        layout: One of the four.
         name: Drive, sequence or split.
         epoch_ns: The time of the first frame in layouts without absolute time.
         period_ns: Distance of the frames in layouts without time.
         scan_stamp: The time of a scan used as its stamp.
         folders: By stream.
         times: The true stamps of an object set in real time; None for others.
-        deskew: What to-bag did to the scans; None: they are those of the files.
+        deskew: The change that to-bag made to the scans; None: they are those of the files.
         stereo: Whether right images have the stamps of their left ones.
         grey: Streams of colour images whose raw images are grey.
-        columns: Those of .bin scans; None are KITTI's.
+        columns: Columns of .bin scans; None are KITTI's.
     """
 
     layout: Layout
@@ -266,12 +266,12 @@ def _numbers(spans: Iterable[tuple[int, int]], limit: int) -> Iterable[int]:
         least = int(last) + 1
 
 
-# The layout of one recording in a bag written by to-bag: its files, by stamps of messages.
+# The source files of one recording in a bag written by to-bag, by stamps of messages.
 
 
 @dataclass(frozen=True, kw_only=True)
 class SourceFiles(DescribedRecording):
-    """The layout of one recording.
+    """The source files of one recording.
 
     Attributes:
         texts: Whole text files by path relative to the recording's root, calibration apart.
@@ -279,7 +279,7 @@ class SourceFiles(DescribedRecording):
         topics: Topics of the bag.
         missing: Text files missing in the bag.
         selected: File numbers of the requested part, by stream; None is all.
-        losses: Those files, and texts that are unreadable or invalid.
+        losses: Missing files, and texts that are unreadable or invalid.
         damage: Damage that the bag's reader found so far, and the number of messages lost by each;
             None: unknown.
     """
@@ -361,7 +361,7 @@ class SourceFiles(DescribedRecording):
 
     @property
     def _compensated(self) -> bool:
-        """Whether the scans in the bag are compensated for motion."""
+        """True if the scans in the bag are compensated for motion."""
         of_layout = self.layout.traits.compensated_scans
         return self.deskew is Deskew.ON or (of_layout and self.deskew is None)
 
@@ -445,8 +445,8 @@ def implied_texts(
     """Return the text files of a recording that follow from the topics of its bag.
 
     Args:
-        description: Of the recording.
-        topics: Of the bag.
+        description: That of the recording.
+        topics: Topics of the bag.
         paths: The text files in the bag.
     """
     rules = {
@@ -639,7 +639,7 @@ __all__ = [
 
 
 def find_source_files(source: BagSource) -> SourceFiles | None:
-    """Read the layout of the recording in a bag; None unless to-bag wrote the bag.
+    """Read the source files of the recording in a bag; None unless to-bag wrote the bag.
 
     Raises:
         UndescribedError: to-bag wrote it, and its description is missing, invalid or too old.
@@ -668,7 +668,7 @@ def read_source_files(
     An unusable description is a loss, and not an error; one of an earlier version is neither.
 
     Args:
-        bag: A bag that can be read; without a readable description, it has no layout.
+        bag: A bag that can be read; without a readable description, it has no source files.
         counts: Its messages by topic.
     """
     if RECORDING not in counts:
@@ -707,7 +707,7 @@ class _Source:
                 self._found.append((message.topic, message.stamp_ns, text))
 
     def make(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> SourceFiles:
-        """Make the layout and its text files; invalid or missing ones are losses."""
+        """Make the source files; invalid or missing texts are losses."""
         description = self._description
         if description is None:
             reasons = [*(loss.text() for loss in self._tally.losses()), *damaged]

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 # The rest, a quarter of the time for decoded images and most of it for passing PNG through, is
 # Python's own. Processes share that too: each encodes runs of consecutive samples, and returns
 # their messages through shared memory. Only the messages of a few runs exist at a time, however
-# long the recording is. What depends on order stays with the one who takes the messages: which of
+# long the recording is. The consumer of the messages decides what depends on order: which of
 # them repeat the last one, and where a chunk or a file of the bag ends.
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class RunEncoder:
     """Encodes runs of consecutive samples.
 
     Args:
-        encoder: Of the samples.
+        encoder: Encoder of the samples.
         recording: Their recording.
         schedule: The samples.
     """
@@ -123,7 +123,7 @@ def encoding(
     """Encode all samples in order, on several cores; what encodes ends with the context.
 
     Args:
-        encoder: Of the samples.
+        encoder: Encoder of the samples.
         recording: Their recording.
         schedule: The samples.
         decodes: Whether images are decoded, which is long enough to share it out.
@@ -205,10 +205,10 @@ class ExportReport:
         path: The bag.
         counts: Messages by topic.
         frames: Number of scheduled frames; see streams.FRAME_STREAMS.
-        size_bytes: Of all messages.
+        size_bytes: Bytes of all messages.
         first_ns, last_ns: Stamps.
-        losses: What was skipped.
-        notes: What cost no data, a line each.
+        losses: Skipped data.
+        notes: Notes, a line each.
     """
 
     path: Path
@@ -234,7 +234,7 @@ def convert(
     Args:
         recording: The source.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 directory.
-        options: What is written, and how.
+        options: Options of the conversion.
         progress: Called with the number of samples and frames; returns a context with a function
             that is called with the samples done and the bytes written so far.
         jobs: Number of worker processes that encode; 1: none, but threads. The bag is the same.
@@ -254,7 +254,7 @@ def convert(
     decodes = options.messages.images is not Images.COMPRESSED
     threads = max(worker_count(), jobs)
     with (
-        # Before the others: a fork keeps the files and locks that are open.
+        # Before the others: a fork inherits open files and locks.
         encoding(encoder, recording, schedule, decodes=decodes, jobs=jobs) as encoded,
         progress(len(schedule), schedule.frames) as show,
         open_bag(out, options.bag, TYPESTORE, source_metadata=source, threads=threads) as writer,

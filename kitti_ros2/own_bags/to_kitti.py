@@ -87,8 +87,8 @@ def format_sample(
 
     Args:
         decode: Returns the sample.
-        path: Of the file.
-        columns: Of scans; None are KITTI's.
+        path: Path of the file.
+        columns: Columns of scans; None are KITTI's.
 
     Raises:
         ValueError: The message cannot be decoded, or the file of labels cannot be written.
@@ -162,7 +162,7 @@ def restore(
     """Restore the recordings in bags written by to-bag, in one data set.
 
     Args:
-        recordings: Each bag with the layout of its recording.
+        recordings: Each bag with its source files.
         out: The data set's folder, absent or empty unless it is overwritten.
         progress: Called with the files and the bytes written so far of one bag.
         overwrite: Whether a data set in the folder may be replaced.
@@ -408,7 +408,7 @@ class Conversion:
     Attributes:
         bags: All bags of the call.
         out: The data set.
-        options: Of the conversion.
+        options: Import options.
         plan_file: A plan to use.
         note: Called with each note that is known before anything is written.
         progress: Called with the number of samples and of frames; returns a context with a function
@@ -454,7 +454,7 @@ class Conversion:
         """Convert by a plan.
 
         Args:
-            recordings: The bags with their layouts, if to-bag wrote all of them.
+            recordings: The bags with their source files, if to-bag wrote all of them.
             losses: Their damaged descriptions.
         """
         from ..importer.apply_plan import adapt, convert, guess, plans_of  # noqa: PLC0415
@@ -508,7 +508,7 @@ def _count_frames(bag: OpenBag, source_files: SourceFiles) -> int:
 
 
 def is_restored(recordings: Sequence[tuple[OpenBag, SourceFiles]], options: ImportOptions) -> bool:
-    """Whether the original files of bags written by to-bag come back, without a plan."""
+    """Return whether the original files of bags written by to-bag come back, without a plan."""
     return bool(recordings) and all(options.keeps(files.layout) for _, files in recordings)
 
 
@@ -518,9 +518,9 @@ def selected(
     """Return the selection of a conversion by a plan; KITTI's file numbers become stamps.
 
     Args:
-        recordings: The bags with their layouts, if to-bag wrote all of them.
-        plan: Of the conversion.
-        options: Of the conversion.
+        recordings: The bags with their source files, if to-bag wrote all of them.
+        plan: The plan.
+        options: Import options.
 
     Raises:
         UsageError: The bag has no sample of these numbers.
@@ -543,7 +543,7 @@ def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, SourceFil
 def own_bags(
     bags: Sequence[OpenBag], options: ImportOptions, *, planned: bool = False
 ) -> tuple[list[tuple[OpenBag, SourceFiles]], tuple[Loss, ...]]:
-    """Return bags written by to-bag with their original layouts, and damaged descriptions.
+    """Return bags written by to-bag with their source files, and damaged descriptions.
 
     Args:
         bags: All bags of the call.
@@ -582,7 +582,7 @@ class PlanProposal:
     Attributes:
         survey: The content of the bags.
         plan: The plan that was given, or the one that was guessed.
-        options: Of the conversion, with the layout and the selection of the plan.
+        options: Import options, with the layout and the selection of the plan.
         notes: Notes, missing data and damage, a line each.
         restored: Whether to-bag wrote the bags and no option changes that: without a plan the
             original files come back.
@@ -609,8 +609,8 @@ def propose_plan(
     """Survey bags, and make or read the plan of their conversion.
 
     Args:
-        bags: Those of one recording.
-        options: Of the conversion.
+        bags: The bags of one recording.
+        options: Import options.
         plan_file: A plan to use.
         any_layout: Whether a missing layout is chosen by the content of the bags.
 
@@ -686,7 +686,7 @@ _PREFERENCES: Sequence[tuple[Callable[[LayoutTraits, Plan, Survey], bool], str]]
     (lambda traits, _plan, _: traits.frame_set, 'the bag has neither 3D boxes nor GPS nor poses'),
     (lambda _traits, _plan, _: True, 'the first that is possible'),
 )
-"""What a bag has, and which layout most programs expect for it: the first that is possible."""
+"""Contents of a bag with the layout that most programs expect: the first possible one counts."""
 
 
 def _are_labelled(plan: Plan, survey: Survey) -> bool:
