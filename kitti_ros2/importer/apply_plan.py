@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any bag -> KITTI: survey it, make a plan, convert by the plan, one data set or one a camera.
 
-Also what a plan makes of a bag, in advance, and what programs demand of the result.
+Also an overview of a plan, and notes on the demands of programs.
 """
 
 from __future__ import annotations
@@ -156,9 +156,9 @@ def frames_of_sets(
 
     Args:
         plans: The result of plans_of.
-        survey: Of the bags.
+        survey: The survey of the bags.
         track: As choose_frames.
-        selection: Of the frames.
+        selection: The selection of frames.
 
     Raises:
         UsageError: No frame is whole in all sets, or the selection takes none.
@@ -183,7 +183,7 @@ def frames_of_sets(
 
 
 def _is_own(plan: Plan) -> bool:
-    """Whether the frames of a set are its images."""
+    """Return whether the frames of a set are its images."""
     return plan.reference == f'image_{_CAMERA}'
 
 
@@ -203,7 +203,7 @@ def _frames_of(
 
 
 def _keys(frames: Frames) -> np.typing.NDArray[np.int64]:
-    """Return (N,) what tells frames apart in all sets: the scan, else the stamp."""
+    """Return (N,) the key of frames in all sets: the scan, else the stamp."""
     return frames.samples.get(Stream.SCAN, frames.stamps_ns)
 
 
@@ -218,7 +218,7 @@ def _link_scans(source: Path, target: Path) -> None:
 
 
 def _merge_splits(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
-    """Move splits from folders of their own to their places; keep the frames that all list."""
+    """Move splits from their folders into one; keep the frames that all list."""
     lists: dict[str, list[str]] = {}
     for name in plans:
         folder = stage / name / names.IMAGE_SETS
@@ -234,7 +234,7 @@ def _merge_splits(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
         STORE.write_text(stage / names.IMAGE_SETS / listed, text)
 
 
-# What programs that load, train on or evaluate KITTI demand of labels, beyond its format.
+# Demands on labels, beyond the format, of programs that load, train on or evaluate KITTI.
 #
 # mmdetection3d and OpenPCDet compute the yaw of a box in the scan as -(pi/2 + rotation_y), as if x
 # of the scan were the optical axis of the camera (mmdetection3d v1.4.0,
@@ -288,7 +288,7 @@ def _turned_scan_notes(plan: Plan, survey: Survey) -> Iterator[str]:
 
 
 def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
-    """Return (3,) the direction of camera 2 in the scans as written, None if it is not known."""
+    """Return (3,) the direction of camera 2 in the scans as written, None if unknown."""
     try:
         rig = PlannedRig(plan, survey)
         scan = rig.plan.scan
@@ -400,11 +400,11 @@ def convert_by_plan(
     """Convert bags by a plan.
 
     Args:
-        bags: Those of one recording.
+        bags: The bags of one recording.
         plan: The rules of the conversion.
         survey: Their content.
         out: The data set's folder, absent or empty unless the options append or overwrite.
-        options: Of the output.
+        options: The options of the output.
         progress: Called with the samples and the bytes written so far.
 
     Raises:
@@ -423,7 +423,7 @@ def convert_by_plan(
         return build(bags, plan, survey, Target(stage), options, progress)
 
 
-# What a plan makes of the topics of a bag: by stream, and those that it passes over.
+# The topics of a bag in a plan: by stream, and those that are unused.
 
 _ORDER = (
     Stream.SCAN,
@@ -444,7 +444,7 @@ class PlannedTopic:
     """A topic of a bag in a plan.
 
     Attributes:
-        streams: KITTI's streams that are made of it; empty for a topic that is passed over.
+        streams: KITTI's streams that are made of it; empty for an unused topic.
         topic, msgtype: As the bag has them.
         count: Number of messages.
         rate_hz: Mean rate by the stamps that a conversion uses; None for fewer than two.
@@ -461,7 +461,7 @@ class PlannedTopic:
 
 @dataclass(frozen=True)
 class PlanOverview:
-    """What a plan makes of a bag.
+    """The streams and frames that a plan makes of a bag.
 
     Attributes:
         plan: The plan.
@@ -469,7 +469,7 @@ class PlanOverview:
         unused: The others that have messages, by name.
         frames: Number of frames of the conversion, None if it would fail.
         faults: Why it would fail, a line each.
-        notes: Non-fatal remarks about the frames, a line each.
+        notes: Notes about the frames, a line each.
     """
 
     plan: Plan
@@ -483,13 +483,13 @@ class PlanOverview:
 def make_plan_overview(
     bags: Sequence[BagSource], plan: Plan, survey: Survey, selection: SelectionOptions
 ) -> PlanOverview:
-    """Return what a plan makes of bags; of their messages the poses alone are read.
+    """Return the overview of a plan; of the messages the poses alone are read.
 
     Args:
-        bags: Those of one recording.
+        bags: The bags of one recording.
         plan: The rules of the conversion.
         survey: The content of the bags.
-        selection: Of the frames.
+        selection: The selection of frames.
     """
     streams = streams_of_topics(plan, survey)
     order = {stream.value: rank for rank, stream in enumerate(_ORDER)}

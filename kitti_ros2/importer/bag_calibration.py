@@ -63,7 +63,7 @@ def make_calibration(
     straightened: Collection[int] = (),
     others: Sequence[CameraModel] = (),
 ) -> tuple[Calibration, tuple[str, ...]]:
-    """Make the calibration of a rig; also return remarks for the user, a line each.
+    """Make the calibration of a rig; also return notes, a line each.
 
     Args:
         tree: The static transforms.
@@ -157,7 +157,7 @@ def _mountings(
 ) -> tuple[Transform, Transform, tuple[str, ...]]:
     """Return cam0_T_velo, velo_T_imu, and which of them are nominal.
 
-    Without a scanner its nominal place is used, and the imu is placed relative to that.
+    Without a scanner its nominal pose is used, and the pose of the imu relative to that.
     """
     nominal = []
     cam0_t_velo, velo_t_imu = NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU
@@ -239,8 +239,8 @@ def make_forward_frame(
     Args:
         plan: The plan.
         tree: The static transforms.
-        models: Of the cameras with a CameraInfo, by KITTI index.
-        others: Of the other cameras of the bag, as viewpoints.
+        models: The cameras with a CameraInfo, by KITTI index.
+        others: The other cameras of the bag, as viewpoints.
 
     Raises:
         UsageError: scan.forward is neither camera nor an axis nor a frame that is joined to
@@ -315,9 +315,9 @@ class PlannedRig:
 
     Attributes:
         plan: With the made frame as scan.frame: see made_frame.
-        survey: Of its bags.
-        models: Of the cameras with a CameraInfo, by KITTI index.
-        others: Of the other cameras of the bag, as viewpoints.
+        survey: The survey of its bags.
+        models: The cameras with a CameraInfo, by KITTI index.
+        others: The other cameras of the bag, as viewpoints.
         tree: The static transforms, also to the frames that are made.
     """
 
@@ -352,7 +352,7 @@ class Calibrations:
     Attributes:
         since_ns: The stamp from which each is valid, ascending.
         values: The calibrations; none where the plan has none.
-        notes: Non-fatal remarks.
+        notes: Notes.
     """
 
     since_ns: Sequence[int]

@@ -77,7 +77,7 @@ def image_size(images: TopicSurvey) -> tuple[int, int] | None:
 def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
     """Return a camera with the size of its images where its own has width and height swapped.
 
-    The principal point of P tells that it is the size that is wrong, not the image that is turned:
+    The principal point of P shows that the size is wrong, and not that the image is turned:
     it is nearer to the middle of the images.
     """
     size = image_size(images)
@@ -162,7 +162,7 @@ class RigCamera:
 
     @property
     def is_grey(self) -> bool:
-        """Whether its images have one channel, by their encoding or their name."""
+        """Return whether its images have one channel, by their encoding or their name."""
         messages = self.topic.samples
         encoding = str(getattr(messages[0], 'encoding', '') or getattr(messages[0], 'format', ''))
         return encoding.startswith(('mono', '8UC1', '16UC1')) or bool(_GREY.search(self.name))
@@ -179,7 +179,7 @@ class RigCamera:
         return 2 if _LEFT.search(self.name) else 3
 
     def is_left_of(self, other: RigCamera) -> bool:
-        """Whether the names are those of a pair: the same but for left and right."""
+        """Return whether the names are those of a pair: the same but for left and right."""
         swapped = _LEFT.sub(r'\1right\2', self.name.lower())
         return bool(_LEFT.search(self.name)) and swapped == other.name.lower()
 
@@ -286,7 +286,7 @@ _OWN_DIRECTION_RANK = 3  # of names that say nothing, or front
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """The cameras taken.
+    """The chosen cameras.
 
     Attributes:
         cameras: By KITTI's numbers.
@@ -299,7 +299,7 @@ class CameraChoice:
 
 @dataclass(frozen=True)
 class CameraRig:
-    """Cameras of a bag, and what tells where they look.
+    """Cameras of a bag, with the frames that give their directions.
 
     Attributes:
         cameras: With frames of the tree that are optical ones.
@@ -341,7 +341,7 @@ def _with_optical(
 ) -> RigCamera:
     """Take a frame with z up, unless it is named optical, as one with x forward.
 
-    A camera that looks up in such a frame is not told apart.
+    A camera that looks up in such a frame is not detected.
     """
     frame = camera.bag_frame
     axes = None if heading is None else heading.axes_of(tree, frame)
@@ -400,7 +400,7 @@ def choose_cameras(rig: CameraRig) -> CameraChoice:
     nearest = min(angles.values(), default=0.0)
     ahead = [camera for camera in joined if angles[camera.name] <= nearest + _ALIKE_RAD] or cameras
     if joined and all(is_steep(directions[camera.name]) for camera in joined):
-        ahead = joined  # their frames are no optical ones: names tell more than a lean
+        ahead = joined  # their frames are no optical ones: names are safer than a lean
     main = min(
         ahead,
         key=lambda camera: (camera.name in rights, camera.is_grey, camera.name_rank, camera.name),
@@ -427,7 +427,7 @@ def choose_cameras(rig: CameraRig) -> CameraChoice:
 def _is_of_another(
     tree: FrameTree, left: RigCamera, right: RigCamera, cameras: Sequence[RigCamera]
 ) -> bool:
-    """Whether a camera that no transform joins to a left one is by its name of another left one."""
+    """Return whether a camera that no transform joins to a left one is named as of another pair."""
     if tree.joins(left.frame, right.frame) or left.is_left_of(right):
         return False
     return any(camera.is_left_of(right) for camera in cameras)
@@ -438,7 +438,7 @@ def _mate_rank(left: RigCamera, right: RigCamera) -> tuple[bool, bool, str]:
 
 
 def is_pair(tree: FrameTree, left: RigCamera, right: RigCamera) -> bool:
-    """Whether two cameras are a stereo pair, in this order."""
+    """Return whether two cameras are a stereo pair, in this order."""
     shortest, longest = sorted((left.focal, right.focal))
     if left.size != right.size or 0 < shortest < (1 - _SAME_FOCAL) * longest:
         return False
@@ -479,7 +479,7 @@ def _angle(direction: Float64Array | None) -> float:
 
 
 def is_steep(direction: Float64Array | None) -> bool:
-    """Whether a direction is up or down; not where it is unknown."""
+    """Return whether a direction is up or down; not where it is unknown."""
     return direction is not None and bool(abs(direction[2]) >= _STEEP)
 
 
@@ -501,7 +501,7 @@ def _camera_heading(
     return Heading(scan_frame, AXES[nearest_axis(turns[0])], f'where {cameras[0].topic.name} looks')
 
 
-# Notes on the cameras of a bag: why each was passed over, and which look up or down.
+# Notes on the cameras of a bag: why each is unused, and which look up or down.
 
 
 def joined_cameras(rig: CameraRig, scan_frame: str | None) -> list[RigCamera]:
@@ -526,12 +526,12 @@ def unjoined_reason(tree: FrameTree, camera: RigCamera, scan_frame: str) -> str:
 
 
 def describe_others(rig: CameraRig, choice: CameraChoice, scan_frame: str | None) -> list[str]:
-    """Return a note on each camera that was not taken, and on a choice by name.
+    """Return a note on each unused camera, and on a choice by name.
 
     Args:
         rig: All of them.
-        choice: Those that were taken.
-        scan_frame: That of the scans, None without scans.
+        choice: The chosen ones.
+        scan_frame: The frame of the scans, None without scans.
     """
     joined = joined_cameras(rig, scan_frame)
     taken_names = {camera.name for camera in choice.cameras.values()}
@@ -588,7 +588,7 @@ def guess_cameras(
     Args:
         layout: Images of raw may stay distorted.
         rig: The cameras of the bag.
-        scan_frame: That of the scans, None without scans.
+        scan_frame: The frame of the scans, None without scans.
         notes: A note on each other camera is added.
     """
     if not rig.cameras:
@@ -597,7 +597,7 @@ def guess_cameras(
     cameras = _with_info(rig.cameras, notes)
     chosen = _by_own_names(cameras)
     if not chosen and not any(camera.info is not None and camera.frame for camera in cameras):
-        # Images without frames: nothing tells directions, and nothing is projected wrongly.
+        # Images without frames have no directions, and nothing is projected wrongly.
         order = sorted(cameras, key=lambda camera: (camera.name_rank, camera.name))
         chosen = dict(zip((2, 3, 0, 1), order, strict=False))
         notes += [
@@ -620,8 +620,8 @@ def guess_camera_sets(
     Args:
         layout: Images of raw may stay distorted.
         rig: The cameras of the bag.
-        scan_frame: That of the scans, None without scans. Cameras that are not joined to it, such
-            as those behind a joint that moves, have no calibration; unless none is joined.
+        scan_frame: The frame of the scans, None without scans. Cameras that are not joined to it
+            (behind a joint that moves) have no calibration; unless none is joined.
         notes: A note on each camera without a set is added.
     """
     with_info = _with_info(rig.cameras, notes)
@@ -650,7 +650,7 @@ def guess_camera_sets(
 
 
 def keeps_distortion(survey: Survey, cameras: Iterable[CameraPlan]) -> bool:
-    """Whether raw images stay distorted, so that the drive is an extract."""
+    """Return whether raw images stay distorted, so that the drive is an extract."""
     for plan in cameras:
         infos = survey.topics[plan.info].samples if plan.info else []
         if not infos or plan.rectify or 'rect' in leaf(plan.topic):
@@ -693,7 +693,7 @@ def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
 
 
 def _rectify(layout: Layout, camera: RigCamera) -> bool:
-    """Whether to rectify: distorted images, except in raw where K and D describe them."""
+    """Return whether to rectify: distorted images, except in raw where K and D describe them."""
     if camera.info is None or not _has_lens(camera):
         return False
     message = camera.info.samples[0]
@@ -703,7 +703,7 @@ def _rectify(layout: Layout, camera: RigCamera) -> bool:
 
 
 def _has_lens(camera: RigCamera) -> bool:
-    """Whether a camera is not rectified by its numbers, nor by the name of its images."""
+    """Return whether a camera is not rectified by its numbers, nor by the name of its images."""
     messages = camera.info.samples if camera.info is not None else []
     if not messages or 'rect' in leaf(camera.topic.name):
         return False
@@ -731,7 +731,7 @@ def _describe_rectified(cameras: Iterable[RigCamera]) -> list[str]:
 
 
 def _is_rectified(message: Any, images: TopicSurvey) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a CameraInfo shows that its images are rectified, though it has a distortion."""
+    """Return whether the images of a CameraInfo with a distortion are rectified."""
     try:
         return has_lens_of_larger_image(of_images(camera_model(message), images))
     except ValueError:  # the conversion refuses it
@@ -739,7 +739,7 @@ def _is_rectified(message: Any, images: TopicSurvey) -> bool:  # noqa: ANN401 - 
 
 
 def _short_names(names: Iterable[str]) -> list[str]:
-    """Return names for folders: the last part of each topic, as much as tells them apart."""
+    """Return names for folders: the last parts of each topic, as many as make them unique."""
     parts = [
         [_NOT_IN_NAMES.sub('_', part) for part in name.split('/') if part] or ['camera']
         for name in names
@@ -751,7 +751,7 @@ def _short_names(names: Iterable[str]) -> list[str]:
     return [f'{"_".join(name_parts)}_{number}' for number, name_parts in enumerate(parts)]
 
 
-# The cameras of a bag beside those of a plan: what frames and P mean shows in all of them.
+# The cameras of a bag beside those of a plan: all of them show how frames and P are meant.
 #
 # A plan may take one camera of a pair, and each of camera_sets takes one camera.
 
@@ -783,7 +783,7 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
 # Image and CompressedImage -> KITTI's images, rectified where the plan requests it.
 
 _DEPTH_BYTE = 24
-"""The place of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
+"""The offset of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
 _USUAL_BITS = 8
 
 
@@ -791,7 +791,7 @@ class ImageConversion:
     """Converts the images of a plan's cameras; thread-safe.
 
     Attributes:
-        models: Of the cameras with a CameraInfo, by KITTI index.
+        models: The cameras with a CameraInfo, by KITTI index.
     """
 
     def __init__(self, plan: Plan, survey: Survey, models: Mapping[int, CameraModel]) -> None:
@@ -799,8 +799,8 @@ class ImageConversion:
 
         Args:
             plan: Names the cameras.
-            survey: Of the bag.
-            models: Of the cameras with a CameraInfo, by KITTI index.
+            survey: The survey of the bag.
+            models: The cameras with a CameraInfo, by KITTI index.
 
         Raises:
             UsageError: The plan names a missing topic, or rectifies what cannot be rectified.
@@ -822,7 +822,7 @@ class ImageConversion:
         return self._models.get(camera)
 
     def size(self, camera: int) -> tuple[int, int] | None:
-        """Return (width, height) of a camera's images, None where it is not known yet."""
+        """Return (width, height) of a camera's images, None where unknown so far."""
         return self._sizes.get(camera)
 
     def png(self, camera: int, message: Any) -> bytes:  # noqa: ANN401 - of the bag's types
@@ -864,7 +864,7 @@ class ImageConversion:
         return pixels if rectifier is None else rectifier.apply(pixels)
 
     def notes(self) -> list[str]:
-        """Return what should be known of the images so far."""
+        """Return notes on the images so far."""
         return [
             f'{self._topics[camera]}: {count} images have 16 bits a channel, and are written so;'
             f" KITTI's have 8"

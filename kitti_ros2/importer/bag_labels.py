@@ -74,11 +74,11 @@ _CAMERA_TYPES = (types.IMAGE, types.COMPRESSED, types.CAMERA_INFO)
 
 
 class PixelFrames:
-    """The frames of a camera's images, and those at the same place, to be tested with `in`.
+    """The frames of a camera's images, and those at the same position; to be tested with `in`.
 
     A driver's camera_frame and camera_optical_frame are of one camera, turned (REP 103). Frames of
-    other cameras are left out: those of one device may be at one place. Of the only camera, boxes
-    without a frame are, too.
+    other cameras are left out: those of one device may be at one position. Boxes
+    without a frame are of the only camera.
     """
 
     def __init__(self, survey: Survey, tree: FrameTree, camera: CameraPlan) -> None:
@@ -147,7 +147,7 @@ def guess_labels(
             ' in a MarkerArray)'
         )
         return None
-    # Of equal topics the first kind is taken.
+    # The first kind goes before equal topics of others.
     order = {topic.name: -rank for rank, kind in enumerate(kinds) for topic in kind}
     best = max(topics, key=lambda topic: _rank(topic, order, tracks=layout.traits.common_labels))
     topics = [topic for topic in topics if topic.msgtype == best.msgtype]
@@ -171,7 +171,7 @@ def guess_labels(
 
 
 _LEAST_M, _MOST_M = 0.05, (45.0, 8.0, 8.0)
-"""Of length, width and height of what drives or walks; a tram of KITTI is 35 m long."""
+"""Length, width and height of what drives or walks; a tram of KITTI is 35 m long."""
 
 
 def _rank(
@@ -192,7 +192,7 @@ def _rank(
 
 
 def _plausible(topic: TopicSurvey) -> tuple[bool, bool, int]:
-    """Whether most boxes have a size of things on a road, and a class but Misc; how many."""
+    """Return whether most boxes have a size of things on a road, and a class but Misc; how many."""
     sizes, names = [], []
     for message in topic.samples:
         if topic.msgtype == types.DETECTIONS_2D:
@@ -226,7 +226,7 @@ def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
 
 
 def has_cubes(topic: TopicSurvey) -> bool:
-    """Whether a MarkerArray that was looked at has a cube."""
+    """Return whether a sampled MarkerArray has a cube."""
     cube = 1  # visualization_msgs/Marker.CUBE
     return any(marker.type == cube for message in topic.samples for marker in message.markers)
 
@@ -307,9 +307,9 @@ class LabelMessages:
 
 
 def merge_markers(messages: Sequence[Any]) -> Sequence[Any]:
-    """Return messages of one moment; of MarkerArrays one with all markers, in their order.
+    """Return messages of one stamp; MarkerArrays become one with all markers, in their order.
 
-    Those have no frame of their own, and one may delete the markers of another.
+    These have no frame of their own, and one may delete the markers of another.
     """
     if len(messages) == 1 or not hasattr(messages[0], 'markers'):
         return messages
@@ -352,8 +352,8 @@ class BoxConversion:
         """Check the options of labels.
 
         Args:
-            rig: Of the plan.
-            calibrations: Of all frames.
+            rig: The rig of the plan.
+            calibrations: The calibrations of all frames.
             images: Knows the sizes of images.
             base: The frame that boxes are brought to; None without scans and cameras.
 
@@ -508,7 +508,7 @@ class BoxConversion:
     def all_cuboids(
         self, messages: Sequence[Any], times: BoxTimes | None = None
     ) -> tuple[list[Cuboid], list[str]]:
-        """Decode the messages of a moment as cuboids does, each box once.
+        """Decode the messages of a stamp as cuboids does, each box once.
 
         Raises:
             ValueError: None of them can be read.
@@ -587,7 +587,7 @@ class BoxConversion:
         return cuboids_in(message, frames, scores=self._scores)
 
     def notes(self) -> list[str]:
-        """Return non-fatal remarks on the boxes so far."""
+        """Return notes on the boxes so far."""
         notes = [
             f'{count} boxes {reason} were left out of the labels'
             for reason, count in self.left_out.items()
@@ -610,7 +610,7 @@ class BoxConversion:
         return notes if self._classes is None else [*notes, *self._classes.notes()]
 
     def _occlusion_notes(self) -> list[str]:
-        """Return remarks on labels that evaluations leave out, and on levels of tracklets."""
+        """Return notes on labels that evaluations leave out, and on levels of tracklets."""
         plan = self._plan.labels
         if plan is None or self._plan.layout.traits.tracklets:
             return []

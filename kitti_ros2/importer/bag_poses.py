@@ -111,7 +111,7 @@ def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool
 
 
 def _moves(topic: TopicSurvey) -> bool:
-    """Whether the poses of a topic that were looked at have several positions."""
+    """Return whether the sampled poses of a topic have several positions."""
     positions = set()
     for message in topic.samples:
         for stamped in getattr(message, 'poses', [message])[-1:]:
@@ -122,7 +122,7 @@ def _moves(topic: TopicSurvey) -> bool:
 
 
 def _chain(survey: Survey, names: NamedFrames, pose: PosePlan | None) -> PosePlan | None:
-    """Return the chain of transforms up to map, or that takes the place of missing poses.
+    """Return the chain of transforms up to map, or the one that replaces missing poses.
 
     None where the topic's poses are as good.
     """
@@ -196,7 +196,7 @@ def _line(names: NamedFrames, chain: PosePlan) -> list[str]:
 
 
 def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
-    """Return the frame that stands for the vehicle, empty if nothing tells."""
+    """Return the frame of the vehicle, empty if unknown."""
     pose = _of_topics(survey, [])
     return _moving_body(survey, names, pose)
 
@@ -325,9 +325,9 @@ def read_tree(
 
     Args:
         bags: Parts of a recording.
-        survey: Of the bags.
+        survey: The survey of the bags.
         names: Its links.
-        pairs: Target and source frame of each; those that nothing joins are passed over.
+        pairs: Target and source frame of each; those that nothing joins are skipped.
         losses: Takes messages without a valid transform.
         reported_topic: A topic whose invalid messages are entered elsewhere.
 
@@ -387,10 +387,10 @@ class PoseEnds(NamedTuple):
     """Frames of poses; frame and moved are equal where transforms are the whole way.
 
     Attributes:
-        world: In which the plan has its poses.
-        frame: In which the topic has them.
-        moved: Of which the topic has them.
-        body: Of which the plan has them.
+        world: The frame in which the plan has its poses.
+        frame: The frame in which the topic has them.
+        moved: The frame whose poses the topic has.
+        body: The frame whose poses the plan has.
     """
 
     world: str
@@ -526,14 +526,14 @@ def _check_joined(target: str, source: str, names: NamedFrames) -> None:
         )
 
 
-# Velocities of a vehicle from its places over time, where no message of a bag has any.
+# Velocities of a vehicle from its positions over time, where no message of a bag has any.
 #
-# A parabola is fitted to the places near each moment, so that a steady acceleration is met, also at
-# the ends. What a vehicle moves within the scatter of the places is no motion: a standing one has
-# the velocity 0.
+# A parabola is fitted to the positions near each stamp, so that a steady acceleration is met, also
+# at the ends. A movement within the scatter of the positions is none: a standing vehicle has the
+# velocity 0.
 
 SLOWEST_FIX_M_S = 0.2
-"""Places of a standing receiver wander by some 0.1 m a second."""
+"""Positions of a standing receiver wander by some 0.1 m a second."""
 SLOWEST_POSE_M_S = 0.02
 
 _WINDOW_NS = NS_PER_S // 2
@@ -541,7 +541,7 @@ _WINDOW_PERIODS = 1.5
 _WIDENINGS = (1, 2, 4)
 _SIGMAS = 5.0
 _CLEAR_M_S = 0.5
-"""Where scatter looks faster, a wider window tells a slow vehicle from a standing one."""
+"""Scatter above this hides a slow vehicle; a wider window shows it."""
 _GLITCH, _GLITCH_M = 10.0, 2.0  # of the usual distance, and metres more
 _PARABOLA = 2
 _DIFFERENCES = 3
@@ -551,7 +551,7 @@ _SIGMA_OF_MEDIAN = 1.4826  # of a normal distribution, by the median of absolute
 
 
 def metres_of(fixes: Float64Array) -> Float64Array:
-    """Return (N, 3) metres east, north, up of the first of (N, 3) places, on KITTI's sphere.
+    """Return (N, 3) metres east, north, up of the first of (N, 3) positions, on KITTI's sphere.
 
     Args:
         fixes: Latitude and longitude in degrees, altitude in metres, of which some may be NaN.
@@ -566,13 +566,13 @@ def metres_of(fixes: Float64Array) -> Float64Array:
 
 
 class DerivedVelocities:
-    """The velocities of a vehicle by its places, each computed when it is asked for.
+    """The velocities of a vehicle by its positions, each computed when it is requested.
 
     Args:
-        stamps_ns: (N,) of the places, ascending.
+        stamps_ns: (N,) of the positions, ascending.
         positions: (N, 3) metres.
-        most_ns: A longer gap between two places is not bridged; nor is a moment known that is
-            farther from any place.
+        most_ns: A longer gap between two positions is not bridged; a stamp farther from any
+            position has no velocity.
         slowest: Slower than this, m/s, the vehicle stands.
     """
 
@@ -592,7 +592,7 @@ class DerivedVelocities:
         self._starts = np.flatnonzero(np.concatenate([[True], steps > most_ns]))
 
     def at(self, at_ns: int) -> Float64Array | None:
-        """Return (3,) m/s along the axes of the places at a moment, None where it is not known."""
+        """Return (3,) m/s along the axes of the positions at a stamp, None where unknown."""
         stamps = self._stamps_ns
         if len(stamps) < _PARABOLA:
             return None
@@ -615,7 +615,7 @@ class DerivedVelocities:
 
 
 def _glitches(stamps_ns: Int64Array, positions: Float64Array) -> npt.NDArray[np.bool_]:
-    """Return (N,) which single places lie far off the way between their neighbours."""
+    """Return (N,) which single positions are far off the way between their neighbours."""
     aside = np.zeros(len(positions))
     if len(positions) <= _DIFFERENCES:
         return aside > 0
@@ -639,9 +639,9 @@ def _near(seconds: Float64Array, window: float) -> tuple[int, int]:
 
 
 def _scatter_of(positions: Float64Array, steps: Int64Array) -> float:
-    """Return the standard deviation of places on the ground about their course, metres.
+    """Return the standard deviation of positions on the ground about their course, metres.
 
-    Third differences of evenly spaced places are free of a steady acceleration; others are not.
+    Third differences of evenly spaced positions are free of a steady acceleration; others are not.
     """
     if len(steps) < _DIFFERENCES:
         return 0.0
@@ -654,7 +654,7 @@ def _scatter_of(positions: Float64Array, steps: Int64Array) -> float:
 def _slope(
     seconds: Float64Array, positions: Float64Array, known_scatter: float
 ) -> tuple[Float64Array, float]:
-    """Return (3,) the velocity at 0 s, and the speed up to which it is scatter of the places."""
+    """Return (3,) the velocity at 0 s, and the speed up to which it is scatter of the positions."""
     degree = min(_PARABOLA, len(seconds) - 1)
     powers = np.vander(seconds, degree + 1, increasing=True)
     middle = positions.mean(axis=0)  # maps may be far from their origin
@@ -680,7 +680,7 @@ class PlannedMotion:
         track: The poses of the plan, None without any.
         tree: The links between frames over time, None where all that are needed stand still.
         of_frames: The track, where frames without a pose are to be dropped.
-        notes: Non-fatal remarks.
+        notes: Notes.
     """
 
     track: Track | None = None
@@ -756,7 +756,7 @@ def read_track(
     Args:
         bags: Parts of a recording.
         plan: The topic or link.
-        survey: Of the bags.
+        survey: The survey of the bags.
         losses: Takes messages without a valid pose.
         child: The only valid child frame of Odometry; empty for any.
         tree: The links of the bags, where they have been read for the pairs of pose_pairs.

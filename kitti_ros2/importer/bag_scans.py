@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scans of a bag: their topic, what their decoder needs, and their conversion to KITTI's."""
+"""The scans of a bag: their topic, their decoder's needs, and their conversion to KITTI's."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from .tf_frames import MovingBase
 
 
-# What the decoder of a plan's scans needs: a CameraInfo, a model of scanner, a calibration.
+# Needs of the decoder of a plan's scans: a CameraInfo, a model of scanner, a calibration.
 
 
 def source_of_plan(plan: ScanPlan, survey: Survey) -> ScanSource:
@@ -81,7 +81,7 @@ def source_of_plan(plan: ScanPlan, survey: Survey) -> ScanSource:
 
 
 def needs_of_plan(plan: ScanPlan, source: ScanSource, survey: Survey) -> ScanNeeds:
-    """Return what the messages of a plan's scans need.
+    """Return the needs of the messages of a plan's scans.
 
     Raises:
         UsageError: The plan does not name it, or what it names is missing.
@@ -102,7 +102,7 @@ def needs_of_plan(plan: ScanPlan, source: ScanSource, survey: Survey) -> ScanNee
 
 
 def without_unreadable_scans(plan: Plan, survey: Survey) -> Plan:
-    """Return the plan without scans whose decoder lacks something, if it has images to look at."""
+    """Return the plan without scans that cannot be decoded, if it has images."""
     if plan.scan is None or not plan.cameras:
         return plan
     try:
@@ -114,7 +114,7 @@ def without_unreadable_scans(plan: Plan, survey: Survey) -> Plan:
 
 
 def missing_calibration(topic: TopicSurvey) -> str:
-    """Return what a plan for a topic of packets must name, empty for nothing."""
+    """Return the part that a plan for a topic of packets must name, empty for none."""
     try:
         _lasers_of(None, topic)
     except UsageError as error:
@@ -213,9 +213,9 @@ def guess_scan(survey: Survey, rig: Sequence[RigCamera], notes: list[str]) -> Sc
     intensity, then the largest. Without clouds it is the first source of SCAN_SOURCES with a topic.
 
     Args:
-        survey: Of the bag.
+        survey: The survey of the bag.
         rig: The cameras of the bag.
-        notes: Remarks on the choice are added.
+        notes: Notes on the choice are added.
     """
     for rank, source in enumerate(SCAN_SOURCES):
         topics = _topics_of(source, survey)
@@ -382,7 +382,7 @@ def _in_view(
     Args:
         source: Decodes their messages.
         lidars: Topics of one kind.
-        survey: Of the bag.
+        survey: The survey of the bag.
         rig: The cameras of the bag.
         notes: Notes are added.
     """
@@ -423,7 +423,7 @@ def _points_seen(
     seen = {}
     for topic in lidars:
         camera_t_lidar = placed.tree.find(camera.frame, topic.frame)
-        # What cannot be decoded is reported later; forks define fields without, or otherwise.
+        # Errors are reported later; forks have fewer fields, or others.
         with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
             if camera_t_lidar is not None and camera.info is not None:
                 needs = needs_of_plan(ScanPlan(topic.name, topic.frame), source, survey)
@@ -446,7 +446,7 @@ class ScanConversion:
         """Find the frame of the messages in that of the plan, and what their decoder needs.
 
         Args:
-            rig: Of the plan, which may be one without scans.
+            rig: The rig of the plan, which may have no scans.
             base: The links over time, where clouds may be in frames that the vehicle moves in.
 
         Raises:
@@ -488,7 +488,7 @@ class ScanConversion:
 
     @property
     def move(self) -> bool:
-        """Whether the messages are in a frame that the vehicle moves in."""
+        """Return whether the messages are in a frame that the vehicle moves in."""
         return self._base is not None
 
     def scan(
@@ -500,7 +500,7 @@ class ScanConversion:
         """Convert a message to a scan; also return the number of dropped points, by reason.
 
         Args:
-            message: Of a type of the plan's source.
+            message: A message of the plan's source.
             stamp_ns: Its stamp, at which a frame that moves is placed; None for its header's.
             index: Its index in its topic, which gives its turn; None for a scan without.
 
@@ -552,11 +552,11 @@ class ScanConversion:
 
     @property
     def are_depth(self) -> bool:
-        """Whether the scans are made from depth images."""
+        """Return whether the scans are made from depth images."""
         return self._plan is not None and self._source.needs_info
 
     def notes(self) -> list[str]:
-        """Return what should be known of the scans."""
+        """Return notes on the scans."""
         if self._plan is None:
             return []
         topic, source_note = self._plan.topic, self._source.note
@@ -585,7 +585,7 @@ def cloud_notes(plan: ScanPlan, topic: TopicSurvey, *, point_labels: bool) -> li
     """Return notes on what the fields of a plan's clouds hold; none for other messages.
 
     Args:
-        plan: Of the scans.
+        plan: The plan of the scans.
         topic: The survey of their topic.
         point_labels: Whether the layout has files for labels of points.
     """

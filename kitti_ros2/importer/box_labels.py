@@ -221,7 +221,7 @@ def make_boxes(
 
     Args:
         cuboids: In velo_link.
-        calibration: Contains the camera and the place of the scanner.
+        calibration: Contains the camera and the pose of the scanner.
         image: Whose pixels the 2D boxes are.
         tracks: Gives track ids.
         out_of_view: Whether boxes out of view are kept, with a 2D box of -1.
@@ -366,7 +366,7 @@ def others_note(topic: str, others: Mapping[str, int], done: str) -> list[str]:
 
 
 def is_own(survey: Survey, topic: str) -> bool:
-    """Whether a topic was written by to-bag."""
+    """Return whether a topic was written by to-bag."""
     return RECORDING in survey.topics and topic in own_topics()
 
 
@@ -496,10 +496,10 @@ def overlap_of(first: Sequence[float], second: Sequence[float] | Float64Array) -
     return float(common / union) if common and union > 0 else 0.0
 
 
-# Boxes of several messages of one moment -> each object once.
+# Boxes of several messages of one stamp -> each object once.
 #
 # Several detectors may share a topic, and then each has boxes of its own. But recorders write
-# messages twice, trackers send a moment again, and detectors see one object where views overlap.
+# messages twice, trackers send a stamp again, and detectors see one object where views overlap.
 
 if TYPE_CHECKING:
     _Box = TypeVar('_Box')

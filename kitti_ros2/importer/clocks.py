@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The stamps that a plan asks for, offsets of clocks that differ, and gaps between two streams."""
+"""The stamps that a plan requests, offsets of clocks that differ, and gaps between two streams."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .survey import Survey, TopicSurvey
 
 
-# The stamps that a plan asks for: offsets, log times, the middle of a turn.
+# The stamps that a plan requests: offsets, log times, the middle of a turn.
 
 _EVEN_NS = 5_000_000
 """Turns of scanners, and their stamps, are uneven by a few milliseconds."""
@@ -62,10 +62,10 @@ def with_offset(plan: Plan, stream: TopicUse, offset_s: float) -> Plan:
 
 
 def clocked(survey: Survey, plan: Plan) -> Survey:
-    """Return a survey whose topics have the stamps that a plan asks for: see TopicSurvey.stamps.
+    """Return a survey whose topics have the stamps that a plan requests: see TopicSurvey.stamps.
 
     Scans are stamped in the middle of their turn: those whose points have times from the start of
-    the turn on, or up to its end, would be paired with the images of another moment.
+    the turn on, or up to its end, would be paired with other images.
     """
     topics = dict(survey.topics)
     by_log = plan.stamps is StampSource.LOG
@@ -113,9 +113,9 @@ def _nearest_headers(scans: TopicSurvey, others: TopicSurvey) -> Int64Array:
 
 
 def share_stamps(first: TopicSurvey, second: TopicSurvey, rounded_ns: int = 0) -> bool:
-    """Whether most header stamps of the smaller topic are also those of the other.
+    """Return whether most header stamps of the smaller topic are also those of the other.
 
-    Messages of one stamp are also recorded within moments, where detectors take up to ten seconds:
+    Messages of one stamp are also recorded within a second; detectors take up to ten seconds:
     clocks that differ by a whole number of periods have the same stamps at other times.
 
     Args:
@@ -177,7 +177,7 @@ def clock_notes(survey: Survey, plan: Plan) -> Iterator[str]:
 
 # Clocks of sensors that differ: the offset of each stream, estimated from the times of recording.
 #
-# A message is recorded within moments of its stamp. Messages that are recorded at the same time
+# A message is recorded soon after its stamp. Messages that are recorded at the same time
 # have the same stamps if the clocks agree; otherwise their difference is the offset of the clocks,
 # up to the latencies of the drivers.
 
@@ -209,7 +209,7 @@ def estimate_offsets(survey: Survey, plan: Plan) -> tuple[Plan, list[str]]:
         The plan with offsets, and a note on each.
     """
     streams = planned_streams(plan)
-    # Of sets whose frames are their images the first, which the streams begin with.
+    # The first of sets whose frames are their images, which the streams begin with.
     reference = plan.reference if plan.reference in streams else next(iter(streams), '')
     corrections = find_corrections(clocked(survey, plan), streams, reference)
     notes = []
@@ -321,7 +321,7 @@ def _measured_ns(topic: TopicSurvey) -> Int64Array:
 
 
 def _is_steady(stamps: Int64Array, logs: Int64Array) -> bool:
-    """Whether log times and stamps advance alike: not if a bag was written in one go."""
+    """Return whether log times and stamps advance alike: not if a bag was written in one go."""
     if len(logs) < 2 or logs[-1] == logs[0]:
         return False
     rate = float(stamps[-1] - stamps[0]) / float(logs[-1] - logs[0])
@@ -377,12 +377,12 @@ def nearest_gap_ns(reference_ns: Int64Array, stamps_ns: Int64Array) -> int:
 def describe_gap(
     survey: Survey, plan: Plan, name: str, reference_ns: Int64Array, stamps_ns: Int64Array
 ) -> str:
-    """Describe how far a stream is from the frames, and the remedy; one line.
+    """Describe how far a stream is from the frames, and what to set; one line.
 
     Args:
         survey: The result of clocked.
-        plan: Of the streams.
-        name: Of the stream, as in planned_streams.
+        plan: The plan of the streams.
+        name: The name of the stream in planned_streams.
         reference_ns: (N,) of the frames.
         stamps_ns: (M,) of the stream.
     """

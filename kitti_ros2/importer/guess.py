@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Detection of the KITTI stream of each topic: by type, name, frame and neighbours.
 
-Also what could be done with the topics that the plan does not use.
+Also hints on the topics that the plan does not use.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
 
 
 def has_vehicle_fix(survey: Survey, scan: ScanPlan | None) -> bool:
-    """Whether a receiver of the vehicle has a fix."""
+    """Return whether a receiver of the vehicle has a fix."""
     return any(topic.has_fix for topic in _of_vehicle(survey, types.FIX, scan))
 
 
@@ -88,10 +88,10 @@ def guess_oxts_topics(
     """Choose the topics of the GPS/IMU, by their keys in the plan.
 
     Args:
-        survey: Of the bags.
+        survey: The survey of the bags.
         scan: The scans, whose vehicle it is of.
-        notes: Takes what is missing.
-        pose: The plan's poses, which take the place of a fix.
+        notes: Notes on what is missing are added.
+        pose: The plan's poses, which replace a fix.
     """
     oxts = _best_topics(survey, scan, pose, notes)
     if 'fix' not in oxts and pose is None and 'imu' not in oxts:
@@ -116,7 +116,7 @@ def guess_oxts_topics(
 def _best_topics(
     survey: Survey, scan: ScanPlan | None, pose: PosePlan | None, notes: list[str]
 ) -> dict[str, str]:
-    """Return the topics of the GPS/IMU by their keys, and note those that are passed over."""
+    """Return the topics of the GPS/IMU by their keys, and note the unused ones."""
     oxts: dict[str, str] = {}
     joined = _joined_frames(survey, scan)
     for role, rank in (
@@ -233,7 +233,7 @@ def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
 def guess_velocity_axes(survey: Survey, oxts: Mapping[str, str], notes: list[str]) -> VelocityAxes:
     """Choose the axes of a TwistStamped by its frame.
 
-    Receivers with one antenna do not know where it looks: the velocity of nmea_navsat_driver and
+    Receivers with one antenna have no heading: the velocity of nmea_navsat_driver and
     others, in the frame of their NavSatFix, is along east and north. That in a fixed frame (mavros'
     velocity_local, in map) is along its axes, which REP 103 has as east, north, up.
     """
@@ -260,7 +260,7 @@ def guess_imu_frame(
     It is one with x forward, y left and z up, as KITTI's.
 
     Args:
-        survey: Of the bags.
+        survey: The survey of the bags.
         imu: The topic of the plan, empty for none.
         scan: The scans.
         heading: The robot's forward; None where it is unknown.
@@ -334,9 +334,9 @@ def guess_plan(
     """Make the most complete plan for a bag.
 
     Args:
-        survey: Of the bag.
+        survey: The survey of the bag.
         layout: The layout to write.
-        path: Of the bag, for errors.
+        path: The path of the bag, for errors.
         all_cameras: Whether each camera gets a data set of its own.
         with_calibration: Whether one is given: it is for scans in the frame of their messages, so
             that they stay in it, also where its x is not forward.
@@ -428,7 +428,7 @@ class _Sensors(NamedTuple):
 def _find_sensors(
     survey: Survey, layout: Layout, notes: list[str], *, all_cameras: bool, with_calibration: bool
 ) -> _Sensors:
-    """Return the sensors of a bag that a layout has a place for; see guess_plan."""
+    """Return the sensors of a bag that a layout stores; see guess_plan."""
     cameras_of_bag = find_cameras(survey)
     scan = guess_scan(survey, cameras_of_bag, notes)
     heading = find_heading(survey.tree, None if scan is None else scan.frame, cameras_of_bag)
@@ -439,7 +439,7 @@ def _find_sensors(
     sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
     cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
     streams = layout.traits.streams
-    # Poses take the place of a missing fix.
+    # Poses replace a missing fix.
     placed = Stream.OXTS in streams and not has_vehicle_fix(survey, scan)
     pose = guess_pose(survey, notes) if Stream.POSE in streams or placed else None
     return _Sensors(scan, cameras, sets, pose, heading)
@@ -448,7 +448,7 @@ def _find_sensors(
 def _imu_frame(
     survey: Survey, layout: Layout, sensors: _Sensors, oxts: Mapping[str, str], notes: list[str]
 ) -> str:
-    """Return the frame of the GPS/IMU, that of the poses in place of one; empty without."""
+    """Return the frame of the GPS/IMU, else that of the poses; empty without."""
     frame = guess_imu_frame(survey, oxts.get('imu', ''), sensors.scan, sensors.heading, notes)
     if frame or oxts.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
         return frame
@@ -522,7 +522,7 @@ def _name(layout: Layout, first_ns: int, *, extract: bool) -> str:
     return layout.traits.default_name.format(date=date, kind='extract' if extract else 'sync')
 
 
-# The topics of a bag that a plan does not use, and what could be done with each.
+# The topics of a bag that a plan does not use, each with a hint.
 
 _PACKETS = 'raw packets: play them through the driver, and record its PointCloud2'
 _RADAR = 'KITTI has no radar'
@@ -650,7 +650,7 @@ def unused_topics(survey: Survey, plan: Plan, named: Iterable[str] = ()) -> list
     """Return the topics with messages that a plan does not use, by hint and type.
 
     Args:
-        survey: Of the bags.
+        survey: The survey of the bags.
         plan: Every topic that it names is used, and so are transforms, and Odometry that is a link
             between frames.
         named: Topics to leave out.
@@ -676,9 +676,9 @@ def unused_notes(survey: Survey, plan: Plan, notes: Sequence[str] = ()) -> list[
     """Return notes on the topics that a plan does not use.
 
     Args:
-        survey: Of the bags.
+        survey: The survey of the bags.
         plan: The plan.
-        notes: Earlier notes; the topics that one of these says are passed over are left out.
+        notes: Earlier notes; topics that these name as passed over are left out.
     """
     named = [
         name for note in notes if note.startswith('passed over') for name in _NAMED.findall(note)

@@ -100,8 +100,8 @@ class Frames:
         notes: How well the streams matched, and what was dropped; a line each.
         losses: Streams of which no sample has a frame.
         unsynchronised: Why no two streams were matched, empty if some were.
-        label_places: For each frame the indices of its messages with boxes; see label_groups.
-        places_2d: For each frame the indices of its messages with boxes in the image.
+        label_indices: For each frame the indices of its messages with boxes; see label_groups.
+        indices_2d: For each frame the indices of its messages with boxes in the image.
         unposed_ns: Stamps of the frames that were dropped because of a gap in the poses.
         moved_ns: By topic what was added to its stamps for the middle of turns.
     """
@@ -248,7 +248,7 @@ def _label_groups(topics: Mapping[Stream, str], survey: Survey) -> list[list[int
 def _match_2d(
     plan: Plan, survey: Survey, reference: Int64Array, notes: list[str]
 ) -> tuple[tuple[tuple[int, ...], ...], list[Loss]]:
-    """Return for each frame the places of its messages with boxes in the image.
+    """Return for each frame the indices of its messages with boxes in the image.
 
     Also the loss of all, where none is near a frame.
     """
@@ -273,7 +273,7 @@ def _match_2d(
 def message_indices(
     indices: Int64Array, groups: Sequence[Sequence[int]] | None
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the places of the messages of each frame, by the index of its group."""
+    """Return the indices of the messages of each frame, by the index of its group."""
     return tuple(
         () if index == NONE else (index,) if groups is None else tuple(groups[index])
         for index in indices.tolist()
@@ -281,7 +281,7 @@ def message_indices(
 
 
 def first_indices(groups: Sequence[Sequence[int]] | None, indices: Int64Array) -> Int64Array:
-    """Return the place of the first message of each frame's group, NONE without one."""
+    """Return the index of the first message of each frame's group, NONE without one."""
     if groups is None:
         return indices
     firsts = np.array([*(group[0] for group in groups), NONE], dtype=np.int64)
@@ -386,7 +386,7 @@ def _without(missing: npt.NDArray[np.bool_], what: str, notes: list[str]) -> npt
 # A few frames of a conversion: their choice, and the part of the bags that they are read from.
 
 _MARGIN_NS = 100_000_000
-"""Read before and after each sample: messages of one moment are logged one after the other."""
+"""Read before and after each sample: messages of one stamp are logged one after the other."""
 
 
 class Excerpt:
@@ -426,7 +426,7 @@ class Excerpt:
         frames: Frames,
         topics: Mapping[Stream, str],
     ) -> Iterator[tuple[int, BagMessage]]:
-        """Yield messages around the samples of frames, each with its place in its topic.
+        """Yield messages around the samples of frames, each with its index in its topic.
 
         Args:
             messages: The bags.
@@ -464,7 +464,7 @@ def spread(present: Int64Array, frame_count: int) -> Int64Array:
 
 
 def with_indices(messages: Iterable[BagMessage]) -> Iterator[tuple[int, BagMessage]]:
-    """Yield all messages of bags, each with its place in its topic."""
+    """Yield all messages of bags, each with its index in its topic."""
     seen: Counter[str] = Counter()
     for message in messages:
         yield seen[message.topic], message
@@ -494,9 +494,9 @@ class ImportReport:
         name: Drive, sequence or split.
         counts: Files, or lines of a common file, by stream.
         frames: Number of frames written.
-        size_bytes: Of all files with samples.
-        losses: What was skipped.
-        notes: Non-fatal remarks.
+        size_bytes: Size of all files with samples.
+        losses: Skipped data.
+        notes: Notes.
     """
 
     layout: Layout

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from .survey import Survey
 
 _OPTION_HINT = re.compile(r' \([^()]*--calib\)')
-"""The part of an error that advises on options of the conversion."""
+"""The part of an error about options of the conversion."""
 
 _CACHED = 4  # of the labels that were decoded last: several cameras show the same
 
@@ -59,7 +59,7 @@ class LabelledImages:
 
     Attributes:
         topics: By image topic the KITTI index of its camera.
-        notes: Remarks for the user, a line each.
+        notes: Notes for the user, a line each.
 
     Raises:
         UsageError: The bag has no camera images, no labels, or not the calibration they need.
@@ -91,10 +91,10 @@ class LabelledImages:
         """Draw labels on a copy of an image; returns (H, W, 3) uint8 BGR.
 
         Args:
-            topic: Of the image; one of the topics.
+            topic: The topic of the image.
             image: The Image or CompressedImage.
             pixels: The same decoded.
-            stamp_ns: Of its header, nanoseconds since 1970.
+            stamp_ns: The stamp of its header, nanoseconds since 1970.
             log_ns: Log time, nanoseconds since 1970.
 
         Raises:

@@ -85,7 +85,7 @@ def velocity_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN40
 
 
 def fix_between(first: Any, last: Any, share: float) -> Any:  # noqa: ANN401 - as above
-    """Interpolate two NavSatFix linearly; one without a fix is passed over."""
+    """Interpolate two NavSatFix linearly; one without a fix is skipped."""
     if not has_fix(last):
         return first
     if not has_fix(first):
@@ -138,7 +138,7 @@ _NO_GRAVITY = 3.0
 _STANDARD_GRAVITY = 9.80665
 _OF_ONE_G = 0.9, 1.1
 _OFF_RAD = np.radians(30)
-_LEAST_SPEED = 2.0  # m/s; slower, places and their directions are noise
+_LEAST_SPEED = 2.0  # m/s; slower, positions and their directions are noise
 _LEAST_STEPS = 5
 _LONGEST_STEP_S = 1.5
 _OFF_SHARE = 0.5
@@ -264,13 +264,13 @@ class ImuPoses:
     """The poses of the imu at a plan's frames.
 
     Attributes:
-        poses: Of each frame, None where the track has none; None without poses for oxts.
-        location: Of all packets, where the bag has an Imu alone; None otherwise.
-        moving: Its velocities in the world frame by its places; None without poses for oxts, and
+        poses: The pose of each frame, None where the track has none; None without poses for oxts.
+        location: The position of all packets, where the bag has an Imu alone; None otherwise.
+        moving: Its velocities in the world frame by its positions; None without poses for oxts, and
             where messages have velocities.
         velocity: The Odometry whose twist is the imu's velocity, empty for none.
         imu_T_velocity: Its child frame in KITTI's imu frame.
-        notes: Non-fatal remarks.
+        notes: Notes.
         lost_ns: Stamps of the frames without a packet because of a gap in the poses.
     """
 
@@ -281,7 +281,7 @@ class ImuPoses:
 
         Args:
             plan: Names the poses and the origin.
-            survey: Of its bags.
+            survey: The survey of the bags.
             frames: The frames.
             rigging: The mounting of the imu on the vehicle.
             motion: The poses.
@@ -400,7 +400,7 @@ class PacketMaker:
 
     Imu, position and velocity are interpolated between the messages before and after the frame's
     stamp; of positions between those with a fix. Where one of these is missing, the nearest counts,
-    within the plan's tolerance or its own period. Without a velocity it is derived from the places.
+    within the plan's tolerance or its period. Without a velocity it is derived from the positions.
 
     Attributes:
         losses: Frames without a packet, where the layout has a line for each.
@@ -421,8 +421,8 @@ class PacketMaker:
             plan: Names the topics.
             survey: Their stamps.
             frames: The frames.
-            rigging: Where the sensors are on the vehicle.
-            motion: Poses that take the place of the fix.
+            rigging: The mounting of the sensors.
+            motion: Poses that replace the fix.
 
         Raises:
             UsageError: A topic is missing.
@@ -506,7 +506,7 @@ class PacketMaker:
         return DerivedVelocities(stamps, positions, _MAX_FIX_GAP_NS, SLOWEST_FIX_M_S)
 
     def _moving(self, frame: int) -> Float64Array | None:
-        """Return the velocity of a frame by the places, None where it is not known."""
+        """Return the velocity of a frame by the positions, None where unknown."""
         velocities = self._velocities
         return None if velocities is None else velocities.at(int(self._frames_ns[frame]))
 
@@ -546,7 +546,7 @@ class PacketMaker:
         return {topic for topic, _ in self._frames_of}
 
     def notes(self) -> list[str]:
-        """Return non-fatal remarks on the packets so far."""
+        """Return notes on the packets so far."""
         notes = [
             f'oxts: {topic} has no message within the tolerance of {len(away)} frames, which take'
             f' the nearest: up to {max(away) / NS_PER_S:.2f} s away{self._metres(topic)}'
@@ -585,13 +585,13 @@ class PacketMaker:
         return f'{self._topics["imu"]}: no orientation{where} roll, pitch and yaw are 0{also}'
 
     def _metres(self, topic: str) -> str:
-        """Return how far the places of fixes were carried on."""
+        """Return how far fixes were extrapolated."""
         if topic != self._topics['fix'] or not self._moved_m:
             return ''
         return f', and are carried on by up to {max(self._moved_m):.2f} m, by the velocity there'
 
     def wants(self, topic: str, index: int) -> bool:
-        """Whether a message, by its place in its topic, is part of a packet."""
+        """Return whether a message, by its index in its topic, is part of a packet."""
         return (topic, index) in self._frames_of
 
     def take(self, topic: str, index: int, message: Any) -> None:  # noqa: ANN401 - of the bag
@@ -725,7 +725,7 @@ class PacketMaker:
         return replace(packet, lat=still.lat, lon=still.lon, alt=still.alt)
 
     def _derive(self, frame: int, velocity: Any) -> Float64Array | None:  # noqa: ANN401 - as _at
-        """Return the velocity of a frame by its places, None where a message has it, or without."""
+        """Return the velocity of a frame by its positions, None if a message has it or unknown."""
         has_one = self._velocity_of and velocity is not None
         moving = None if has_one else self._moving(frame)
         self._derived += moving is not None and bool(moving.any())
@@ -734,7 +734,7 @@ class PacketMaker:
     def _at(
         self, frame: int, topic: str, messages: list[tuple[int, Any]], between: _Between
     ) -> Any:  # noqa: ANN401 - of the bag
-        """Return what lies between the two messages around a frame, or the only one."""
+        """Interpolate the two messages around a frame, or return the only one."""
         stamps = self._stamps[topic]
         by_stamp = sorted(
             ((int(stamps[message[0]]), message[1]) for message in messages), key=itemgetter(0)
@@ -756,7 +756,7 @@ class PacketMaker:
         return first
 
     def _extrapolated(self, fix: Any, frame: int, later_ns: int) -> Any:  # noqa: ANN401 - of the bag
-        """Return a fix before a frame, or after it, carried on by the velocity of the places."""
+        """Return a fix before or after a frame, extrapolated by the velocity of the positions."""
         moving = self._moving(frame) if later_ns else None
         if moving is None or not moving.any():
             return fix

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a conversion from a bag, as a user reads and edits it: topics and streams.
 
-The table of roles says what topics can be for it. It is parsed and formatted as YAML, and checked.
+The table of roles lists the uses of topics. It is parsed and formatted as YAML, and checked.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ class ScanPlan:
         frame: The frame that becomes KITTI's velodyne frame (x forward, y left, z up); points are
             brought there by the static transforms where the messages are in another.
         intensity_scale: Divisor that scales intensities to 0..1.
-        from_: What the scans are made from: cloud, livox, velodyne, laser_scan or depth; empty for
-            what the topic's type is of.
+        from_: The source of the scans: cloud, livox, velodyne, laser_scan or depth; empty for
+            that of the topic's type.
         info: The CameraInfo of depth images, empty for none.
         model: The scanner of Velodyne packets: VLP-16, VLP-16-Hi-Res, VLP-32C, HDL-32E or HDL-64E;
             empty for the one that the packets name.
@@ -233,7 +233,7 @@ class Plan:
 
     @property
     def is_extract(self) -> bool:
-        """Whether the images stay unrectified."""
+        """Return whether the images stay unrectified."""
         return self.layout.traits.is_extract(self.name)
 
 
@@ -242,7 +242,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Role:
-    """What a topic can be for a data set.
+    """The use of a topic for a data set.
 
     Attributes:
         key: In the plan: of the part that names the topic, or in that part.
@@ -314,10 +314,10 @@ ROLES = (SCAN, IMAGES, INFO, POSES, LABELS, BOXES_2D, *OXTS_ROLES)
 
 @dataclass(frozen=True)
 class TopicUse:
-    """What a plan uses a topic for.
+    """A topic that a plan names, and its use.
 
     Attributes:
-        name: Of its stream in texts: scan, image_2 (of a camera set: image_2 of NAME), pose, imu.
+        name: Its stream in texts: scan, image_2 (of a camera set: image_2 of NAME), pose, imu.
         key: In the plan: scan.topic, cameras.2.info, imu.
         topic: Its name.
         role: Its row of the table.
@@ -375,7 +375,7 @@ def check_classes(classes: object, where: str, *, any_word: bool) -> dict[str, s
     """Return the classes of a plan by name or number, with KITTI's spelling.
 
     Args:
-        classes: As it is in the file.
+        classes: The value in the file.
         where: The file and the key.
         any_word: Whether other classes than KITTI's are valid.
 

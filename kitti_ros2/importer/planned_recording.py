@@ -294,7 +294,7 @@ def _naming_errors(position: MessagePosition, number: int) -> Iterator[None]:
 
 
 def _label_positions(plan: Plan, survey: Survey, frames: Frames) -> list[list[MessagePosition]]:
-    """Return the places of the messages with the boxes of each frame, none without labels."""
+    """Return the positions of the messages with the boxes of each frame, none without labels."""
     if plan.labels is None:
         return []
     log_ns = np.array(topic_of(survey, plan.labels.topic).log_ns, dtype=np.int64)
@@ -304,7 +304,7 @@ def _label_positions(plan: Plan, survey: Survey, frames: Frames) -> list[list[Me
 
 
 def _positions(topic: str, survey: Survey, samples: Sequence[int]) -> list[MessagePosition | None]:
-    """Return the place of the message of each frame, None for a frame without one."""
+    """Return the position of the message of each frame, None for a frame without one."""
     log_ns = np.array(topic_of(survey, topic).log_ns, dtype=np.int64)
     positions = iter(positions_of(topic, log_ns, (index for index in samples if index != NONE)))
     return [None if index == NONE else next(positions) for index in samples]

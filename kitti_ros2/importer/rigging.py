@@ -48,7 +48,7 @@ class Rigging:
     """The sensors of a plan in KITTI's frames.
 
     Attributes:
-        calibrations: Of all frames.
+        calibrations: The calibrations of all frames.
         scans: Converts clouds.
         images: Converts images.
         labels: Converts boxes.
@@ -60,7 +60,7 @@ class Rigging:
 
         Args:
             plan: The plan.
-            survey: Of its bags.
+            survey: The survey of the bags.
             moving: The links over time, where clouds or boxes are in frames that move.
 
         Raises:
@@ -126,7 +126,7 @@ class Rigging:
     def body_t_rect(self) -> Transform:
         """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
 
-        Without a camera it is at the nominal place of KITTI's camera on the scanner; without a
+        Without a camera it is at the nominal position of KITTI's camera on the scanner; without a
         scanner too, at the body's origin, looking ahead.
 
         Raises:
@@ -164,7 +164,7 @@ class Rigging:
         return self._tree.find(target, source)
 
     def notes(self) -> list[str]:
-        """Return non-fatal remarks on the samples so far."""
+        """Return notes on the samples so far."""
         first = self.calibrations.first
         nominal = first.nominal if first is not None else ()
         notes = [f'{part}: not in the bag, a nominal value is used' for part in nominal]
@@ -174,7 +174,7 @@ class Rigging:
         return [*notes, *self.calibrations.notes]
 
     def _lever_arm_notes(self, survey: Survey) -> Iterator[str]:
-        """Yield a note on the place of a NavSatFix's antenna, where the imu's is known."""
+        """Yield a note on the position of a NavSatFix's antenna, where the imu's is known."""
         plan = self._plan
         if not (plan.fix and plan.imu_frame):
             return
@@ -194,7 +194,7 @@ class Rigging:
                 yield f'{note} places are written as they are, for no Imu tells the attitude'
 
     def _nominal_pose_notes(self) -> Iterator[str]:
-        """Yield notes on what the poses are of, where no calibration tells: see body_t_rect."""
+        """Yield notes on the poses of a plan without calibration: see body_t_rect."""
         plan = self._plan
         if plan.pose is None:
             return
@@ -224,9 +224,9 @@ def _body_of(topic: TopicSurvey) -> str:
 
 # The riggings of a recording whose CameraInfo or static transforms change: one for each state.
 #
-# What is valid at a frame is the last CameraInfo of each camera and the last static transforms up
+# Valid at a frame are the last CameraInfo of each camera and the last static transforms up
 # to its images; before the first, the first. Layouts with a calibration a frame are written so; the
-# others have one place, which gets the calibration of the first frame.
+# others store one calibration, that of the first frame.
 
 _LATE_NS = 5_000_000
 """A CameraInfo may be stamped so much later than its image."""
@@ -241,7 +241,7 @@ class Riggings:
 
     Args:
         plan: The plan.
-        survey: Of its bags.
+        survey: The survey of the bags.
         frames: Their frames.
         moving: As of Rigging.
 
@@ -285,7 +285,7 @@ class Riggings:
                 raise ValueError(str(error)) from None
 
     def _state(self, frame: int) -> _State:
-        """Return the first place of the valid value in each series."""
+        """Return the first index of the valid value in each series."""
         if not len(self._images_ns):
             return tuple(0 for _ in self._series)
         latest_ns = int(self._images_ns[frame])
@@ -344,7 +344,7 @@ class Riggings:
             )
 
     def losses(self) -> tuple[Loss, ...]:
-        """Return the losses of all riggings, and the frames whose calibration has no place."""
+        """Return the losses of all riggings, and the frames whose calibration is not stored."""
         counts = self._lost.copy()
         for rigging in self._riggings:
             self._count(rigging, counts)
@@ -402,7 +402,7 @@ def _numbers(calibration: Calibration) -> list[Float64Array]:
 
 
 def _first_indices(values: Sequence[Any]) -> list[int]:
-    """Return for each value of a series the first place of the same one."""
+    """Return for each value of a series the first index of the same one."""
     distinct: list[int] = []
     first_indices = []
     for index, value in enumerate(values):
@@ -437,7 +437,7 @@ def _contents(plan: Plan, survey: Survey, name: str) -> list[tuple[int, Any]]:
 
 
 def _is_valid(info: Any) -> bool:  # noqa: ANN401 - of the bag's types
-    """Whether a CameraInfo is calibrated: drivers begin with zeros."""
+    """Return whether a CameraInfo is calibrated: drivers begin with zeros."""
     try:
         camera_model(info)
     except (ValueError, AttributeError):

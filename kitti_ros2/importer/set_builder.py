@@ -107,7 +107,7 @@ class DepthMaps:
     """Writes the depth maps of a recording; thread-safe.
 
     Attributes:
-        folders: Of the maps, by camera; none unless the scans are of depth images.
+        folders: The folders of the maps, by camera; none unless the scans are of depth images.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class DepthMaps:
                 self._writer.write_depth(camera, number, encode_png(pixels))
 
     def notes(self) -> list[str]:
-        """Return what was written, or why nothing was."""
+        """Return notes on the maps, or why none were written."""
         if self._unrectified:
             return ['no depth maps were written: the images of an extract are not rectified']
         return [
@@ -148,7 +148,7 @@ def make_depth_map(
 
     Args:
         points: (N, 4) x y z reflectance in velo_link.
-        calibration: Contains the camera and the place of the scanner.
+        calibration: Contains the camera and the pose of the scanner.
         camera: KITTI index.
         size: (width, height) of its rectified image.
     """
@@ -176,9 +176,9 @@ class SampleWriter:
 
     Attributes:
         plan: The rules.
-        frames: Those to write.
+        frames: The frames to write.
         riggings: Convert messages to samples.
-        writer: Of the layout.
+        writer: The writer of the layout.
         first: The number of the first frame.
         empty_labels: Number of frames without a box so far.
     """
@@ -214,7 +214,7 @@ class SampleWriter:
         return count
 
     def write_scan(self, number: int, topic: str, index: int, cloud: Any) -> int:  # noqa: ANN401 - of the bag
-        """Write a scan, by its place in its topic; return its bytes.
+        """Write a scan, by its index in its topic; return its bytes.
 
         Raises:
             ValueError: No point is left of it.
@@ -232,7 +232,7 @@ class SampleWriter:
         return scan.points.nbytes
 
     def write_image(self, camera: int, number: int, topic: str, index: int, image: Any) -> int:  # noqa: ANN401 - of the bag
-        """Write an image, by its place in its topic; return its bytes."""
+        """Write an image, by its index in its topic; return its bytes."""
         png = self._rigging(number).images.png(camera, image)
         self.writer.write_image(camera, number, self._stamp_ns(number, topic, index), png)
         return len(png)
@@ -241,9 +241,9 @@ class SampleWriter:
         """Write the labels of a frame; return 0: sizes are those of scans and images.
 
         Args:
-            number: Of the frame.
+            number: The number of the frame.
             solid: The messages with boxes.
-            flat: Those with boxes in the image.
+            flat: The messages with boxes in the image.
         """
         frame = number - self.first
         times = times_of_boxes(self.plan, self.frames, frame)
@@ -263,7 +263,7 @@ class SampleWriter:
         return len(posed)
 
     def notes(self) -> list[str]:
-        """Return what was written of depth maps and tracks, and which points were dropped."""
+        """Return notes on depth maps, tracks and dropped points."""
         notes = [*self._depth_maps.notes(), *self.writer.notes()]
         if self.plan.scan is not None:
             notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
@@ -295,7 +295,7 @@ def times_of_boxes(plan: Plan, frames: Frames, frame: int) -> BoxTimes:
     return BoxTimes(own_ns - moved_ns, cloud_ns, moved_ns)
 
 
-# Notes on a written object set with labels: what stops programs that train on it.
+# Notes on a written object set with labels: its faults for programs that train on it.
 #
 # OpenPCDet concatenates the objects of each label file (pcdet/datasets/kitti/kitti_dataset.py,
 # get_infos); create_data.py of mmdetection3d takes the first frame of each of train, val and test
@@ -309,7 +309,7 @@ def set_notes(plan: Plan, folder: Path, files: int, empty: int) -> Iterator[str]
     """Yield notes on a set; none if it is no object set with labels.
 
     Args:
-        plan: Of the set.
+        plan: The plan of the set.
         folder: The one with ImageSets.
         files: Number of label files.
         empty: Number of those without a line.
@@ -384,7 +384,7 @@ class SetBuilder:
 
     Attributes:
         counts: Files, or lines of a common file, by stream.
-        size_bytes: Of the files with samples so far.
+        size_bytes: Size of the files with samples so far.
     """
 
     def __init__(
@@ -432,7 +432,7 @@ class SetBuilder:
         """Yield the files of the samples in frames, in the order of reading.
 
         Args:
-            messages: Each with its place in its topic.
+            messages: Each with its index in its topic.
             decode: By the types of their bags.
         """
         for index, message in messages:
@@ -540,7 +540,7 @@ class SetBuilder:
 
 
 def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int64Array
-    """Map places in a topic to frame numbers."""
+    """Map indices in a topic to frame numbers."""
     frames = np.flatnonzero(samples != NONE)
     return dict(zip(samples[frames].tolist(), (frames + first).tolist(), strict=True))
 

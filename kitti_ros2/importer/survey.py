@@ -134,7 +134,7 @@ def late_ns(stamps_ns: Int64Array) -> Int64Array:
 
 # The messages of a topic of labels that belong together: those of one stamp.
 #
-# Some publishers send the boxes of a moment in several arrays, one a class; several detectors may
+# Some publishers send the boxes of a stamp in several arrays, one a class; several detectors may
 # share a topic. A MarkerArray has no stamp of its own, its markers have; one without markers
 # belongs to the nearest others.
 
@@ -143,16 +143,16 @@ def group_messages(stamps_ns: Sequence[int], log_ns: Sequence[int]) -> list[list
     """Group messages by stamp; each is alone unless another one has its stamp.
 
     Args:
-        stamps_ns: Of each; 0 for an array of markers without one, negative for no stamp.
-        log_ns: Of each, in the order of reading.
+        stamps_ns: (N,) stamps; 0 for an array of markers without one, negative for no stamp.
+        log_ns: (N,) log times, in the order of reading.
 
     Returns:
-        The places of each group's messages, groups in the order of their first ones.
+        The indices of each group's messages, groups in the order of their first ones.
     """
     stamps = np.array(stamps_ns, dtype=np.int64)
     alone = [[index] for index in range(len(stamps))]
     distinct = np.unique(stamps[stamps > 0])
-    # A publisher that never renews its stamp tells nothing by it.
+    # Stamps that never change group nothing.
     if len(distinct) < 2 or len(distinct) == np.count_nonzero(stamps > 0):
         return alone
     logs = np.array(log_ns, dtype=np.int64)
@@ -186,18 +186,18 @@ class TopicSurvey:
         failures: Number of messages that failed to decode.
         failure: The reason of the first failure, empty without one.
         headless: Indices of the messages without a readable header.
-        contents: Of CameraInfo: its content where that differs from the message before, each with
+        contents: CameraInfo: its content where that differs from the message before, each with
             the index of its message.
-        size_bytes: Of its messages as CDR.
-        links_ns: Of TFMessages: stamps of the first transforms, log times where they are 0.
-        places: Of NavSatFix: latitude, longitude and altitude of each, NaN without a fix.
-        moves: Of messages with a twist: whether one has a velocity that is not 0.
-        markers_ns: Of MarkerArrays: stamps of the first markers, 0 without one.
-        copies: Of topics with boxes: indices of messages that are the same as an earlier one.
+        size_bytes: Size of its messages as CDR.
+        links_ns: TFMessages: stamps of the first transforms, log times where they are 0.
+        positions: NavSatFix: latitude, longitude and altitude of each, NaN without a fix.
+        moves: Messages with a twist: whether one has a velocity that is not 0.
+        markers_ns: MarkerArrays: stamps of the first markers, 0 without one.
+        copies: Topics with boxes: indices of messages that are the same as an earlier one.
         forward_ns: Header stamp to the stamp of the frame, where they differ: see forward_stamps.
-        classes: Of topics with boxes: number of boxes of each class in the messages decoded.
-        has_tracks: Of topics with boxes: whether one of these names its track.
-        spans_ns: Of scans with a time for each point: when the first and the last point of each
+        classes: Topics with boxes: number of boxes of each class in the messages decoded.
+        has_tracks: Topics with boxes: whether one of these names its track.
+        spans_ns: Scans with a time for each point: when the first and the last point of each
             message were measured, nanoseconds from the stamp; None where it does not say.
         by_log: Whether log times are used, not stamps.
         offset_ns: Added to the stamps, nanoseconds.
@@ -248,12 +248,12 @@ class TopicSurvey:
 
     @property
     def has_fix(self) -> bool:
-        """Whether a NavSatFix has a fix."""
+        """Return whether a NavSatFix has a fix."""
         return bool(np.isfinite(self.fixes[:, 0]).any())
 
     @property
     def is_readable(self) -> bool:
-        """Whether a message can be decoded, or was not tried."""
+        """Return whether a message can be decoded, or was not tried."""
         return self.count > self.failures
 
     def undecoded(self) -> Loss:
@@ -270,7 +270,7 @@ class TopicSurvey:
 
     @property
     def has_own_stamps(self) -> bool:
-        """Whether stamps of the messages are used, not log times."""
+        """Return whether stamps of the messages are used, not log times."""
         if self.by_log:
             return False
         return bool(self.links_ns) or (bool(self.header_ns) and self._stamps()[1] is None)
@@ -315,7 +315,7 @@ class TopicSurvey:
         return (used + self.offset_ns if self.offset_ns else used), reason
 
     def groups(self) -> list[list[int]] | None:
-        """Return the places of messages with boxes that belong together; None if each is alone.
+        """Return the indices of messages with boxes that belong together; None if each is alone.
 
         Copies are alone: where a recorder writes all messages twice, scans are copied, too.
         """
@@ -408,11 +408,11 @@ class Survey:
             all values, each with the stamp from which it is valid.
         calibrations: The calibration files in a bag written by to-bag, each with the stamp from
             which it is valid, in order.
-        notes: Non-fatal remarks of the bag's reader.
+        notes: Notes of the bag's reader.
         losses: Damage, and the number of messages lost by each; None: unknown.
         left_out: Topics that cannot be read.
         clashes: Links that are of several robots, each with the topics of two.
-        tracklets: Of a raw drive in a bag written by to-bag: its boxes by stamp and track, whose
+        tracklets: A raw drive in a bag written by to-bag: its boxes by stamp and track, whose
             occlusion and truncation no message has.
     """
 
@@ -537,7 +537,7 @@ class _SurveyPass:
             self._take(message)
 
     def needs_start_only(self, name: str) -> bool:
-        """Whether the next message of a topic is not decoded if it is large."""
+        """Return whether the next message of a topic is not decoded if it is large."""
         topic = self._topics[name]
         if topic.msgtype not in READ:
             return topic.msgtype != STRING
@@ -688,7 +688,7 @@ def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:
 
 
 def _is_due(topic: TopicSurvey, count: int) -> bool:
-    """Whether the message of a count, from 1, is one to decode."""
+    """Return whether the message of a count, from 1, is one to decode."""
     return not topic.samples or (count.bit_count() == 1 and len(topic.samples) < _MOST_SAMPLES)
 
 
@@ -699,10 +699,10 @@ def _keep_sample(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of 
 
 
 def _is_decoded(topic: TopicSurvey) -> bool:
-    """Whether the last message is decoded for more than a sample.
+    """Return whether the last message is decoded for more than a sample.
 
-    Places are those of all; classes are counted in some, for decoding all takes too long; of
-    velocities one that is not 0 is enough.
+    All positions are read; classes are counted in some, for decoding all takes too long; one
+    velocity that is not 0 is enough.
     """
     if topic.msgtype in SOLID:
         return topic.count <= _ALL_OF_FIRST or topic.count % _EVERY == 0

@@ -38,19 +38,19 @@ if TYPE_CHECKING:
     from .survey import Survey, TopicSurvey
 
 
-# What the names of topics and frames say.
+# Topics and frames by their names.
 
 _FIXED = frozenset({*FIXED_FRAMES, 'enu', 'utm', 'local', 'local_origin'})
 _TRUTH = re.compile(r'ground_truth|groundtruth|\bgt\b', re.IGNORECASE)
 
 
 def is_truth(topic: str) -> bool:
-    """Whether a topic is called ground truth."""
+    """Return whether a topic is called ground truth."""
     return bool(_TRUTH.search(topic))
 
 
 def is_fixed(frame: str) -> bool:
-    """Whether a frame is called as those in which robots move."""
+    """Return whether a frame has the name of one in which robots move."""
     return frame.rpartition('/')[2].lower() in _FIXED
 
 
@@ -146,7 +146,7 @@ def child_of(topic: TopicSurvey) -> str:
 
 
 def is_renamed(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> bool:
-    """Whether a topic's poses are of a frame that no transform names, so the plan's body is it."""
+    """Return whether a topic's poses are of a frame without transforms: the body replaces it."""
     child = child_of(topic)
     renamed = child != plan.body and child not in names.transformed
     return renamed and plan.body in names.transformed
@@ -247,17 +247,17 @@ def describe_axes(axes: Float64Array, heading: Heading) -> str:
 
 
 def is_forward(axes: Float64Array) -> bool:
-    """Whether the axes of a frame, as columns in forward, left, up, are about these."""
+    """Return whether the axes of a frame, as columns in forward, left, up, are about these."""
     return bool(axes[0, 0] >= _FORWARD and is_up(axes))
 
 
 def _leans(axes: Float64Array, heading: Heading) -> bool:
-    """Whether boxes that are upright on the ground are not in the scans: see TrackletPose."""
+    """Return whether boxes that are upright on the ground lean in the scans: see TrackletPose."""
     return heading.body and bool(axes[2, 2] < _LEVEL)
 
 
 def is_up(axes: Float64Array) -> bool:
-    """Whether z of a frame, whose axes are columns in forward, left, up, is about up."""
+    """Return whether z of a frame, whose axes are columns in forward, left, up, is about up."""
     return bool(axes[2, 2] >= _FORWARD)
 
 
@@ -307,7 +307,7 @@ class MovingBase:
 
     Attributes:
         frame: The frame, fixed to the vehicle.
-        velo_T_frame: Its place in KITTI's velodyne frame.
+        velo_T_frame: Its pose in KITTI's velodyne frame.
         tree: The links over time; None where no message needs them.
         world: The frame of clouds that the vehicle moves in; empty where clouds are fixed to it.
     """
@@ -323,7 +323,7 @@ class BoxTimes(NamedTuple):
 
     Attributes:
         own_ns: The stamp of the message.
-        scan_ns: That of its scan, which may be the middle of a turn; None for the message's own.
+        scan_ns: The stamp of its scan, which may be the middle of a turn; None for own_ns.
         moved_ns: The way there from the stamp of the scan's header, if the message has this stamp.
     """
 
@@ -333,7 +333,7 @@ class BoxTimes(NamedTuple):
 
 
 class UnknownTransformError(ValueError):
-    """The place of a frame is not known at a stamp.
+    """The transform of a frame is unknown at a stamp.
 
     Attributes:
         stamp_ns: The stamp, which differs from the log time of the message.
@@ -388,10 +388,10 @@ class StaticFrames(Mapping[str, 'Transform']):
 
 
 class FramesAt(Mapping[str, 'Transform']):
-    """velo_T_frame by name at a stamp; looking one up raises UnknownPlaceError if it is not known.
+    """velo_T_frame by name at a stamp; a look-up raises UnknownTransformError if it is unknown.
 
     Args:
-        joined: Of the frames that static transforms join.
+        joined: The frames that static transforms join.
         base: For the others.
         times: When the message and its scan are placed.
     """
@@ -437,7 +437,7 @@ def _transform(tree: MovingTree, target: str, source: str, stamp_ns: int) -> Tra
     """Return target_T_source at a stamp.
 
     Raises:
-        UnknownPlaceError: It is not known then.
+        UnknownTransformError: It is not known then.
     """
     (transform,) = tree.transforms(target, source, np.array([stamp_ns], dtype=np.int64))
     if transform is None:
