@@ -34,10 +34,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from kitti_ros2.batch.job_functions import run_bag_job
+from kitti_ros2.batch.jobs import find_jobs
 from kitti_ros2.batch.manifest import DONE, MANIFEST, read_manifest
-from kitti_ros2.batch.pool import UnitJob
-from kitti_ros2.batch.unit_functions import run_bag_unit
-from kitti_ros2.batch.units import find_units
+from kitti_ros2.batch.pool import JobTask
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
@@ -83,7 +83,7 @@ def workers(folder: Path, drives: int, frames: int) -> None:
     """Print the table of worker processes."""
     root = make_root(folder / 'root', drives, SyntheticOptions(frames=frames))
     cpus = sorted(os.sched_getaffinity(0))
-    found = [unit.source for unit in find_units([root])]
+    found = [job.source for job in find_jobs([root])]
     halves = [folder / 'first.txt', folder / 'second.txt']
     for path, part in zip(halves, (found[::2], found[1::2]), strict=True):
         path.write_text(''.join(f'{each}\n' for each in part), 'utf-8')
@@ -161,8 +161,8 @@ def many(folder: Path, count: int, kills: int) -> None:
 
 def _bare(folder: Path, root: Path, most: int) -> float:
     started = time.process_time()
-    for unit in find_units([root])[:most]:
-        run_bag_unit(UnitJob(unit, folder / 'bare' / f'{unit.name}.mcap', {}), lambda *_: None)
+    for job in find_jobs([root])[:most]:
+        run_bag_job(JobTask(job, folder / 'bare' / f'{job.name}.mcap', {}), lambda *_: None)
     return (time.process_time() - started) / most
 
 

@@ -21,8 +21,8 @@ from ..kitti.opening import parts_of
 from ..kitti.store import cached_listings
 from ..model.errors import KittiRos2Error, UsageError, describe_error
 from .dask_cluster import open_cluster
-from .manifest import DONE, FAILED, MANIFEST, Identity, Manifest, UnitRecord, open_place
-from .pool import LostWorker, UnitJob, UnitResult, run_on_processes, run_serially
+from .manifest import DONE, FAILED, MANIFEST, Identity, JobRecord, Manifest, open_out_folder
+from .pool import JobResult, JobTask, LostWorker, run_on_processes, run_serially
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from ..model.streams import Layout
     from ..options.table import BatchOptions
     from .dask_cluster import DaskCluster
-    from .manifest import LocalPlace
-    from .pool import Outcome, RunUnit
-    from .units import WorkUnit
+    from .jobs import Job
+    from .manifest import OutFolder
+    from .pool import Outcome, RunJob
 
 
-# Fingerprints of a unit's input: the names, sizes and times of change of its files.
+# Fingerprints of a job's input: the names, sizes and times of change of its files.
 #
 # Of files in stores also their ETags. All come from the listings of the folders; those of web
 # servers have names only.
@@ -46,10 +46,10 @@ _SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
 
 
 class InputFile(NamedTuple):
-    """A file of a unit.
+    """A file of a job.
 
     Attributes:
-        name: Path below the unit's folder.
+        name: Path below the job's folder.
         size: Bytes; -1 if a store does not list them.
         mtime_ns: Time of the last change.
         tag: A store's ETag; empty if there is none.
@@ -66,8 +66,8 @@ class InputFile(NamedTuple):
         return number_of(Path(self.name).stem)
 
 
-def fingerprint(unit: WorkUnit) -> str:
-    """Return the fingerprint of a unit's files; of a slice those of its frames and common files.
+def fingerprint(job: Job) -> str:
+    """Return the fingerprint of a job's files; of a slice those of its frames and common files.
 
     A file that does not exist has no part in it.
 
@@ -75,14 +75,14 @@ def fingerprint(unit: WorkUnit) -> str:
         OSError: A folder cannot be read.
     """
     files: Iterable[InputFile]
-    if unit.layout is None:
-        files = _walk(unit.source, unit.source.parent)
+    if job.layout is None:
+        files = _walk(job.source, job.source.parent)
     else:
-        files = _files_of(unit.source, unit.layout, unit.sequence)
-    if unit.result is not None:
-        files = [*files, *_walk(unit.result, unit.result.parent)]
-    if unit.first is not None and unit.last is not None:
-        first, last = unit.first, unit.last
+        files = _files_of(job.source, job.layout, job.sequence)
+    if job.result is not None:
+        files = [*files, *_walk(job.result, job.result.parent)]
+    if job.first is not None and job.last is not None:
+        first, last = job.first, job.last
         files = (file for file in files if file.number is None or first <= file.number <= last)
     return _digest(files)
 
@@ -111,7 +111,7 @@ def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[Input
     try:
         parts = parts_of(source, layout, sequence)
     except KittiRos2Error:
-        parts = [source]  # its unit will fail with this error, until something there changes
+        parts = [source]  # its job will fail with this error, until something there changes
     return tuple(sorted({input_file for part in parts for input_file in _walk(part, source)}))
 
 
@@ -128,10 +128,10 @@ def _walk(path: Path, base: Path) -> Iterator[InputFile]:
     prefix = os.path.relpath(path, base)
     folders = [(str(path), prefix)]
     while folders:
-        folder, place = folders.pop()
+        folder, prefix = folders.pop()
         with os.scandir(folder) as entries:
             for entry in entries:
-                name = f'{place}/{entry.name}'
+                name = f'{prefix}/{entry.name}'
                 if entry.is_dir(follow_symlinks=False):
                     folders.append((entry.path, name))
                 elif entry.is_file() and not name.endswith(_SHARED_MEMORY):
@@ -139,7 +139,7 @@ def _walk(path: Path, base: Path) -> Iterator[InputFile]:
                     yield InputFile(name, status.st_size, status.st_mtime_ns)
 
 
-def _walk_store(path: RemotePath, place: str) -> Iterator[InputFile]:
+def _walk_store(path: RemotePath, prefix: str) -> Iterator[InputFile]:
     """Yield the files at a URL, by one listing of each folder."""
     from ..files.remote_reads import listing_of, sized_entry_of  # noqa: PLC0415 - for URLs only
 
@@ -148,16 +148,16 @@ def _walk_store(path: RemotePath, place: str) -> Iterator[InputFile]:
     except (FileNotFoundError, NotADirectoryError):
         return
     if not entry.is_folder:
-        yield _stored(place, entry)
+        yield _stored(prefix, entry)
         return
-    folders = [(path, place)]
+    folders = [(path, prefix)]
     while folders:
-        folder, place = folders.pop()
+        folder, prefix = folders.pop()
         for name, entry in listing_of(folder).items():
             if entry.is_folder:
-                folders.append((folder / name, f'{place}/{name}'))
+                folders.append((folder / name, f'{prefix}/{name}'))
             else:
-                yield _stored(f'{place}/{name}', entry)
+                yield _stored(f'{prefix}/{name}', entry)
 
 
 def _stored(name: str, entry: RemoteEntry) -> InputFile:
@@ -173,19 +173,19 @@ _ATTEMPTS = 2  # a killed worker may have been unlucky once
 class Progress:
     """What a collection reports while it runs; this one shows nothing."""
 
-    def skip(self, unit: str) -> None:
-        """A unit was done, or had failed, before."""
+    def skip(self, job: str) -> None:
+        """A job was done, or had failed, before."""
 
-    def begin(self, unit: str) -> None:
-        """A unit begins."""
+    def begin(self, job: str) -> None:
+        """A job begins."""
 
-    def advance(self, unit: str, done: int, total: int) -> None:
-        """A unit has converted so many of its samples."""
+    def advance(self, job: str, done: int, total: int) -> None:
+        """A job has converted so many of its samples."""
 
-    def end(self, unit: str) -> None:
-        """A unit has ended."""
+    def end(self, job: str) -> None:
+        """A job has ended."""
 
-    def remark(self, text: str) -> None:
+    def note(self, text: str) -> None:
         """Something about the workers, such as that there are none yet."""
 
 
@@ -197,15 +197,15 @@ def _own_version() -> str:
 
 @dataclass(frozen=True)
 class Collection:
-    """A command over the units of a collection.
+    """A command over the jobs of a collection.
 
     Attributes:
         command: Its name.
         out: The folder of outputs.
-        suffix: What is added to the name of a unit for its output.
+        suffix: What is added to the name of a job for its output.
         options: Values of the command's options by name.
         batch: How the collection is run.
-        run: Runs a unit; a function of a module.
+        run: Runs a job; a function of a module.
         version: Of this package.
     """
 
@@ -214,11 +214,11 @@ class Collection:
     suffix: str
     options: Mapping[str, object]
     batch: BatchOptions
-    run: RunUnit
+    run: RunJob
     version: str = field(default_factory=_own_version)
 
-    def convert(self, units: Sequence[WorkUnit], progress: Progress) -> CollectionReport:
-        """Run all units that are not done.
+    def convert(self, jobs: Sequence[Job], progress: Progress) -> CollectionReport:
+        """Run all jobs that are not done.
 
         Raises:
             OutputError: Another run is writing there, or the disk refuses.
@@ -226,37 +226,37 @@ class Collection:
             UsageError: The folder has the outputs of another command, or a cluster is requested and
                 Dask is not installed.
         """
-        jobs = min(self.batch.jobs or worker_count(), max(len(units), 1))
+        workers = min(self.batch.jobs or worker_count(), max(len(jobs), 1))
         if self.batch.scheduler is None:
-            return self._convert(units, progress, jobs)
-        with open_cluster(self.batch.scheduler, jobs, self.version, progress.remark) as cluster:
-            return self._convert(units, progress, cluster.workers, cluster)
+            return self._convert(jobs, progress, workers)
+        with open_cluster(self.batch.scheduler, workers, self.version, progress.note) as cluster:
+            return self._convert(jobs, progress, cluster.workers, cluster)
 
     def _convert(
         self,
-        units: Sequence[WorkUnit],
+        jobs: Sequence[Job],
         progress: Progress,
-        jobs: int,
+        workers: int,
         cluster: DaskCluster | None = None,
     ) -> CollectionReport:
-        with open_place(self.out) as place, Manifest(place.folder) as manifest:
+        with open_out_folder(self.out) as out_folder, Manifest(out_folder.folder) as manifest:
             self._check(manifest.command)
-            manifest.begin(self.command, jobs)
-            manifest.add({unit.name: unit.origin for unit in units})
-            outs = {self.output_of(unit.name): unit.name for unit in units}
-            manifest.claim(outs[out] for out in place.absent(outs))
-            place.save()
-            queue = _Queue(self, units, manifest, place, progress)
+            manifest.begin(self.command, workers)
+            manifest.add({job.name: job.origin for job in jobs})
+            outs = {self.output_of(job.name): job.name for job in jobs}
+            manifest.claim(outs[out] for out in out_folder.absent(outs))
+            out_folder.save()
+            queue = _Queue(self, jobs, manifest, out_folder, progress)
             try:
-                self._work(queue, jobs, place.lock, progress, cluster)
+                self._work(queue, workers, out_folder.lock, progress, cluster)
             finally:
                 manifest.release()
-            names = {unit.name for unit in units}
+            names = {job.name for job in jobs}
             records = [record for name, record in manifest.records().items() if name in names]
-        return CollectionReport(self.out, tuple(records), frozenset(queue.ran), jobs)
+        return CollectionReport(self.out, tuple(records), frozenset(queue.ran), workers)
 
     def _check(self, command: str | None) -> None:
-        """Refuse a folder whose units another command would take for its own."""
+        """Refuse a folder whose jobs another command would take for its own."""
         if command not in {None, self.command}:
             raise UsageError(
                 f'{self.out}: has the outputs of kitti-ros2 {command}; give {self.command} a folder'
@@ -264,20 +264,25 @@ class Collection:
             )
 
     def _work(
-        self, queue: _Queue, jobs: int, lock: int, progress: Progress, cluster: DaskCluster | None
+        self,
+        queue: _Queue,
+        workers: int,
+        lock: int,
+        progress: Progress,
+        cluster: DaskCluster | None,
     ) -> None:
         if cluster is not None:
             outcomes = cluster.run(queue, self.run, progress.advance, self.out / MANIFEST)
-        elif jobs == 1:
+        elif workers == 1:
             outcomes = run_serially(queue, self.run, progress.advance)
         else:
-            outcomes = run_on_processes(queue, self.run, progress.advance, jobs, lock)
+            outcomes = run_on_processes(queue, self.run, progress.advance, workers, lock)
         with closing(outcomes):  # type: ignore[type-var]
             for outcome in outcomes:
                 queue.settle(outcome)
 
     def output_of(self, name: str) -> Path:
-        """Return the output of a unit."""
+        """Return the output of a job."""
         return self.out / f'{name}{self.suffix}'
 
     def options_text(self) -> str:
@@ -296,106 +301,106 @@ class CollectionReport:
 
     Attributes:
         out: The folder of outputs.
-        records: All units of the collection.
-        ran: Names of the units that this run has run; the others were done or had failed before.
-        jobs: Number of worker processes.
+        records: All jobs of the collection.
+        ran: Names of the jobs that this run has run; the others were done or had failed before.
+        workers: Number of worker processes.
     """
 
     out: Path
-    records: tuple[UnitRecord, ...]
+    records: tuple[JobRecord, ...]
     ran: frozenset[str]
-    jobs: int
+    workers: int
 
     @property
     def ok(self) -> bool:
-        """Whether all units are done, without losses."""
+        """Whether all jobs are done, without losses."""
         return all(record.state == DONE and not record.bad for record in self.records)
 
 
 class _Queue:
-    """The jobs of a collection, chosen when a worker is free."""
+    """The tasks of a collection, chosen when a worker is free."""
 
     def __init__(
         self,
         collection: Collection,
-        units: Iterable[WorkUnit],
+        jobs: Iterable[Job],
         manifest: Manifest,
-        place: LocalPlace,
+        out_folder: OutFolder,
         progress: Progress,
     ) -> None:
         self._collection = collection
-        self._units = iter(units)
+        self._jobs = iter(jobs)
         self._manifest = manifest
-        self._place = place
+        self._out_folder = out_folder
         self._progress = progress
         self._known = manifest.records()
         self._options = collection.options_text()
-        self._again: deque[UnitJob] = deque()
+        self._again: deque[JobTask] = deque()
         self._identities: dict[str, Identity] = {}
         self.ran: set[str] = set()
 
-    def take(self) -> UnitJob | None:
-        """Return the next job, recorded as running."""
+    def take(self) -> JobTask | None:
+        """Return the next task, recorded as running."""
         if self._again:
             return self._begin(self._again.popleft())
-        for unit in self._units:
-            job = self._job(unit)
-            if job is not None:
-                return self._begin(job)
+        for job in self._jobs:
+            task = self._task(job)
+            if task is not None:
+                return self._begin(task)
             self._manifest.flush()
-            self._progress.skip(unit.name)
+            self._progress.skip(job.name)
         self._manifest.flush()
         return None
 
     def settle(self, outcome: Outcome) -> None:
-        """Record an outcome; the unit of a lost worker is run once more."""
-        job, result = outcome
-        name = job.unit.name
+        """Record an outcome; the job of a lost worker is run once more."""
+        task, result = outcome
+        name = task.job.name
         if isinstance(result, LostWorker):
-            if job.attempt < _ATTEMPTS:
-                self._again.append(replace(job, attempt=job.attempt + 1))
+            if task.attempt < _ATTEMPTS:
+                self._again.append(replace(task, attempt=task.attempt + 1))
                 return
-            result = UnitResult(
-                reason=f'its worker process {result.how}, {job.attempt} times;'
+            result = JobResult(
+                reason=f'its worker process {result.how}, {task.attempt} times;'
                 ' is there enough memory?'
             )
-            self._place.sweep(job.out)
+            self._out_folder.sweep(task.out)
         self._manifest.end(name, result)
-        self._place.changed()
+        self._out_folder.changed()
         self._identities.pop(name, None)
         self._progress.end(name)
 
-    def _job(self, unit: WorkUnit) -> UnitJob | None:
-        """Return the job of a unit; None if it is done or has failed, and is not to be retried."""
-        record = self._known[unit.name]
+    def _task(self, job: Job) -> JobTask | None:
+        """Return the task of a job; None if it is done or has failed, and is not to be retried."""
+        record = self._known[job.name]
         try:
-            files = fingerprint(unit)
-        except OSError as error:  # its unit will fail with it
+            files = fingerprint(job)
+        except OSError as error:  # its job will fail with it
             files = describe_error(error)
-        identity = Identity(unit.origin, files, self._options, self._collection.version)
-        out = self._collection.output_of(unit.name)
+        identity = Identity(job.origin, files, self._options, self._collection.version)
+        out = self._collection.output_of(job.name)
         if record.identity == identity:
-            is_done = record.state == DONE and self._place.has(out)
+            is_done = record.state == DONE and self._out_folder.has(out)
             retry = self._collection.batch.retry and (record.state == FAILED or record.bad)
             if (is_done or record.state == FAILED) and not retry:
-                self._place.sweep(out)
+                self._out_folder.sweep(out)
                 return None
-        self._identities[unit.name] = identity
+        self._identities[job.name] = identity
         options = self._collection.options
-        if self._is_ours(record, unit, out):
+        if self._is_ours(record, job, out):
             options = {**options, 'overwrite': True}
-        return UnitJob(unit, out, options)
+        return JobTask(job, out, options)
 
-    def _is_ours(self, record: UnitRecord, unit: WorkUnit, out: Path) -> bool:
-        """Whether a unit may replace what is at its output: nothing, or its own."""
-        own = record.ours and record.identity.source == unit.origin
-        return own or not self._place.has(out)
+    def _is_ours(self, record: JobRecord, job: Job, out: Path) -> bool:
+        """Whether a job may replace what is at its output: nothing, or its own."""
+        own = record.ours and record.identity.source == job.origin
+        return own or not self._out_folder.has(out)
 
-    def _begin(self, job: UnitJob) -> UnitJob:
-        name = job.unit.name
-        ours = bool(job.options.get('overwrite'))
-        self._manifest.start(name, self._identities[name], attempt=job.attempt, ours=ours)
-        self._place.make_room(job.out)
+    def _begin(self, task: JobTask) -> JobTask:
+        name = task.job.name
+        ours = bool(task.options.get('overwrite'))
+        self._manifest.start(name, self._identities[name], attempt=task.attempt, ours=ours)
+        self._out_folder.make_room(task.out)
         self.ran.add(name)
         self._progress.begin(name)
-        return job
+        return task

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on the workers of a Dask cluster, one that exists or one that is started on this machine."""
+"""Tasks on the workers of a Dask cluster: one that exists, or one started on this machine."""
 
 from __future__ import annotations
 
@@ -25,43 +25,43 @@ from ..files.local_staging import taking_over
 from ..files.processes import keep_freed_memory
 from ..model.errors import ClusterError, UsageError
 from ..options.table import LOCAL
-from .pool import UnitResult, no_interrupt, prepare_workers, use_one_thread
+from .pool import JobResult, no_interrupt, prepare_workers, use_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
 
-    from .pool import JobQueue, Outcome, RunUnit, ShowUnit, UnitJob
+    from .pool import JobTask, Outcome, RunJob, ShowJob, TaskQueue
 
 
-# A unit as a task of Dask: runs on a worker, reports its progress, stops when it is cancelled.
+# A job as a task of Dask: runs on a worker, reports its progress, stops when it is cancelled.
 
 TOPIC = 'kitti_ros2'
-"""Topic of the events that workers report: run, kind, name of the unit, samples done, of all."""
+"""Topic of the events that workers report: run, kind, name of the job, samples done, of all."""
 _ADVANCE_S = 1.0  # between two reports of progress: all go through the scheduler
 _RUNNING = 'executing'
 
 
 @dataclass(frozen=True)
-class UnitTask:
-    """A job as it is sent to a worker.
+class DaskTask:
+    """A task as it is sent to a worker.
 
     Attributes:
-        run: Runs a job; a function of a module.
-        job: The job, with absolute paths.
+        run: Runs a task; a function of a module.
+        task: The task, with absolute paths.
         number: Of the run over the collection, random: it tells its events from those of others.
         version: Of this package, at the client.
         witness: A file in the output folder, which every worker must see; None if it is remote.
     """
 
-    run: RunUnit
-    job: UnitJob
+    run: RunJob
+    task: JobTask
     number: str
     version: str
     witness: Path | None
 
 
 class _UnwantedError(BaseException):
-    """The unit is not wanted any more. No Exception: units turn those into results."""
+    """The task was cancelled. No Exception: functions of jobs turn those into results."""
 
 
 def distributed() -> Any:  # noqa: ANN401 - it has few types
@@ -69,14 +69,14 @@ def distributed() -> Any:  # noqa: ANN401 - it has few types
     return import_module('distributed')
 
 
-def absolute_job(job: UnitJob) -> UnitJob:
-    """Return a job without relative paths: workers have working folders of their own."""
+def absolute_task(task: JobTask) -> JobTask:
+    """Return a task without relative paths: workers have working folders of their own."""
     options: Mapping[str, object] = {
         name: _absolute(value) if isinstance(value, Path) else value
-        for name, value in job.options.items()
+        for name, value in task.options.items()
     }
-    unit = replace(job.unit, source=_absolute(job.unit.source))
-    return replace(job, unit=unit, out=_absolute(job.out), options=options)
+    job = replace(task.job, source=_absolute(task.job.source))
+    return replace(task, job=job, out=_absolute(task.out), options=options)
 
 
 def is_url(path: Path) -> bool:
@@ -88,28 +88,28 @@ def _absolute(path: Path) -> Path:
     return path if is_url(path) else path.absolute()
 
 
-def run_task(task: UnitTask) -> UnitResult | None:
-    """Run a unit on a worker of Dask; None if it was cancelled.
+def run_dask_task(dask_task: DaskTask) -> JobResult | None:
+    """Run a job on a worker of Dask; None if it was cancelled.
 
     Raises:
         ClusterError: The worker has another version of this package.
     """
     worker = distributed().get_worker()
-    if (version := own_version()) != task.version:
-        raise ClusterError(wrong_version(worker.address, version, task.version))
-    unseen = _unseen(task)
+    if (version := own_version()) != dask_task.version:
+        raise ClusterError(wrong_version(worker.address, version, dask_task.version))
+    unseen = _unseen(dask_task)
     if unseen is not None:
-        return UnitResult(
+        return JobResult(
             reason=f'{unseen}: not found on the worker {worker.address} ({socket.gethostname()});'
             ' SRC and OUT must be at the same path on all workers, or be URLs'
         )
     use_one_thread()
     keep_freed_memory()
-    reporter = _Reporter(worker, task)
+    reporter = _Reporter(worker, dask_task)
     reporter.report('begin')
     try:
         with taking_over():  # of an attempt on a worker that Dask has given up
-            return task.run(task.job, reporter)
+            return dask_task.run(dask_task.task, reporter)
     except _UnwantedError:
         return None
     finally:
@@ -117,7 +117,7 @@ def run_task(task: UnitTask) -> UnitResult | None:
 
 
 def wrong_version(address: str, version: str | None, expected: str) -> str:
-    """Describe a worker, or the scheduler, that cannot run units of this version."""
+    """Describe a worker, or the scheduler, that cannot run jobs of this version."""
     has = 'has no kitti_ros2' if version is None else f'has kitti_ros2 {version}'
     return (
         f'{address} {has}, expected {expected}; install the same version on the scheduler and on'
@@ -133,25 +133,25 @@ def own_version() -> str:
     return __version__
 
 
-def _unseen(task: UnitTask) -> Path | None:
+def _unseen(dask_task: DaskTask) -> Path | None:
     """Return a path that this worker does not see.
 
     Without its folder an output would be written to the worker's own disk, and lost.
     """
-    places = (task.job.unit.source, task.witness, task.job.out.parent)
-    for path in places:
+    paths = (dask_task.task.job.source, dask_task.witness, dask_task.task.out.parent)
+    for path in paths:
         if path is not None and not is_url(path) and not os.path.lexists(path):
             return path
     return None
 
 
 class _Reporter:
-    """Reports the progress of a unit; raises when it is not wanted any more."""
+    """Reports the progress of a job; raises when it is not wanted any more."""
 
-    def __init__(self, worker: Any, task: UnitTask) -> None:  # noqa: ANN401 - Dask is untyped
+    def __init__(self, worker: Any, dask_task: DaskTask) -> None:  # noqa: ANN401 - Dask is untyped
         self._worker = worker
         self._key = worker.get_current_task()
-        self._run, self._name = task.number, task.job.unit.name
+        self._run, self._name = dask_task.number, dask_task.task.job.name
         self._last = time.monotonic()
 
     def report(self, kind: str, *counts: int) -> None:
@@ -180,16 +180,16 @@ class _Reporter:
 
 _CONNECT_S = 10.0
 _CLOSE_S = 10.0
-_FAILURES = 1  # of a local cluster: how often a unit may lose its worker and be run again
+_FAILURES = 1  # of a local cluster: how often a job may lose its worker and be run again
 
 
 @contextmanager
-def connected(scheduler: str, jobs: int) -> Iterator[Any]:
+def connected(scheduler: str, workers: int) -> Iterator[Any]:
     """Yield a client of a cluster; end the cluster if it was started here.
 
     Args:
         scheduler: Address of the scheduler; LOCAL starts one on the loopback interface.
-        jobs: Number of worker processes of a local cluster, of one thread each.
+        workers: Number of worker processes of a local cluster, of one thread each.
 
     Raises:
         UsageError: Dask is not installed.
@@ -202,7 +202,7 @@ def connected(scheduler: str, jobs: int) -> Iterator[Any]:
         )
     with distributed().utils.silence_logging_cmgr(logging.CRITICAL):
         if scheduler == LOCAL:
-            with _local_cluster(jobs) as local, _client(local, LOCAL) as client:
+            with _local_cluster(workers) as local, _client(local, LOCAL) as client:
                 yield client
         else:
             with _client(scheduler, scheduler) as client:
@@ -234,7 +234,7 @@ async def _greet(address: str) -> None:
 
 
 @contextmanager
-def _local_cluster(jobs: int) -> Iterator[Any]:
+def _local_cluster(workers: int) -> Iterator[Any]:
     """Start a scheduler and worker processes on the loopback interface."""
     prepare_workers(cluster=True)
     # The server of workers runs: Dask would import pandas here, for a list of what it is to import.
@@ -251,7 +251,7 @@ def _local_cluster(jobs: int) -> Iterator[Any]:
     with folder, distributed().dask.config.set(settings):
         with no_interrupt():  # a terminal sends Ctrl-C to the workers, too
             cluster = distributed().LocalCluster(
-                n_workers=jobs,
+                n_workers=workers,
                 threads_per_worker=1,
                 env=dict(os.environ),  # the server of workers has the one of its start
                 processes=True,
@@ -274,37 +274,37 @@ def first_line(error: BaseException) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
-# Runs jobs on the workers of a Dask cluster, one that exists or one that is started here.
+# Runs tasks on the workers of a Dask cluster, one that exists or one that is started here.
 #
 # Dask places the tasks, moves those of a lost worker to another one, and uses workers that join.
 # Only a few tasks for each thread are at the scheduler at a time, so that a collection may be of
 # any size.
 
 _POLL_S = 1.0  # between two looks at the number of workers
-_PATIENCE_S = 10.0  # for cancelled units to remove their partial outputs
+_PATIENCE_S = 10.0  # for cancelled jobs to remove their partial outputs
 _AHEAD = 2  # tasks for each thread: the one that runs and the next
 _VERSION = 'kitti_ros2.__version__'
 
 
 @contextmanager
 def open_cluster(
-    scheduler: str, jobs: int, version: str, remark: Callable[[str], None]
+    scheduler: str, workers: int, version: str, note: Callable[[str], None]
 ) -> Iterator[DaskCluster]:
     """Connect to a cluster and wait for its first worker; end it if it was started here.
 
     Args:
         scheduler: Address of the scheduler; LOCAL starts one on the loopback interface.
-        jobs: Number of worker processes of a local cluster, of one thread each.
+        workers: Number of worker processes of a local cluster, of one thread each.
         version: Of this package, which the workers must have.
-        remark: Called with a line about the workers.
+        note: Called with a line about the workers.
 
     Raises:
         UsageError: Dask is not installed.
         ClusterError: The scheduler does not answer, or has workers of another version.
     """
-    with connected(scheduler, jobs) as client:
+    with connected(scheduler, workers) as client:
         name = 'the local cluster' if scheduler == LOCAL else scheduler
-        yield DaskCluster(client, name, version, remark)
+        yield DaskCluster(client, name, version, note)
 
 
 class DaskCluster:
@@ -317,7 +317,7 @@ class DaskCluster:
         client: Of Dask.
         name: The cluster in messages.
         version: Of this package.
-        remark: Called with a line about the workers.
+        note: Called with a line about the workers.
 
     Raises:
         ClusterError: The scheduler or a worker has another version, or the scheduler has ended.
@@ -328,17 +328,17 @@ class DaskCluster:
         client: Any,  # noqa: ANN401 - Dask has few types
         name: str,
         version: str,
-        remark: Callable[[str], None],
+        note: Callable[[str], None],
     ) -> None:
         self._client = client
         self._name = name
         self._version = version
-        self._remark = remark
+        self._note = note
         self._number = uuid.uuid4().hex
         self._events: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._looked = -_POLL_S
         self._checked: set[str] = set()
-        self._pending: dict[str, tuple[Any, UnitJob]] = {}
+        self._pending: dict[str, tuple[Any, JobTask]] = {}
         self._running: set[str] = set()
         self.workers = 1
         while not self._count_workers():
@@ -346,16 +346,14 @@ class DaskCluster:
                 self._events.get(timeout=_POLL_S)
         self._check_scheduler()
 
-    def run(
-        self, queue: JobQueue, run: RunUnit, show: ShowUnit, witness: Path
-    ) -> Iterator[Outcome]:
-        """Yield the results of jobs in the order in which they end.
+    def run(self, queue: TaskQueue, run: RunJob, show: ShowJob, witness: Path) -> Iterator[Outcome]:
+        """Yield the results of tasks in the order in which they end.
 
         When the iterator ends early, all tasks are cancelled.
 
         Args:
-            queue: The jobs; asked for more after each outcome.
-            run: Runs a job; a function of a module, since it is pickled.
+            queue: The tasks; asked for more after each outcome.
+            run: Runs a task; a function of a module, since it is pickled.
             show: As in run_serially.
             witness: A file in the output folder, which shows a worker that it sees that folder.
 
@@ -372,30 +370,30 @@ class DaskCluster:
         finally:
             self._cancel()
 
-    def _submit(self, queue: JobQueue, run: RunUnit, witness: Path | None) -> bool:
+    def _submit(self, queue: TaskQueue, run: RunJob, witness: Path | None) -> bool:
         """Keep a few tasks for each thread at the scheduler; return False when all have ended."""
         window = _AHEAD * max(self._count_workers(), 1)
-        while len(self._pending) < window and (job := queue.take()) is not None:
-            task = UnitTask(run, absolute_job(job), self._number, self._version, witness)
+        while len(self._pending) < window and (task := queue.take()) is not None:
+            dask_task = DaskTask(run, absolute_task(task), self._number, self._version, witness)
             key = f'kitti_ros2-{uuid.uuid4().hex}'
-            future = self._client.submit(run_task, task, key=key, pure=False)
-            self._pending[key] = future, job
+            future = self._client.submit(run_dask_task, dask_task, key=key, pure=False)
+            self._pending[key] = future, task
             future.add_done_callback(lambda future: self._events.put(('done', future.key)))
         return bool(self._pending)
 
-    def _receive(self, show: ShowUnit) -> Outcome | None:
+    def _receive(self, show: ShowJob) -> Outcome | None:
         """Wait a moment for an event; return the outcome if a task has ended."""
         try:
             kind, content = self._events.get(timeout=_POLL_S)
         except Empty:
             return None
         if kind == 'done':
-            future, job = self._pending.pop(content)
-            return job, self._result(future)
+            future, task = self._pending.pop(content)
+            return task, self._result(future)
         self._follow(content, show)
         return None
 
-    def _follow(self, event: tuple[Any, ...], show: ShowUnit | None) -> None:
+    def _follow(self, event: tuple[Any, ...], show: ShowJob | None) -> None:
         number, kind, name, *counts = event
         if number != self._number:
             return
@@ -406,12 +404,12 @@ class DaskCluster:
         elif show is not None:
             show(name, *counts)
 
-    def _result(self, future: Any) -> UnitResult:  # noqa: ANN401 - Dask is untyped
+    def _result(self, future: Any) -> JobResult:  # noqa: ANN401 - Dask is untyped
         try:
-            result: UnitResult = future.result()
+            result: JobResult = future.result()
         except distributed().KilledWorker as error:
             times = error.allowed_failures + 1
-            return UnitResult(reason=f'its worker was lost, {times} times; is there enough memory?')
+            return JobResult(reason=f'its worker was lost, {times} times; is there enough memory?')
         except ClusterError:
             raise
         except ImportError as error:
@@ -425,7 +423,7 @@ class DaskCluster:
             if not isinstance(error, Exception):
                 raise
             text = f'{type(error).__name__}: {first_line(error)}'
-            return UnitResult(reason=f'internal error on its worker, {text}; please report it')
+            return JobResult(reason=f'internal error on its worker, {text}; please report it')
         return result
 
     def _count_workers(self) -> int:
@@ -442,7 +440,7 @@ class DaskCluster:
         except OSError as error:
             raise self._ended() from error
         if self.workers and not threads:
-            self._remark(f'{self._name} has no workers; waiting for one (Ctrl-C ends)')
+            self._note(f'{self._name} has no workers; waiting for one (Ctrl-C ends)')
         self.workers = sum(threads.values())
         return self.workers
 

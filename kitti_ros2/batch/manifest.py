@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The manifest of a collection: a SQLite file in the output folder, one row for each unit.
+"""The manifest of a collection: a SQLite file in the output folder, one row for each job.
 
 One process writes it. A rollback journal, not a write-ahead log: that needs shared memory, which
 network file systems do not have. Changes are transactions, so that a killed process leaves the
-state before or after one. The end of a unit and the start of the next are one transaction, and the
-journal is truncated, not removed: this takes 2 calls of fdatasync for a unit, not 6.
+state before or after one. The end of a job and the start of the next are one transaction, and the
+journal is truncated, not removed: this takes 2 calls of fdatasync for a job, not 6.
 
 After a power cut the file is whole: with synchronous = NORMAL, SQLite syncs the journal before it
 changes the file, and the file before it truncates the journal. Only the truncation is not synced,
-so that the last transaction may be undone, and its unit is run again. Closing syncs the folder:
+so that the last transaction may be undone, and its job is run again. Closing syncs the folder:
 then the journal is gone for good, and nothing can be undone. Source: sqlite.org/atomiccommit.html.
 """
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from ..files.remote import RemotePath
     from ..files.uploads import StoreLock
-    from .pool import UnitResult
+    from .pool import JobResult
 
 
 # The SQLite file of a manifest: its tables, checks and errors.
@@ -137,10 +137,10 @@ TODO, RUNNING, DONE, FAILED = STATES = ('todo', 'running', 'done', 'failed')
 
 @dataclass(frozen=True)
 class Identity:
-    """What the output of a unit depends on.
+    """Dependencies of the output of a job.
 
     Attributes:
-        source: The folder of the unit.
+        source: The folder of the job.
         input: Fingerprint of its files.
         options: The command with its options, as JSON.
         version: Of this package.
@@ -153,13 +153,13 @@ class Identity:
 
 
 @dataclass(frozen=True)
-class UnitRecord:
-    """The row of a unit.
+class JobRecord:
+    """The row of a job.
 
     Attributes:
-        name: Of the unit.
+        name: Of the job.
         state: One of STATES.
-        identity: Of the last run of the unit.
+        identity: Of the last run of the job.
         ours: Whether what is at its output was written by a run that this manifest knows.
         counts: What was written: frames, messages, bytes.
         bad: Number of samples and files that were skipped.
@@ -226,38 +226,38 @@ class Manifest:
             row = self._database.execute('SELECT command FROM runs ORDER BY run DESC').fetchone()
         return None if row is None else str(row[0])
 
-    def begin(self, command: str, jobs: int) -> None:
-        """Begin a run. Units that a killed run left running are to do again."""
+    def begin(self, command: str, workers: int) -> None:
+        """Begin a run. Jobs that a killed run left running are to do again."""
         with self._transaction():
             cursor = self._database.execute(
                 'INSERT INTO runs (command, jobs, started) VALUES (?, ?, ?)',
-                (command, jobs, time.time()),
+                (command, workers, time.time()),
             )
             self._run = cursor.lastrowid or 0
             self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
 
-    def add(self, units: Mapping[str, str]) -> None:
-        """Add units, name to source; those that are known stay as they are."""
+    def add(self, jobs: Mapping[str, str]) -> None:
+        """Add jobs, name to source; those that are known stay as they are."""
         with self._transaction():
             self._database.executemany(
                 'INSERT OR IGNORE INTO units (name, source, state) VALUES (?, ?, ?)',
-                [(name, source, TODO) for name, source in units.items()],
+                [(name, source, TODO) for name, source in jobs.items()],
             )
 
     def claim(self, names: Iterable[str]) -> None:
-        """Record that nothing is at the outputs of units: what will be there is of a known run."""
+        """Record that nothing is at the outputs of jobs: what will be there is of a known run."""
         with self._transaction():
             self._database.executemany(
                 'UPDATE units SET ours = 1 WHERE name = ?', [(name,) for name in names]
             )
 
-    def records(self) -> dict[str, UnitRecord]:
-        """Return all units by name."""
+    def records(self) -> dict[str, JobRecord]:
+        """Return all jobs by name."""
         with manifest_errors(self._path):
             return _records(self._database)
 
     def start(self, name: str, identity: Identity, *, attempt: int, ours: bool) -> None:
-        """Record that a unit is running, with all results that are not yet committed."""
+        """Record that a job is running, with all results that are not yet committed."""
         with self._transaction():
             self._database.execute(
                 'UPDATE units SET state = ?, source = ?, input = ?, options = ?, version = ?,'
@@ -269,8 +269,8 @@ class Manifest:
                 ),
             )  # fmt: skip
 
-    def end(self, name: str, result: UnitResult) -> None:
-        """Record the result of a unit; the next start, flush or release commits it."""
+    def end(self, name: str, result: JobResult) -> None:
+        """Record the result of a job; the next start, flush or release commits it."""
         with self._transaction(commit=False):
             self._database.execute(
                 'UPDATE units SET state = ?, ours = (ours OR ?), counts = ?, bad = ?, losses = ?,'
@@ -283,13 +283,13 @@ class Manifest:
             )  # fmt: skip
 
     def flush(self) -> None:
-        """Commit the results of units that have ended."""
+        """Commit the results of jobs that have ended."""
         if self._database.in_transaction:
             with self._transaction():
                 pass
 
     def release(self) -> None:
-        """Record that no unit is running any more: the rest is to do."""
+        """Record that no job is running any more: the rest is to do."""
         with self._transaction():
             self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
 
@@ -333,8 +333,8 @@ class Manifest:
                 raise
 
 
-def read_manifest(folder: Path) -> tuple[list[UnitRecord], CollectionRun | None]:
-    """Return the units in the manifest of a folder by name, and its last run.
+def read_manifest(folder: Path) -> tuple[list[JobRecord], CollectionRun | None]:
+    """Return the jobs in the manifest of a folder by name, and its last run.
 
     Raises:
         MissingPathError: The folder has no manifest.
@@ -357,7 +357,7 @@ def read_manifest(folder: Path) -> tuple[list[UnitRecord], CollectionRun | None]
         return list(_records(database).values()), None if row is None else CollectionRun(*row)
 
 
-def _records(database: sqlite3.Connection) -> dict[str, UnitRecord]:
+def _records(database: sqlite3.Connection) -> dict[str, JobRecord]:
     rows = database.execute(
         'SELECT name, state, source, input, options, version, ours, counts, bad, losses, reason,'
         ' seconds, attempts, run, ended FROM units ORDER BY name'
@@ -365,9 +365,9 @@ def _records(database: sqlite3.Connection) -> dict[str, UnitRecord]:
     return {row[0]: _record(row) for row in rows}
 
 
-def _record(row: tuple[Any, ...]) -> UnitRecord:
+def _record(row: tuple[Any, ...]) -> JobRecord:
     name, state, *identity, ours, counts, bad, losses, reason, seconds, attempts, run, ended = row
-    return UnitRecord(
+    return JobRecord(
         name, state, Identity(*identity), bool(ours), json.loads(counts), bad,
         tuple(json.loads(losses)), reason, seconds, attempts, run, ended,
     )  # fmt: skip
@@ -381,15 +381,15 @@ class Pace:
     """How much is done, and how fast.
 
     Attributes:
-        states: Number of units by state, each of STATES.
-        lossy: Units that are done, with some data skipped.
+        states: Number of jobs by state, each of STATES.
+        lossy: Jobs that are done, with some data skipped.
         bad: Samples and files that were skipped.
-        frames, messages, bytes: Sums over the units that are done.
-        unit_seconds: Sum of the times of the units, however many ran at a time.
-        recent: Units that the last run has ended.
-        recent_seconds: From the start of the last run to the end of its last unit.
+        frames, messages, bytes: Sums over the jobs that are done.
+        unit_seconds: Sum of the times of the jobs, however many ran at a time.
+        recent: Jobs that the last run has ended.
+        recent_seconds: From the start of the last run to the end of its last job.
         recent_bytes: What they have written.
-        seconds_left: Estimate for the units that are left; None without a measured one.
+        seconds_left: Estimate for the jobs that are left; None without a measured one.
     """
 
     states: dict[str, int]
@@ -406,12 +406,12 @@ class Pace:
 
     @property
     def left(self) -> int:
-        """Number of units that are neither done nor failed."""
+        """Number of jobs that are neither done nor failed."""
         return self.states[TODO] + self.states[RUNNING]
 
 
-def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pace:
-    """Summarize the units of a manifest and its last run."""
+def measure_pace(records: Sequence[JobRecord], run: CollectionRun | None) -> Pace:
+    """Summarize the jobs of a manifest and its last run."""
     states = dict.fromkeys((TODO, RUNNING, DONE, FAILED), 0)
     states.update(Counter(record.state for record in records))
     totals: Counter[str] = Counter()
@@ -437,12 +437,12 @@ def measure_pace(records: Sequence[UnitRecord], run: CollectionRun | None) -> Pa
     )
 
 
-def totals_bad(records: Sequence[UnitRecord]) -> int:
+def totals_bad(records: Sequence[JobRecord]) -> int:
     """Return the number of samples and files that were skipped."""
     return sum(record.bad for record in records)
 
 
-# The place of a collection's outputs and manifest: a local folder, or a folder of a store.
+# The folder of a collection's outputs and manifest: a local folder, or a folder of a store.
 #
 # SQLite needs a file. The manifest of a collection in a store is kept in a local state folder,
 # fetched from OUT/manifest.sqlite at the start, and put back every few seconds and at the end.
@@ -458,7 +458,7 @@ _LOCK_WAIT_S = 5.0
 _LOCK_POLL_S = 0.05
 
 
-class LocalPlace:
+class OutFolder:
     """A local folder of outputs, locked against other runs.
 
     Attributes:
@@ -478,7 +478,7 @@ class LocalPlace:
         """Remove what an earlier run has left beside an output that it made, or gave up."""
         sweep(out)
 
-    def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StorePlace
+    def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StoreOutFolder
         """Return the outputs that a run may claim beforehand; here a start is recorded at once."""
         return []
 
@@ -499,20 +499,20 @@ class LocalPlace:
         """Save the manifest; here it is where it belongs."""
 
 
-class StorePlace(LocalPlace):
+class StoreOutFolder(OutFolder):
     """A folder of a store, locked against other runs as well as the store allows.
 
     Args:
         out: The folder.
         folder: The local state folder.
-        lock: As LocalPlace.lock.
-        held: The lock in the store.
+        lock: As OutFolder.lock.
+        store_lock: The lock in the store.
     """
 
-    def __init__(self, out: RemotePath, folder: Path, lock: int, held: StoreLock) -> None:
+    def __init__(self, out: RemotePath, folder: Path, lock: int, store_lock: StoreLock) -> None:
         super().__init__(folder, lock)
         self._out = out
-        self._held = held
+        self._store_lock = store_lock
         self._saved = time.monotonic()
         self._names = _complete_names(objects_at(out))
         self._fetch()
@@ -541,7 +541,7 @@ class StorePlace(LocalPlace):
         Raises:
             OutputError: The store refuses, or another run has taken the lock.
         """
-        self._held.check()
+        self._store_lock.check()
         if time.monotonic() - self._saved >= _SAVE_S:
             self.save()
 
@@ -551,7 +551,7 @@ class StorePlace(LocalPlace):
         Raises:
             OutputError: The store refuses, or another run has taken the lock.
         """
-        self._held.check()
+        self._store_lock.check()
         data = _snapshot(self.folder / MANIFEST)
         if data is None:
             return
@@ -573,7 +573,7 @@ class StorePlace(LocalPlace):
 
 
 @contextmanager
-def open_place(out: Path) -> Iterator[LocalPlace]:
+def open_out_folder(out: Path) -> Iterator[OutFolder]:
     """Lock a folder of outputs, with its manifest in a local folder.
 
     In a store, the manifest is put back at the end, also of a run that fails.
@@ -588,21 +588,21 @@ def open_place(out: Path) -> Iterator[LocalPlace]:
         with reported(out):
             make_folder(out)
         with _locked(out, out) as lock:
-            yield LocalPlace(out, lock)
+            yield OutFolder(out, lock)
         return
     refuse_read_only(out)
     folder = _state_folder(out)
     from ..files.uploads import locked_in_store  # noqa: PLC0415 - for URLs only
 
-    with _locked(folder, out) as lock, locked_in_store(out / _LOCK) as held:
-        place = StorePlace(out, folder, lock, held)
+    with _locked(folder, out) as lock, locked_in_store(out / _LOCK) as store_lock:
+        out_folder = StoreOutFolder(out, folder, lock, store_lock)
         try:
-            yield place
+            yield out_folder
         except BaseException:
             with suppress(OutputError):
-                place.save()
+                out_folder.save()
             raise
-        place.save()
+        out_folder.save()
 
 
 @contextmanager

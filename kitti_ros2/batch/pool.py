@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs jobs one after the other, or on worker processes.
+"""Runs tasks one after the other, or on worker processes.
 
 Workers are forked from a server process, a new interpreter that imports what they need once: a fork
 of this process would copy locks that other threads hold. They ignore Ctrl-C, which a terminal sends
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerProcess
     from pathlib import Path
 
-    from .units import WorkUnit
+    from .jobs import Job
 
 
 # Descriptions of work and its results; both are pickled.
@@ -42,31 +42,31 @@ Advance: TypeAlias = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class UnitJob:
-    """A unit with all that is needed to run it.
+class JobTask:
+    """A job with all that is needed to run it.
 
     Attributes:
-        unit: The unit.
+        job: The job.
         out: Its output.
         options: Values of the command's options by name.
         attempt: 1, or more after a worker process was lost.
     """
 
-    unit: WorkUnit
+    job: Job
     out: Path
     options: Mapping[str, object]
     attempt: int = 1
 
 
 @dataclass(frozen=True)
-class UnitResult:
-    """The result of a unit.
+class JobResult:
+    """The result of a job.
 
     Attributes:
         counts: What was written: frames, messages, bytes.
         bad: Number of samples and files that were skipped.
         losses: What was skipped, one line for each reason; the first few.
-        notes: Non-fatal remarks.
+        notes: Lines that cost no data.
         reason: Why it failed; empty if it did not.
         seconds: Time taken.
     """
@@ -86,7 +86,7 @@ class UnitResult:
 
 @dataclass(frozen=True)
 class LostWorker:
-    """A worker process ended in the middle of a unit.
+    """A worker process ended in the middle of a job.
 
     Attributes:
         how: By which signal, or with which exit code.
@@ -96,9 +96,9 @@ class LostWorker:
 
 
 if TYPE_CHECKING:
-    RunUnit: TypeAlias = Callable[[UnitJob, Advance], UnitResult]
-    Outcome: TypeAlias = tuple[UnitJob, UnitResult | LostWorker]
-    ShowUnit: TypeAlias = Callable[[str, int, int], None]
+    RunJob: TypeAlias = Callable[[JobTask, Advance], JobResult]
+    Outcome: TypeAlias = tuple[JobTask, JobResult | LostWorker]
+    ShowJob: TypeAlias = Callable[[str, int, int], None]
 
 _EXIT_TERMINATED = 143
 _LONGEST_FOLDER = 60  # bytes; multiprocessing adds 32
@@ -141,44 +141,44 @@ def use_one_thread() -> None:
         sys.modules['cv2'].setNumThreads(1)
 
 
-class JobQueue(Protocol):
-    """Jobs to run."""
+class TaskQueue(Protocol):
+    """Tasks to run."""
 
-    def take(self) -> UnitJob | None:
-        """Return the next job; None if there is none now."""
+    def take(self) -> JobTask | None:
+        """Return the next task; None if there is none now."""
 
 
-def run_serially(queue: JobQueue, run: RunUnit, show: ShowUnit) -> Iterator[Outcome]:
-    """Yield the result of each job, run in this process.
+def run_serially(queue: TaskQueue, run: RunJob, show: ShowJob) -> Iterator[Outcome]:
+    """Yield the result of each task, run in this process.
 
     Args:
-        queue: The jobs.
-        run: Runs a job.
-        show: Called with the name of a unit, the samples done and the number of all.
+        queue: The tasks.
+        run: Runs a task.
+        show: Called with the name of a job, the samples done and the number of all.
     """
-    while (job := queue.take()) is not None:
-        name = job.unit.name
-        yield job, run(job, lambda done, total, name=name: show(name, done, total))  # type: ignore[misc]
+    while (task := queue.take()) is not None:
+        name = task.job.name
+        yield task, run(task, lambda done, total, name=name: show(name, done, total))  # type: ignore[misc]
 
 
 def run_on_processes(
-    queue: JobQueue, run: RunUnit, show: ShowUnit, workers: int, held: int
+    queue: TaskQueue, run: RunJob, show: ShowJob, workers: int, lock_fd: int
 ) -> Iterator[Outcome]:
-    """Yield the results of jobs in the order in which they end, run on worker processes.
+    """Yield the results of tasks in the order in which they end, run on worker processes.
 
-    A job whose worker was killed yields LostWorker; another worker takes its place. The workers
+    A task whose worker was killed yields LostWorker; another worker takes its place. The workers
     end with the iterator.
 
     Args:
-        queue: The jobs; asked for another after each outcome.
-        run: Runs a job; a function of a module, since it is pickled.
+        queue: The tasks; asked for another after each outcome.
+        run: Runs a task; a function of a module, since it is pickled.
         show: As in run_serially.
         workers: Number of processes.
-        held: A descriptor that workers keep open until they end, such as that of a lock.
+        lock_fd: A descriptor that workers keep open until they end, such as that of a lock.
     """
     pool: list[_Worker] = []
     try:
-        while busy := _busy(pool, queue, lambda: _Worker(run, held), workers):
+        while busy := _busy(pool, queue, lambda: _Worker(run, lock_fd), workers):
             for ready in wait(list(busy)):
                 worker = busy[ready]
                 outcome = worker.receive(show)
@@ -200,56 +200,56 @@ def run_on_processes(
 
 
 def _busy(
-    pool: list[_Worker], queue: JobQueue, start: Callable[[], _Worker], workers: int
+    pool: list[_Worker], queue: TaskQueue, start: Callable[[], _Worker], workers: int
 ) -> dict[Any, _Worker]:
-    """Give jobs to idle workers, and to new ones up to their number; return the busy ones."""
+    """Give tasks to idle workers, and to new ones up to their number; return the busy ones."""
     for worker in pool:
-        if worker.job is None:
+        if worker.task is None:
             worker.give(queue.take())
-    while len(pool) < workers and (job := queue.take()) is not None:
+    while len(pool) < workers and (task := queue.take()) is not None:
         pool.append(start())
-        pool[-1].give(job)
-    return {worker.connection: worker for worker in pool if worker.job is not None}
+        pool[-1].give(task)
+    return {worker.connection: worker for worker in pool if worker.task is not None}
 
 
 class _Worker:
-    """A worker process and the job that it runs."""
+    """A worker process and the task that it runs."""
 
-    def __init__(self, run: RunUnit, held: int) -> None:
+    def __init__(self, run: RunJob, lock_fd: int) -> None:
         prepare_workers()
         context = multiprocessing.get_context('forkserver')
         self.connection, theirs = context.Pipe()
-        self.job: UnitJob | None = None
-        with theirs, Connection(os.dup(held)) as lock, no_interrupt():
+        self.task: JobTask | None = None
+        with theirs, Connection(os.dup(lock_fd)) as lock, no_interrupt():
             self._process: ForkServerProcess = context.Process(
                 target=_serve, args=(run, theirs, lock, dict(os.environ)), daemon=True
             )
             self._process.start()
 
-    def give(self, job: UnitJob | None) -> None:
-        """Send a job."""
-        self.job = job
-        if job is not None:
+    def give(self, task: JobTask | None) -> None:
+        """Send a task."""
+        self.task = task
+        if task is not None:
             with suppress(BrokenPipeError, ConnectionResetError):  # noticed by receive
-                self.connection.send(job)
+                self.connection.send(task)
 
-    def receive(self, show: ShowUnit) -> Outcome | None:
+    def receive(self, show: ShowJob) -> Outcome | None:
         """Receive a result; None if it was progress only."""
-        job = self.job
-        if job is None:
+        task = self.task
+        if task is None:
             raise RuntimeError('a worker without a job reports')
         try:
             kind, content = self.connection.recv()
         except (EOFError, ConnectionResetError):
             self.connection.close()
             self._process.join()
-            self.job = None
-            return job, LostWorker(self._how())
+            self.task = None
+            return task, LostWorker(self._how())
         if kind == 'advance':
-            show(job.unit.name, *content)
+            show(task.job.name, *content)
             return None
-        self.job = None
-        return job, content
+        self.task = None
+        return task, content
 
     def _how(self) -> str:
         code = self._process.exitcode or 0
@@ -282,14 +282,14 @@ def no_interrupt() -> Iterator[None]:
 
 
 def _serve(
-    run: RunUnit,
+    run: RunJob,
     connection: Any,  # noqa: ANN401 - a Connection
     lock: Any,  # noqa: ANN401, ARG001 - a Connection, kept open until this process ends
     environment: dict[str, str],
 ) -> None:
-    """Run the jobs that come, in a worker process.
+    """Run the tasks that come, in a worker process.
 
-    Its environment is that of the process that wants the jobs done: the server of workers has the
+    Its environment is that of the process that wants the tasks done: the server of workers has the
     one of its start, which a program may have changed since, as for another store.
     """
     os.environ.clear()
@@ -301,12 +301,12 @@ def _serve(
     keep_freed_memory()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            job: UnitJob = connection.recv()
-            connection.send(('end', run(job, _Advancing(connection))))
+            task: JobTask = connection.recv()
+            connection.send(('end', run(task, _Advancing(connection))))
 
 
 class _Advancing:
-    """Reports the progress of a job, not too often."""
+    """Reports the progress of a task, not too often."""
 
     def __init__(self, connection: Any) -> None:  # noqa: ANN401 - a Connection
         self._connection = connection

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..batch.collection import Collection
-from ..batch.unit_functions import run_detection_unit, run_odometry_unit, run_tracking_unit
-from ..batch.units import DETECTION, ODOMETRY, TRACKING, find_pairs
+from ..batch.job_functions import run_detection_job, run_odometry_job, run_tracking_job
+from ..batch.jobs import DETECTION, ODOMETRY, TRACKING, find_pairs
 from ..evaluation.score_values import combined_odometry, combined_tracking
 from ..evaluation.track_metrics import check_trackeval
 from ..evaluation.trajectories import check_evo
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from ..batch.manifest import UnitRecord
-    from ..batch.pool import RunUnit
-    from ..batch.units import PairKind
+    from ..batch.jobs import PairKind
+    from ..batch.manifest import JobRecord
+    from ..batch.pool import RunJob
     from ..options.read import ReadOptions
     from ..options.table import BatchOptions
     from .output import ResultOutput
@@ -49,7 +49,7 @@ class Evaluation:
     Attributes:
         name: The word after eval.
         kind: Ground truth and results that it compares.
-        run: Runs a unit.
+        run: Runs a job.
         read: Returns the options that choose among the ground truth, from values by name.
         columns: Headings of the table of results.
         rows: The rows of a result: a class, or nothing, and the cells.
@@ -60,7 +60,7 @@ class Evaluation:
 
     name: str
     kind: PairKind
-    run: RunUnit
+    run: RunJob
     read: Callable[[Mapping[str, object]], ReadOptions]
     columns: Sequence[str]
     rows: Callable[[Values], Rows]
@@ -80,7 +80,7 @@ def run_eval_all(
     Args:
         evaluation: The evaluation.
         paths: Ground truth and results: roots, globs or lists.
-        given: The options of a unit by name.
+        given: The options of a job by name.
         batch: How the collection is run.
         output: Where and how the scores are put.
 
@@ -105,8 +105,8 @@ def run_eval_all(
     )
 
 
-def _combine(evaluation: Evaluation, done: Sequence[tuple[UnitRecord, Path]]) -> Combined:
-    """Return the scores of all units, and those of all together."""
+def _combine(evaluation: Evaluation, done: Sequence[tuple[JobRecord, Path]]) -> Combined:
+    """Return the scores of all jobs, and those of all together."""
 
     def read() -> dict[str, Values]:
         return {record.name: _read_scores(path) for record, path in done}
@@ -186,7 +186,7 @@ def _detection_rows(values: Values) -> Rows:
 EVAL_DETECTION = Evaluation(
     'detection',
     DETECTION,
-    run_detection_unit,
+    run_detection_job,
     lambda given: make_detection_options(given)[0],
     _DETECTED,
     _detection_rows,
@@ -194,7 +194,7 @@ EVAL_DETECTION = Evaluation(
 EVAL_TRACKING = Evaluation(
     'tracking',
     TRACKING,
-    run_tracking_unit,
+    run_tracking_job,
     lambda given: make_tracking_options(given)[0],
     (*_TRACKED[:-1], 'IDs'),
     _tracking_rows,
@@ -204,7 +204,7 @@ EVAL_TRACKING = Evaluation(
 EVAL_ODOMETRY = Evaluation(
     'odometry',
     ODOMETRY,
-    run_odometry_unit,
+    run_odometry_job,
     lambda given: make_odometry_options(given)[0],
     ('segments', 't_err %', 'r_err deg/m', 'APE m', 'RPE m'),
     _odometry_rows,

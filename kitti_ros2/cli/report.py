@@ -22,8 +22,8 @@ from .output import ENDINGS, ResultOutput, format_path, open_page, say, say_erro
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from ..batch.manifest import UnitRecord
-    from ..batch.units import FolderSearch, WorkUnit
+    from ..batch.jobs import FolderSearch, Job
+    from ..batch.manifest import JobRecord
     from ..evaluation.detection import DetectionScores
     from ..options.read import ReadOptions
     from ..options.table import BatchOptions
@@ -51,8 +51,8 @@ def _run_all(
     """Write a page for each recording and bag of a collection, and an index of them."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.unit_functions import run_report_unit
-    from ..batch.units import common_folder, find_roots, find_source_units
+    from ..batch.job_functions import run_report_job
+    from ..batch.jobs import common_folder, find_roots, find_source_jobs
     from ..files.staging import staged_file
     from ..report.page import IndexEntry, make_index
     from .run_all import Combined, need_folder, refuse_sequence, run_collection
@@ -65,24 +65,26 @@ def _run_all(
     roots = find_roots(src, is_bag_name)
     index = folder / f'{_INDEX}{_SUFFIX}'
 
-    def find(search: FolderSearch) -> list[WorkUnit]:
-        units = find_source_units(roots, read.layout, search)
-        hidden = [unit.source for unit in units if unit.name == _INDEX]
+    def find(search: FolderSearch) -> list[Job]:
+        jobs = find_source_jobs(roots, read.layout, search)
+        hidden = [job.source for job in jobs if job.name == _INDEX]
         if hidden:
             raise UsageError(f'{hidden[0]}: its page would be {index}, that of all; rename it')
-        return units
+        return jobs
 
-    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> Combined:
+    def combine(done: Sequence[tuple[JobRecord, Path]]) -> Combined:
         entries = [
-            IndexEntry(unit.name, path.relative_to(folder), unit.counts.get('frames', 0), unit.bad)
-            for unit, path in done
+            IndexEntry(
+                record.name, path.relative_to(folder), record.counts.get('frames', 0), record.bad
+            )
+            for record, path in done
         ]
         with staged_file(index, KEEP_ALL_BUT_PAGES) as path:
             path.write_bytes(make_index(str(common_folder(roots)), entries).encode())
         return Combined(show=lambda: say(format_path(index)))
 
     chosen = {**given, 'overwrite': output.overwrite}
-    collection = Collection('report', folder, _SUFFIX, chosen, batch, run_report_unit)
+    collection = Collection('report', folder, _SUFFIX, chosen, batch, run_report_job)
     code = run_collection(collection, find, combine, quiet=output.quiet)
     if show:
         open_page(index)

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..batch.collection import Progress
+from ..batch.jobs import FolderSearch, refuse_within
 from ..batch.manifest import DONE, FAILED, MANIFEST
-from ..batch.units import FolderSearch, refuse_within
 from ..model.errors import UsageError, format_bytes, format_count, format_duration
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import cell, format_path, plain_table, print_json, say, say_error
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..batch.collection import Collection, CollectionReport
-    from ..batch.manifest import Pace, UnitRecord
-    from ..batch.units import WorkUnit
+    from ..batch.jobs import Job
+    from ..batch.manifest import JobRecord, Pace
     from ..options.read import ReadOptions
 
 
-# The progress of a collection: a bar for all units, and one for each that is running.
+# The progress of a collection: a bar for all jobs, and one for each that is running.
 
 
 @contextmanager
-def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
-    """Yield an object that shows the progress of units, if standard error is a terminal."""
+def collection_progress(jobs: int, *, show: bool) -> Iterator[Progress]:
+    """Yield an object that shows the progress of jobs, if standard error is a terminal."""
     if not show or not sys.stderr.isatty():
         yield _NoteLines()
         return
@@ -47,38 +47,38 @@ def collection_progress(units: int, *, show: bool) -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        yield _Bars(bars, units)
+        yield _Bars(bars, jobs)
 
 
 class _NoteLines(Progress):
     """Notes as lines on standard error."""
 
-    def remark(self, text: str) -> None:
+    def note(self, text: str) -> None:
         say_error(f'kitti-ros2: {text}')
 
 
 class _Bars(_NoteLines):
-    """One bar for all units, and one for each that is running."""
+    """One bar for all jobs, and one for each that is running."""
 
-    def __init__(self, bars: Any, units: int) -> None:  # noqa: ANN401 - rich's progress
+    def __init__(self, bars: Any, jobs: int) -> None:  # noqa: ANN401 - rich's progress
         self._bars = bars
-        self._all = bars.add_task('units', total=units)
+        self._all = bars.add_task('units', total=jobs)
         self._running: dict[str, Any] = {}
 
-    def skip(self, unit: str) -> None:  # noqa: ARG002 - the form of the base class
+    def skip(self, job: str) -> None:  # noqa: ARG002 - the form of the base class
         self._bars.advance(self._all)
 
-    def begin(self, unit: str) -> None:
-        if unit not in self._running:
-            self._running[unit] = self._bars.add_task(unit, total=None)
+    def begin(self, job: str) -> None:
+        if job not in self._running:
+            self._running[job] = self._bars.add_task(job, total=None)
 
-    def advance(self, unit: str, done: int, total: int) -> None:
-        if unit in self._running:
-            self._bars.update(self._running[unit], completed=done, total=total)
+    def advance(self, job: str, done: int, total: int) -> None:
+        if job in self._running:
+            self._bars.update(self._running[job], completed=done, total=total)
 
-    def end(self, unit: str) -> None:
-        if unit in self._running:
-            self._bars.remove_task(self._running.pop(unit))
+    def end(self, job: str) -> None:
+        if job in self._running:
+            self._bars.remove_task(self._running.pop(job))
         self._bars.advance(self._all)
 
 
@@ -92,40 +92,40 @@ _COUNTED = {
     'stats': ('frames', 'objects'),
     'report': ('frames', 'bytes'),
 }
-"""Counts of a unit that are shown, by command."""
+"""Counts of a job that are shown, by command."""
 _FRAMES = ('frames',)
 _HEADINGS = {'bytes': 'size'}
 _BAD = {'validate': ('error', 'errors'), 'report': ('loss', 'losses')}
 _SKIPPED = ('skipped', 'skipped')
 
 
-def record_json(record: UnitRecord) -> dict[str, object]:
-    """Return a unit of the manifest for print_json."""
+def record_json(record: JobRecord) -> dict[str, object]:
+    """Return a record of the manifest for print_json."""
     values = asdict(record)
     identity = values.pop('identity')
     return {**values, 'source': identity['source'], 'version': identity['version']}
 
 
-def print_groups(groups: Mapping[str, Sequence[UnitRecord]], command: str) -> None:
-    """Print a row of sums for each group of units of a command."""
+def print_groups(groups: Mapping[str, Sequence[JobRecord]], command: str) -> None:
+    """Print a row of sums for each group of jobs of a command."""
     from rich.console import Console
 
     counted = _COUNTED.get(command, _FRAMES)
     headings = [_HEADINGS.get(name, name) for name in counted]
     table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
-    for name, units in groups.items():
-        sums = {key: sum(unit.counts.get(key, 0) for unit in units) for key in counted}
+    for name, records in groups.items():
+        sums = {key: sum(record.counts.get(key, 0) for record in records) for key in counted}
         table.add_row(
             cell(name),
-            f'{len(units):,}',
+            f'{len(records):,}',
             *(format_bytes(n) if key == 'bytes' else f'{n:,}' for key, n in sums.items()),
-            f'{sum(unit.bad for unit in units):,}',
+            f'{sum(record.bad for record in records):,}',
         )
     Console(highlight=False).print(table)
 
 
-def print_failures(records: Sequence[UnitRecord], command: str) -> None:
-    """Print failed units, and the errors and losses of others, on standard error."""
+def print_failures(records: Sequence[JobRecord], command: str) -> None:
+    """Print failed jobs, and the errors and losses of others, on standard error."""
     singular, plural = _BAD.get(command, _SKIPPED)
     failed = [record for record in records if record.state == FAILED]
     lossy = [record for record in records if record.state == DONE and record.bad]
@@ -168,13 +168,13 @@ def _rate(pace: Pace) -> str:
 # Commands with --all: run over a collection and print a summary.
 
 if TYPE_CHECKING:
-    FindUnits = Callable[[FolderSearch], list[WorkUnit]]
-    Combine = Callable[[Sequence[tuple[UnitRecord, Path]]], 'Combined']
+    FindJobs = Callable[[FolderSearch], list[Job]]
+    Combine = Callable[[Sequence[tuple[JobRecord, Path]]], 'Combined']
 
 
 @dataclass(frozen=True)
 class Combined:
-    """Result of all units together; nothing by default.
+    """Result of all jobs together; nothing by default.
 
     Attributes:
         values: Returns the result for print_json.
@@ -187,7 +187,7 @@ class Combined:
 
 def run_collection(
     collection: Collection,
-    find: FindUnits,
+    find: FindJobs,
     combine: Combine = lambda _: Combined(),
     *,
     json: bool = False,
@@ -197,23 +197,23 @@ def run_collection(
 
     Args:
         collection: The command, with its output.
-        find: Returns the units of a search.
-        combine: Makes the result of all units, from those that are done and their outputs.
+        find: Returns the jobs of a search.
+        combine: Makes the result of all jobs, from those that are done and their outputs.
         json: Whether to print the summary as JSON.
-        quiet: Print only failed units and skipped data.
+        quiet: Print only failed jobs and skipped data.
 
     Returns:
-        The exit code: 1 with failed units or skipped data.
+        The exit code: 1 with failed jobs or skipped data.
 
     Raises:
-        UsageError: The output lies inside a unit.
+        UsageError: The output lies inside an input.
     """
     search = FolderSearch([collection.out])
-    units = find(search)
-    refuse_within(units, collection.out)
+    jobs = find(search)
+    refuse_within(jobs, collection.out)
     started = time.monotonic()
-    with collection_progress(len(units), show=not (quiet or json)) as progress:
-        report = collection.convert(units, progress)
+    with collection_progress(len(jobs), show=not (quiet or json)) as progress:
+        report = collection.convert(jobs, progress)
     elapsed = time.monotonic() - started
     combined = combine(
         [
@@ -226,7 +226,7 @@ def run_collection(
         print_json(
             {
                 'out': report.out,
-                'jobs': report.jobs,
+                'jobs': report.workers,
                 'ran': len(report.ran),
                 'units': [record_json(record) for record in report.records],
                 **combined.values(),
@@ -281,12 +281,12 @@ def _summarize(report: CollectionReport, command: str, elapsed: float) -> None:
         'failed': [record for record in now if record.state == FAILED],
         'failed before': [record for record in before if record.state == FAILED],
     }
-    print_groups({name: units for name, units in groups.items() if units}, command)
+    print_groups({name: group for name, group in groups.items() if group}, command)
     size = sum(record.counts.get('bytes', 0) for record in now)
     rate = f' ({size / elapsed / 1e6:.0f} MB/s)' if size else ''
     say(
         f'{format_path(report.out)}: {format_count(len(now), "unit")} run on'
-        f' {format_count(report.jobs, "worker")}; took {elapsed:.1f} s{rate}'
+        f' {format_count(report.workers, "worker")}; took {elapsed:.1f} s{rate}'
     )
     if groups['failed before']:
         say('units that failed before are not run again; --retry does it')

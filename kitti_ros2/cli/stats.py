@@ -30,7 +30,7 @@ from .output import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from ..batch.manifest import UnitRecord
+    from ..batch.manifest import JobRecord
     from ..datasets.set_statistics import SetStatistics
     from ..options.table import BatchOptions
 
@@ -44,8 +44,8 @@ def _run_all(
     """Count the content of each unit of a collection; print and write the total as a table."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.unit_functions import run_statistics_unit
-    from ..batch.units import common_folder, find_all_roots, find_source_units
+    from ..batch.job_functions import run_statistics_job
+    from ..batch.jobs import common_folder, find_all_roots, find_source_jobs
     from ..datasets.set_statistics import SetStatistics, plain_values, write_csv
     from ..files.staging import staged_file
     from .run_all import Combined, need_folder, refuse_sequence, run_collection
@@ -57,7 +57,7 @@ def _run_all(
     roots = find_all_roots(paths, is_bag_name)
     table = folder / TABLE
 
-    def combine(done: Sequence[tuple[UnitRecord, Path]]) -> Combined:
+    def combine(done: Sequence[tuple[JobRecord, Path]]) -> Combined:
         recordings = tuple(
             replace(recording, name=record.name)
             for record, path in done
@@ -78,10 +78,10 @@ def _run_all(
         )
 
     chosen = {**given, 'overwrite': output.overwrite}
-    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_unit)
+    collection = Collection('stats', folder, '.json', chosen, batch, run_statistics_job)
     return run_collection(
         collection,
-        lambda search: find_source_units(roots, read.layout, search),
+        lambda search: find_source_jobs(roots, read.layout, search),
         combine,
         json=output.json,
         quiet=output.quiet,

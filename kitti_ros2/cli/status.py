@@ -48,7 +48,7 @@ def status(
         by_state = {
             state: [record for record in records if record.state == state] for state in STATES
         }
-        print_groups({state: units for state, units in by_state.items() if units}, command)
+        print_groups({state: group for state, group in by_state.items() if group}, command)
         print_pace(out, pace)
     print_failures(records, command)
     return EXIT_LOSSES if pace.states['failed'] or pace.lossy else EXIT_OK

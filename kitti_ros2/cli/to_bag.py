@@ -48,8 +48,8 @@ def _run_all(
 ) -> int:
     """Convert a collection."""
     from ..batch.collection import Collection
-    from ..batch.unit_functions import bag_suffix, run_bag_unit
-    from ..batch.units import find_roots, find_units
+    from ..batch.job_functions import bag_suffix, run_bag_job
+    from ..batch.jobs import find_jobs, find_roots
     from .run_all import refuse_sequence, run_collection
 
     if given.get('keep_partial'):
@@ -60,10 +60,10 @@ def _run_all(
     read = settings.read
     refuse_sequence(read)
     roots = find_roots(src)
-    collection = Collection('to-bag', out, bag_suffix(given), given, batch, run_bag_unit)
+    collection = Collection('to-bag', out, bag_suffix(given), given, batch, run_bag_job)
     return run_collection(
         collection,
-        lambda search: find_units(roots, read.layout, batch.slice_frames, search),
+        lambda search: find_jobs(roots, read.layout, batch.slice_frames, search),
         quiet=quiet,
         json=json,
     )

@@ -378,8 +378,8 @@ def _run_all(
     """Convert a collection of bags, each to a folder of its own."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.unit_functions import PLAN_FILE, run_kitti_unit
-    from ..batch.units import find_all_roots, find_bag_units
+    from ..batch.job_functions import PLAN_FILE, run_kitti_job
+    from ..batch.jobs import find_all_roots, find_bag_jobs
     from .run_all import run_collection
 
     *sources, out = paths
@@ -389,9 +389,9 @@ def _run_all(
         raise UsageError('--append continues one data set, and --all writes one for each bag')
     plan = {} if plan_file is None else {PLAN_FILE: plan_file}
     roots = find_all_roots(sources, is_bag_name)
-    collection = Collection('to-kitti', out, '', {**given, **plan}, batch, run_kitti_unit)
+    collection = Collection('to-kitti', out, '', {**given, **plan}, batch, run_kitti_job)
     return run_collection(
-        collection, lambda search: find_bag_units(roots, search), quiet=quiet, json=json
+        collection, lambda search: find_bag_jobs(roots, search), quiet=quiet, json=json
     )
 
 

@@ -40,8 +40,8 @@ def _run_all(
     """Check the recordings and bags of a collection."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
-    from ..batch.unit_functions import run_validation_unit
-    from ..batch.units import find_all_roots, find_source_units
+    from ..batch.job_functions import run_validation_job
+    from ..batch.jobs import find_all_roots, find_source_jobs
     from .run_all import need_folder, refuse_sequence, run_collection
 
     read, _ = make_validation_options(given)
@@ -49,10 +49,10 @@ def _run_all(
     folder = need_folder(output.out, ['.json'])
     roots = find_all_roots(paths, is_bag_name)
     chosen = {**given, 'overwrite': output.overwrite}
-    collection = Collection('validate', folder, '.json', chosen, batch, run_validation_unit)
+    collection = Collection('validate', folder, '.json', chosen, batch, run_validation_job)
     return run_collection(
         collection,
-        lambda search: find_source_units(roots, read.layout, search),
+        lambda search: find_source_jobs(roots, read.layout, search),
         quiet=output.quiet,
         json=output.json,
     )

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from blocking_unit import FOLDER, arm
+from blocking_job import FOLDER, arm
 
 from waiting import PATIENCE_S, wait_until  # isort: skip
 
@@ -19,14 +19,14 @@ ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
-import blocking_unit, spinning_unit
-import kitti_ros2.batch.unit_functions as bag_unit
-bag_unit.run_bag_unit = {run}
+import blocking_job, spinning_job
+from kitti_ros2.batch import job_functions
+job_functions.run_bag_job = {run}
 from kitti_ros2.cli import main
 if __name__ == '__main__':
     sys.exit(main(sys.argv[1:]))
 """
-BLOCKING, SPINNING = 'blocking_unit.run_blocking', 'spinning_unit.run_spinning'
+BLOCKING, SPINNING = 'blocking_job.run_blocking', 'spinning_job.run_spinning'
 SETTINGS = {
     'DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT': '5s',
     'DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES': '1',

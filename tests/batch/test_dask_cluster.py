@@ -13,10 +13,10 @@ import cv2
 import pytest
 from dask_processes import Processes
 
-from kitti_ros2.batch.dask_cluster import DaskCluster, UnitTask, run_task
+from kitti_ros2.batch.dask_cluster import DaskCluster, DaskTask, run_dask_task
+from kitti_ros2.batch.jobs import Job
 from kitti_ros2.batch.manifest import MANIFEST
-from kitti_ros2.batch.pool import UnitJob, UnitResult
-from kitti_ros2.batch.units import WorkUnit
+from kitti_ros2.batch.pool import JobResult, JobTask
 from kitti_ros2.cli import main
 from kitti_ros2.files.threads import worker_count
 from kitti_ros2.model.streams import Layout
@@ -149,10 +149,10 @@ def test_a_worker_that_does_not_see_a_path_says_what_is_needed(tmp_path, cluster
     (tmp_path / 'witness').touch()
     places = {'source': tmp_path, 'witness': tmp_path / 'witness', 'out': tmp_path / 'out.mcap'}
     places[place] = tmp_path / 'elsewhere' / 'x'
-    unit = WorkUnit('x', places['source'], Layout.RAW)
-    task = UnitTask(_refuse, UnitJob(unit, places['out'], {}), '', VERSION, places['witness'])
+    job = Job('x', places['source'], Layout.RAW)
+    task = DaskTask(_refuse, JobTask(job, places['out'], {}), '', VERSION, places['witness'])
     with distributed.Client(cluster, set_as_default=False) as client:
-        result = client.submit(run_task, task).result()
+        result = client.submit(run_dask_task, task).result()
     unseen = places[place].parent if place == 'out' else places[place]
     assert result.reason.startswith(f'{unseen}: not found on the worker tcp://')
     assert 'must be at the same path on all workers, or be URLs' in result.reason
@@ -164,18 +164,18 @@ def _refuse(_job, _advance):
 
 def test_workers_use_one_thread(tmp_path, cluster):
     (tmp_path / 'witness').touch()
-    unit = WorkUnit('x', tmp_path, Layout.RAW)
-    task = UnitTask(_threads, UnitJob(unit, tmp_path / 'o', {}), '', VERSION, tmp_path / 'witness')
+    job = Job('x', tmp_path, Layout.RAW)
+    task = DaskTask(_threads, JobTask(job, tmp_path / 'o', {}), '', VERSION, tmp_path / 'witness')
     with distributed.Client(cluster, set_as_default=False) as client:
-        assert client.submit(run_task, task).result().counts == {'ours': 1, 'opencv': 1}
+        assert client.submit(run_dask_task, task).result().counts == {'ours': 1, 'opencv': 1}
 
 
 def _threads(_job, _advance):
-    return UnitResult(counts={'ours': worker_count(), 'opencv': cv2.getNumThreads()})
+    return JobResult(counts={'ours': worker_count(), 'opencv': cv2.getNumThreads()})
 
 
-class Jobs:
-    """A number of jobs; counts those that are out."""
+class Tasks:
+    """A number of tasks; counts those that are out."""
 
     def __init__(self, count, folder):
         self.left, self.folder = list(range(count)), folder
@@ -185,33 +185,33 @@ class Jobs:
         if not self.left:
             return None
         self.taken += 1
-        unit = WorkUnit(str(self.left.pop()), self.folder, Layout.RAW)
-        return UnitJob(unit, self.folder / 'out', {})
+        job = Job(str(self.left.pop()), self.folder, Layout.RAW)
+        return JobTask(job, self.folder / 'out', {})
 
 
 def test_few_jobs_are_at_the_scheduler_at_a_time(tmp_path, cluster):
     (tmp_path / 'witness').touch()
-    jobs, ended, most = Jobs(12, tmp_path), 0, 0
+    tasks, ended, most = Tasks(12, tmp_path), 0, 0
     with distributed.Client(cluster, set_as_default=False) as client:
         found = DaskCluster(client, 'it', VERSION, pytest.fail)
-        for job, result in found.run(jobs, _report, lambda *_: None, tmp_path / 'witness'):
-            assert result.counts == {'name': int(job.unit.name)}
-            most = max(most, jobs.taken - ended)
+        for task, result in found.run(tasks, _report, lambda *_: None, tmp_path / 'witness'):
+            assert result.counts == {'name': int(task.job.name)}
+            most = max(most, tasks.taken - ended)
             ended += 1
     assert ended == 12
     assert most <= 2 * 2
 
 
-def _report(job, advance):
+def _report(task, advance):
     advance(1, 1)
-    return UnitResult(counts={'name': int(job.unit.name)})
+    return JobResult(counts={'name': int(task.job.name)})
 
 
 def test_a_unit_that_raises_has_failed(tmp_path, cluster):
     (tmp_path / 'witness').touch()
     with distributed.Client(cluster, set_as_default=False) as client:
         found = DaskCluster(client, 'it', VERSION, pytest.fail)
-        outcomes = list(found.run(Jobs(2, tmp_path), _refuse, print, tmp_path / 'witness'))
+        outcomes = list(found.run(Tasks(2, tmp_path), _refuse, print, tmp_path / 'witness'))
     assert ['AssertionError' in result.reason for _, result in outcomes] == [True, True]
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from kitti_ros2.batch.dask_cluster import open_cluster, own_version
-from kitti_ros2.batch.pool import UnitJob, UnitResult, prepare_workers, run_on_processes
-from kitti_ros2.batch.units import WorkUnit
+from kitti_ros2.batch.jobs import Job
+from kitti_ros2.batch.pool import JobResult, JobTask, prepare_workers, run_on_processes
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.table import LOCAL
 
@@ -70,25 +70,25 @@ def test_a_local_cluster_does_not_import_pandas(tmp_path, recordings):
     assert not (tmp_path / 'imported').exists()
 
 
-def _told(job, _advance):
-    return UnitResult(reason=os.environ.get(job.unit.name, ''))
+def _told(task, _advance):
+    return JobResult(reason=os.environ.get(task.job.name, ''))
 
 
-class _Jobs:
+class _Tasks:
     def __init__(self, *names):
         self.names = list(names)
 
     def take(self):
         if not self.names:
             return None
-        return UnitJob(WorkUnit(self.names.pop(), Path(), Layout.RAW), Path('out'), {})
+        return JobTask(Job(self.names.pop(), Path(), Layout.RAW), Path('out'), {})
 
 
 @pytest.mark.parametrize('value', ['first', 'second'])
 def test_workers_see_the_environment_of_now(monkeypatch, value):
     prepare_workers()
     monkeypatch.setenv('KITTI_ROS2_TEST', value)
-    (found,) = run_on_processes(_Jobs('KITTI_ROS2_TEST'), _told, print, 1, 0)
+    (found,) = run_on_processes(_Tasks('KITTI_ROS2_TEST'), _told, print, 1, 0)
     assert found[1].reason == value
 
 
@@ -99,6 +99,6 @@ def test_workers_of_a_local_cluster_see_the_environment_of_now(tmp_path, monkeyp
     prepare_workers(cluster=True)
     monkeypatch.setenv('KITTI_ROS2_TEST', value)
     with open_cluster(LOCAL, 1, own_version(), print) as cluster:
-        jobs = _Jobs('KITTI_ROS2_TEST')
-        (found,) = cluster.run(jobs, _told, lambda *_: None, tmp_path / 'witness')
+        tasks = _Tasks('KITTI_ROS2_TEST')
+        (found,) = cluster.run(tasks, _told, lambda *_: None, tmp_path / 'witness')
     assert found[1].reason == value

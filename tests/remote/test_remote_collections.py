@@ -16,7 +16,7 @@ pytest.importorskip('s3fs', reason='s3:// needs s3fs')
 pytest.importorskip('moto', reason='the S3 server of the tests is moto')
 from remote.s3_server import Fault
 
-from kitti_ros2.batch.manifest import open_place
+from kitti_ros2.batch.manifest import open_out_folder
 from kitti_ros2.cli import main
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.uploads import locked_in_store
@@ -139,7 +139,7 @@ def test_a_bag_of_others_is_kept(root, s3, machine, capsys):  # noqa: ARG001
 
 def test_two_runs_at_the_same_time_are_refused(root, s3, machine, capsys):
     out = as_path(f'{s3.url}/bags')
-    with open_place(out):
+    with open_out_folder(out):
         machine('another')
         beats = iter(range(100))
 

@@ -14,7 +14,7 @@ pytest.importorskip('fsspec', reason='URLs need fsspec')
 from counted_store import CountedStore, put
 
 from kitti_ros2.batch.collection import fingerprint
-from kitti_ros2.batch.units import WorkUnit, find_roots
+from kitti_ros2.batch.jobs import Job, find_roots
 from kitti_ros2.cli import main
 from kitti_ros2.files.remote import as_path
 from kitti_ros2.files.remote_reads import RemoteEntry, forget, listing_of
@@ -116,12 +116,12 @@ def test_what_is_done_is_skipped_until_the_store_changes(drives, url, tmp_path, 
 
 def test_an_etag_is_a_part_of_the_fingerprint(url, monkeypatch):
     folder = url / '2011_09_26'
-    unit = WorkUnit('a', folder)
-    before = fingerprint(unit)
+    job = Job('a', folder)
+    before = fingerprint(job)
     (name,) = [each for each in listing_of(folder) if each.startswith('calib_velo')]
     entry = listing_of(folder)[name]
     monkeypatch.setitem(listing_of(folder), name, entry._replace(tag='"1"'))
-    assert fingerprint(unit) != before
+    assert fingerprint(job) != before
     assert entry == RemoteEntry(is_folder=False, size=entry.size, changed_ns=entry.changed_ns)
 
 

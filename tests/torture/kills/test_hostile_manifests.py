@@ -17,7 +17,7 @@ from kitti_ros2.batch.manifest import (
     MANIFEST,
     CollectionRun,
     Identity,
-    UnitRecord,
+    JobRecord,
     measure_pace,
 )
 from kitti_ros2.cli import main
@@ -124,8 +124,8 @@ def test_a_clock_that_goes_back_gives_no_rate():
     run = CollectionRun(1, 'to-bag', 2, started=1000.0)
     identity = Identity('', '', '', '')
     records = [
-        UnitRecord('a', DONE, identity, run=1, ended=900.0),
-        UnitRecord('b', 'todo', identity),
+        JobRecord('a', DONE, identity, run=1, ended=900.0),
+        JobRecord('b', 'todo', identity),
     ]
     pace = measure_pace(records, run)
     assert (pace.recent, pace.recent_seconds, pace.seconds_left) == (1, 0.0, None)

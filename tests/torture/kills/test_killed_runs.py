@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from blocking_unit import FOLDER, arm
+from blocking_job import FOLDER, arm
 
 from kitti_ros2.batch.manifest import MANIFEST, read_manifest
 from kitti_ros2.batch.pool import run_on_processes
@@ -25,9 +25,9 @@ ROOT = Path(__file__).parents[3]
 PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
-import blocking_unit
-import kitti_ros2.batch.unit_functions as bag_unit
-bag_unit.run_bag_unit = blocking_unit.run_blocking
+import blocking_job
+from kitti_ros2.batch import job_functions
+job_functions.run_bag_job = blocking_job.run_blocking
 from kitti_ros2.cli import main
 sys.exit(main(sys.argv[1:]))
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The functions that run the units of each command: a job in, its result out.
+"""The functions that run the jobs of each command: a task in, its result out.
 
 Worker processes import them by name.
 """
@@ -25,7 +25,7 @@ from ..files.replaceable import (
 from ..files.staging import staged_file
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import KittiRos2Error, UsageError, describe_error, interruption_of
-from .pool import UnitResult
+from .pool import JobResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,36 +34,36 @@ if TYPE_CHECKING:
     from ..options.read import ReadOptions
     from ..own_bags.to_bag import ExportReport
     from ..validation.rule import ValidationReport
-    from .pool import Advance, RunUnit, UnitJob
-    from .units import WorkUnit
+    from .jobs import Job
+    from .pool import Advance, JobTask, RunJob
 
 
-# What the functions that run units share: errors become reasons, losses lines of text.
+# Shared by the functions that run jobs: errors become reasons, losses lines of text.
 
 _KEPT_LINES = 20
 
 
-def guarded(work: RunUnit) -> RunUnit:
-    """Let a function of a unit measure its time, and return errors of its data as the reason.
+def guarded(work: RunJob) -> RunJob:
+    """Let a function of a job measure its time, and return errors of its data as the reason.
 
     A signal that ends it passes, also where that broke a lock.
     """
 
     @wraps(work)
-    def run(job: UnitJob, advance: Advance) -> UnitResult:
+    def run(task: JobTask, advance: Advance) -> JobResult:
         started = time.monotonic()
         try:
-            result = work(job, advance)
+            result = work(task, advance)
         except (KittiRos2Error, OSError) as error:
-            result = UnitResult(reason=describe_error(error))
+            result = JobResult(reason=describe_error(error))
         except MemoryError:
             reason = 'not enough memory; lower --jobs, and run it again with --retry'
-            result = UnitResult(reason=reason)
+            result = JobResult(reason=reason)
         except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
             if interruption := interruption_of(error):
                 raise interruption from None
             reason = f'internal error, {type(error).__name__}: {error}; please report it'
-            result = UnitResult(reason=reason)
+            result = JobResult(reason=reason)
         return replace(result, seconds=time.monotonic() - started)
 
     return run
@@ -79,14 +79,14 @@ def loss_lines(losses: Iterable[Loss]) -> tuple[str, ...]:
     return first_lines(f'{loss.stream} ({loss.count}): {loss.text()}' for loss in losses)
 
 
-def write_unit_json(job: UnitJob, values: object) -> None:
-    """Write the output of a unit as JSON.
+def write_job_json(task: JobTask, values: object) -> None:
+    """Write the output of a job as JSON.
 
     Raises:
         OutputError: It exists and may not be replaced, or the disk refuses.
     """
-    refusal = KEEP_ALL_BUT_JSON if job.options.get('overwrite') else keep_all
-    with staged_file(job.out, refusal) as path:
+    refusal = KEEP_ALL_BUT_JSON if task.options.get('overwrite') else keep_all
+    with staged_file(task.out, refusal) as path:
         path.write_text(json_text(values), 'utf-8')
 
 
@@ -96,7 +96,7 @@ def samples_shown(advance: Advance, samples: int, _frames: int) -> Iterator[Adva
     yield lambda done, _bytes: advance(done, samples)
 
 
-# The unit of to-bag: one recording, or a slice of one, to one bag.
+# The job of to-bag: one recording, or a slice of one, to one bag.
 
 
 def bag_suffix(options: Mapping[str, object]) -> str:
@@ -116,10 +116,10 @@ def bag_suffix(options: Mapping[str, object]) -> str:
 
 
 @guarded
-def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
-    """Convert a unit; errors of its data become the reason of a failed result."""
-    report = _exported(job, advance)
-    return UnitResult(
+def run_bag_job(task: JobTask, advance: Advance) -> JobResult:
+    """Convert a job; errors of its data become the reason of a failed result."""
+    report = _exported(task, advance)
+    return JobResult(
         counts={
             'frames': report.frames,
             'messages': sum(report.counts.values()),
@@ -131,8 +131,8 @@ def run_bag_unit(job: UnitJob, advance: Advance) -> UnitResult:
     )
 
 
-def _exported(job: UnitJob, advance: Advance) -> ExportReport:
-    # What one kind of units needs takes tenths of a second, and workers import it at their start.
+def _exported(task: JobTask, advance: Advance) -> ExportReport:
+    # Imports of one kind of jobs take tenths of a second; workers import this file at their start.
     from ..bags.open_source import open_folder  # noqa: PLC0415
     from ..kitti.extract_oxts import add_extract  # noqa: PLC0415
     from ..kitti.prepare import add_predictions  # noqa: PLC0415
@@ -140,45 +140,45 @@ def _exported(job: UnitJob, advance: Advance) -> ExportReport:
     from ..options.table import make_settings  # noqa: PLC0415
     from ..own_bags.to_bag import ExportOptions, convert  # noqa: PLC0415
 
-    unit, settings = job.unit, make_settings(job.options)
-    read = replace(settings.read, layout=unit.layout, sequence=unit.sequence)
+    job, settings = task.job, make_settings(task.options)
+    read = replace(settings.read, layout=job.layout, sequence=job.sequence)
     selection = settings.selection
-    if unit.first is not None:
+    if job.first is not None:
         if not selection.is_whole:
             raise UsageError('--slice-frames chooses the frames; leave --start and --end out')
-        selection = replace(selection, start=Bound(frame=unit.first), end=Bound(frame=unit.last))
-    recording = open_folder(unit.source, read)
+        selection = replace(selection, start=Bound(frame=job.first), end=Bound(frame=job.last))
+    recording = open_folder(job.source, read)
     add_predictions(recording, settings.predictions.path)
     add_extract(recording, settings.imu)
     return convert(
         recording,
-        job.out,
-        ExportOptions.of(replace(settings, selection=selection), job.out),
+        task.out,
+        ExportOptions.of(replace(settings, selection=selection), task.out),
         progress=partial(samples_shown, advance),
     )
 
 
-# The unit of to-kitti: one bag, to a folder of its own.
+# The job of to-kitti: one bag, to a folder of its own.
 
 PLAN_FILE = 'plan_file'
-"""Name of the plan among the options of a unit."""
+"""Name of the plan among the options of a job."""
 
 
 @guarded
-def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
+def run_kitti_job(task: JobTask, advance: Advance) -> JobResult:
     """Convert a bag; errors of its data become the reason of a failed result."""
     from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
     from ..options.table import make_import_options  # noqa: PLC0415 - as above
     from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
 
-    chosen = dict(job.options)
+    chosen = dict(task.options)
     plan_file = chosen.pop(PLAN_FILE, None)
     options = make_import_options(chosen)
     notes: list[str] = []
-    with open_bag_source(job.unit.source) as bag:
+    with open_bag_source(task.job.source) as bag:
         conversion = Conversion(
             [bag],
-            job.out,
+            task.out,
             options,
             plan_file,  # type: ignore[arg-type] # a path, put there by the command
             notes.append,
@@ -186,7 +186,7 @@ def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
         )
         reports = conversion.run()
     losses = [loss for report in reports for loss in report.losses]
-    return UnitResult(
+    return JobResult(
         counts={
             'frames': sum(report.frames for report in reports),
             'files': sum(sum(report.counts.values()) for report in reports),
@@ -198,24 +198,24 @@ def run_kitti_unit(job: UnitJob, advance: Advance) -> UnitResult:
     )
 
 
-# The unit of report: one recording or bag, to its HTML page.
+# The job of report: one recording or bag, to its HTML page.
 
 
 @guarded
-def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
+def run_report_job(task: JobTask, advance: Advance) -> JobResult:
     """Write the report of a recording or bag; errors of its data become the reason of failure."""
     from ..options.table import make_settings  # noqa: PLC0415 - as above
     from ..report.gather import gather  # noqa: PLC0415 - as above
     from ..report.page import make_page  # noqa: PLC0415 - as above
 
-    unit = job.unit
-    read = make_settings({n: v for n, v in job.options.items() if n != 'overwrite'}).read
-    report = gather(unit.source, replace(read, layout=unit.layout, sequence=unit.sequence), advance)
-    refusal = KEEP_ALL_BUT_PAGES if job.options.get('overwrite') else keep_all
-    with staged_file(job.out, refusal) as path:
+    job = task.job
+    read = make_settings({n: v for n, v in task.options.items() if n != 'overwrite'}).read
+    report = gather(job.source, replace(read, layout=job.layout, sequence=job.sequence), advance)
+    refusal = KEEP_ALL_BUT_PAGES if task.options.get('overwrite') else keep_all
+    with staged_file(task.out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())
     losses = [issue for issue in report.issues if issue.is_loss]
-    return UnitResult(
+    return JobResult(
         counts={'frames': report.frames or 0, 'bytes': size},
         bad=len(losses),
         losses=first_lines(
@@ -224,45 +224,45 @@ def run_report_unit(job: UnitJob, advance: Advance) -> UnitResult:
     )
 
 
-# The unit of stats: one recording or bag, to its statistics as JSON.
+# The job of stats: one recording or bag, to its statistics as JSON.
 
 
 @guarded
-def run_statistics_unit(job: UnitJob, advance: Advance) -> UnitResult:
+def run_statistics_job(task: JobTask, advance: Advance) -> JobResult:
     """Count what is in a recording or bag; errors of its data become the reason of failure."""
     from ..datasets.set_statistics import count_set, find_sources, plain_values  # noqa: PLC0415 - as above
     from ..options.datasets import make_statistics_options  # noqa: PLC0415 - as above
 
-    unit = job.unit
-    chosen = {name: value for name, value in job.options.items() if name != 'overwrite'}
+    job = task.job
+    chosen = {name: value for name, value in task.options.items() if name != 'overwrite'}
     read, options = make_statistics_options(chosen)
-    read = replace(read, layout=unit.layout, sequence=unit.sequence)
-    statistics = count_set(unit.source, find_sources(unit.source, read), options, advance)
-    write_unit_json(job, plain_values(statistics))
-    return UnitResult(
+    read = replace(read, layout=job.layout, sequence=job.sequence)
+    statistics = count_set(job.source, find_sources(job.source, read), options, advance)
+    write_job_json(task, plain_values(statistics))
+    return JobResult(
         counts={'frames': statistics.total.frames, 'objects': statistics.total.objects},
         bad=sum(loss.count for loss in statistics.total.losses),
         losses=loss_lines(statistics.total.losses),
     )
 
 
-# The unit of validate: one recording or bag, to its findings as JSON.
+# The job of validate: one recording or bag, to its findings as JSON.
 
 
 @guarded
-def run_validation_unit(job: UnitJob, advance: Advance) -> UnitResult:
+def run_validation_job(task: JobTask, advance: Advance) -> JobResult:
     """Check a recording or bag; its errors are findings, not failures.
 
-    A unit that cannot be checked at all has failed.
+    A job that cannot be checked at all has failed.
     """
     from ..validation.validate import validate  # noqa: PLC0415 - as above
 
-    unit = job.unit
-    chosen: Any = {name: value for name, value in job.options.items() if name != 'overwrite'}
-    chosen |= {'layout': unit.layout, 'sequence': unit.sequence}
-    report = validate(unit.source, progress=advance, **chosen)
-    write_unit_json(job, {**asdict(report), 'ok': report.ok})
-    return UnitResult(
+    job = task.job
+    chosen: Any = {name: value for name, value in task.options.items() if name != 'overwrite'}
+    chosen |= {'layout': job.layout, 'sequence': job.sequence}
+    report = validate(job.source, progress=advance, **chosen)
+    write_job_json(task, {**asdict(report), 'ok': report.ok})
+    return JobResult(
         counts={
             'files': sum(source.files for source in report.sources),
             'warnings': report.warnings,
@@ -281,78 +281,78 @@ def _error_lines(report: ValidationReport) -> Iterator[str]:
             yield f'{finding.rule}: {finding.place}: {finding.message} ({finding.remedy})'
 
 
-# The units of evaluations: a result with its ground truth, to its scores as JSON.
+# The jobs of evaluations: a result with its ground truth, to its scores as JSON.
 
 
 @guarded
-def run_detection_unit(job: UnitJob, _: Advance) -> UnitResult:
+def run_detection_job(task: JobTask, _: Advance) -> JobResult:
     """Score detections; errors of the data become the reason of a failed result."""
     from ..evaluation.detection import score_detection  # noqa: PLC0415 - as above
     from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_detection_options  # noqa: PLC0415 - as above
 
-    read, options, recorded = make_detection_options(_chosen(job))
-    layout = job.unit.layout
+    read, options, recorded = make_detection_options(_chosen(task))
+    layout = task.job.layout
     if layout is None or not layout.traits.frame_set:  # whose labels are read as label_2
-        read = _read(job.unit, read)
-    scores = score_detection(job.unit.source, _result(job.unit), read, options, recorded)
-    return _finish(job, detection_values(scores), scores.frames, scores.losses)
+        read = _read(task.job, read)
+    scores = score_detection(task.job.source, _result(task.job), read, options, recorded)
+    return _finish(task, detection_values(scores), scores.frames, scores.losses)
 
 
 @guarded
-def run_tracking_unit(job: UnitJob, advance: Advance) -> UnitResult:
+def run_tracking_job(task: JobTask, advance: Advance) -> JobResult:
     """Score tracks; errors of the data become the reason of a failed result."""
     from ..evaluation.score_values import tracking_values  # noqa: PLC0415 - as above
     from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - as above
     from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - as above
     from ..options.evaluation import make_tracking_options  # noqa: PLC0415 - as above
 
-    read, options = make_tracking_options(_chosen(job))
-    read = replace(read, sequence=job.unit.sequence)
-    scores = score_tracking(job.unit.source, _result(job.unit), read, options, advance)
+    read, options = make_tracking_options(_chosen(task))
+    read = replace(read, sequence=task.job.sequence)
+    scores = score_tracking(task.job.source, _result(task.job), read, options, advance)
     values = {**tracking_values(scores), 'parts': plain_parts(scores.parts)}
-    return _finish(job, values, scores.frames, scores.losses)
+    return _finish(task, values, scores.frames, scores.losses)
 
 
 @guarded
-def run_odometry_unit(job: UnitJob, _: Advance) -> UnitResult:
+def run_odometry_job(task: JobTask, _: Advance) -> JobResult:
     """Score a trajectory; errors of the data become the reason of a failed result."""
     from ..evaluation.odometry import score_odometry  # noqa: PLC0415 - as above
     from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_odometry_options  # noqa: PLC0415 - as above
 
-    read, options = make_odometry_options(_chosen(job))
-    read = _read(job.unit, read)
-    scores = score_odometry(job.unit.source, _result(job.unit), read, options)
+    read, options = make_odometry_options(_chosen(task))
+    read = _read(task.job, read)
+    scores = score_odometry(task.job.source, _result(task.job), read, options)
     poses = int(scores.known.sum())
     counted = {'ape_poses': len(scores.errors.ape_m), 'rpe_pairs': len(scores.errors.rpe_m)}
-    return _finish(job, {**odometry_values(scores), **counted}, poses, scores.losses)
+    return _finish(task, {**odometry_values(scores), **counted}, poses, scores.losses)
 
 
-def _chosen(job: UnitJob) -> dict[str, object]:
-    return {name: value for name, value in job.options.items() if name != 'overwrite'}
+def _chosen(task: JobTask) -> dict[str, object]:
+    return {name: value for name, value in task.options.items() if name != 'overwrite'}
 
 
-def _read(unit: WorkUnit, read: ReadOptions) -> ReadOptions:
-    return replace(read, layout=unit.layout, sequence=unit.sequence)
+def _read(job: Job, read: ReadOptions) -> ReadOptions:
+    return replace(read, layout=job.layout, sequence=job.sequence)
 
 
-def _result(unit: WorkUnit) -> Path:
-    if unit.result is None:
-        raise RuntimeError(f'{unit.name}: a unit of an evaluation without a result')
-    return unit.result
+def _result(job: Job) -> Path:
+    if job.result is None:
+        raise RuntimeError(f'{job.name}: a unit of an evaluation without a result')
+    return job.result
 
 
 def _finish(
-    job: UnitJob, values: dict[str, Any], frames: int, losses: Sequence[Loss]
-) -> UnitResult:
+    task: JobTask, values: dict[str, Any], frames: int, losses: Sequence[Loss]
+) -> JobResult:
     """Write the scores, with what they are of and the losses."""
-    about = {'ground_truth': job.unit.source, 'sequence': job.unit.sequence}
-    write_unit_json(
-        job,
-        {**about, 'result': job.unit.result, **values, 'losses': losses_json(losses)},
+    about = {'ground_truth': task.job.source, 'sequence': task.job.sequence}
+    write_job_json(
+        task,
+        {**about, 'result': task.job.result, **values, 'losses': losses_json(losses)},
     )
-    return UnitResult(
+    return JobResult(
         counts={'frames': frames},
         bad=sum(loss.count for loss in losses),
         losses=loss_lines(losses),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Units of work of a collection: recordings and slices of them, bags, results with ground truth."""
+"""Jobs of a collection: recordings and slices of them, bags, results with ground truth."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def relative_name(path: Path, base: Path) -> str:
 
 @dataclass
 class FolderSearch:
-    """A search of folders for units, and what it could not search.
+    """A search of folders for jobs, and what it could not search.
 
     Attributes:
         exclude: Folders that are not searched, such as the output.
@@ -169,10 +169,10 @@ class FolderSearch:
         stack = [(root, 0)]
         while stack:
             folder, level = stack.pop()
-            place = remote.canonical_path(folder)  # links may lead back
-            if place in seen or place in excluded:
+            real_path = remote.canonical_path(folder)  # links may lead back
+            if real_path in seen or real_path in excluded:
                 continue
-            seen.add(place)
+            seen.add(real_path)
             try:
                 folders, others = _entries(folder)
             except OSError as error:
@@ -215,14 +215,14 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
         return False
 
 
-# Units of work; those of recordings: drives, sequences, splits, or slices of an object set.
+# Jobs of recordings: drives, sequences, splits, or slices of an object set.
 
 _FRAME_DIGITS = 6
 
 
 @dataclass(frozen=True)
-class WorkUnit:
-    """One unit of work: a recording, a slice of one, a bag, or a result with its ground truth.
+class Job:
+    """A recording, a slice of one, a bag, or a result with its ground truth.
 
     Attributes:
         name: Its path below the root of the collection; it names the output, too.
@@ -253,12 +253,12 @@ class WorkUnit:
         return f'{against}{self.source}'
 
 
-def find_units(
+def find_jobs(
     roots: Sequence[Path],
     layout: Layout | None = None,
     slice_frames: int | None = None,
     search: FolderSearch | None = None,
-) -> list[WorkUnit]:
+) -> list[Job]:
     """Find the recordings of a collection, in the order of their names.
 
     Args:
@@ -268,27 +268,25 @@ def find_units(
         search: Knows which folders are left out; gets those that could not be read.
 
     Raises:
-        KittiRos2Error: There is no recording, a layout is ambiguous, or two units have one name.
+        KittiRos2Error: There is no recording, a layout is ambiguous, or two jobs have one name.
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
     search = search or FolderSearch()
-    unit_map: dict[tuple[Path, str | None], WorkUnit] = {}
+    job_map: dict[tuple[Path, str | None], Job] = {}
     for root in roots:
-        units = recordings_at(root, base, layout, search) if root.is_dir() else []
-        if not units:
+        jobs = recordings_at(root, base, layout, search) if root.is_dir() else []
+        if not jobs:
             raise search.nothing() or explain(root)
-        for unit in units:
-            unit_map.setdefault((unit.source, unit.sequence), unit)
-    units = in_order(unit_map.values(), roots)
+        for job in jobs:
+            job_map.setdefault((job.source, job.sequence), job)
+    jobs = in_order(job_map.values(), roots)
     if slice_frames is None:
-        return units
-    return [part for unit in units for part in _slices(unit, slice_frames)]
+        return jobs
+    return [part for job in jobs for part in _slices(job, slice_frames)]
 
 
-def recordings_at(
-    root: Path, base: Path, layout: Layout | None, search: FolderSearch
-) -> list[WorkUnit]:
+def recordings_at(root: Path, base: Path, layout: Layout | None, search: FolderSearch) -> list[Job]:
     """Return the recordings at a folder and below it, except within the recordings of another.
 
     Args:
@@ -297,61 +295,61 @@ def recordings_at(
         layout: Only recordings of this layout; None takes all.
         search: As in find_units.
     """
-    place = absolute(root)
-    units: list[WorkUnit] = []
+    top = absolute(root)
+    jobs: list[Job] = []
 
     def visit(folder: Path, folders: Sequence[str], _: Sequence[str]) -> Sequence[str]:
-        data_set = data_set_in(folder) if folder != place else _data_set_at(place, layout)
+        data_set = data_set_in(folder) if folder != top else _data_set_at(top, layout)
         if data_set is None:
             return folders
         if layout in {None, data_set.layout}:
-            units.extend(_unit(base, data_set, recording) for recording in data_set.recordings)
+            jobs.extend(_job(base, data_set, recording) for recording in data_set.recordings)
         covered = _covered(folder, folders, data_set.recordings)
         return [name for name in folders if name not in covered]
 
-    search.walk(place, visit)
-    return units
+    search.walk(top, visit)
+    return jobs
 
 
-def in_order(units: Iterable[WorkUnit], roots: Sequence[Path]) -> list[WorkUnit]:
-    """Return units in the order of their names.
+def in_order(jobs: Iterable[Job], roots: Sequence[Path]) -> list[Job]:
+    """Return jobs in the order of their names.
 
     Raises:
         UsageError: Two have one name.
     """
-    ordered = sorted(units, key=lambda unit: unit.name)
-    counts = Counter(unit.name for unit in ordered)
+    ordered = sorted(jobs, key=lambda job: job.name)
+    counts = Counter(job.name for job in ordered)
     repeated = [name for name, count in counts.items() if count > 1]
     if repeated:
-        places = [unit.origin for unit in ordered if unit.name == repeated[0]]
+        origins = [job.origin for job in ordered if job.name == repeated[0]]
         raise UsageError(
             f'{roots[0]}: several units have the name {some_of(repeated)}, such as'
-            f' {some_of(places)}; choose among them with a glob or a list'
+            f' {some_of(origins)}; choose among them with a glob or a list'
         )
     return ordered
 
 
-def refuse_within(units: Iterable[WorkUnit], out: Path) -> None:
-    """Refuse an output folder inside a unit; it may lie between the units of a root.
+def refuse_within(jobs: Iterable[Job], out: Path) -> None:
+    """Refuse an output folder inside an input; it may lie between those of a root.
 
     Raises:
         UsageError: It lies inside.
     """
     target = out.resolve() if is_remote(out) else Path(canonical_path(out))
     around = {str(folder) for folder in (target, *target.parents)}
-    for unit in units:
-        for source in filter(None, (unit.source, unit.result)):
+    for job in jobs:
+        for source in filter(None, (job.source, job.result)):
             if canonical_path(source) in around:
                 refuse_inside(source, out)
 
 
-def _unit(base: Path, data_set: DataSet, candidate: Candidate) -> WorkUnit:
+def _job(base: Path, data_set: DataSet, candidate: Candidate) -> Job:
     if candidate.folder is None:  # it shares its folders, and has a name in the data set
         folder = absolute(data_set.folder)
-        place = Path(relative_path(folder, base), candidate.name)
-        return WorkUnit(place.as_posix(), folder, data_set.layout, candidate.name)
+        path = Path(relative_path(folder, base), candidate.name)
+        return Job(path.as_posix(), folder, data_set.layout, candidate.name)
     folder = absolute(candidate.folder)
-    return WorkUnit(relative_name(folder, base), folder, data_set.layout)
+    return Job(relative_name(folder, base), folder, data_set.layout)
 
 
 def _data_set_at(root: Path, layout: Layout | None) -> DataSet | None:
@@ -372,25 +370,25 @@ def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidat
     return names
 
 
-def _slices(unit: WorkUnit, frames: int) -> Iterator[WorkUnit]:
-    """Divide an object split into slices of so many present frames; keep other units whole."""
-    if unit.layout is None or not unit.layout.traits.frame_set:
-        yield unit
+def _slices(job: Job, frames: int) -> Iterator[Job]:
+    """Divide an object split into slices of so many present frames; keep other jobs whole."""
+    if job.layout is None or not job.layout.traits.frame_set:
+        yield job
         return
-    recording = open_recording(unit.source, unit.read, scans=False)
+    recording = open_recording(job.source, job.read, scans=False)
     present = [index.numbers for index in recording.streams.values()]
     numbers = np.unique(np.concatenate(present)).tolist()
     for start in range(0, len(numbers), frames):
         part = numbers[start : start + frames]
-        name = f'{unit.name}/{part[0]:0{_FRAME_DIGITS}d}-{part[-1]:0{_FRAME_DIGITS}d}'
-        yield replace(unit, name=name, first=part[0], last=part[-1])
+        name = f'{job.name}/{part[0]:0{_FRAME_DIGITS}d}-{part[-1]:0{_FRAME_DIGITS}d}'
+        yield replace(job, name=name, first=part[0], last=part[-1])
 
 
-# The units of a collection of bags, or of recordings and bags.
+# The jobs of a collection of bags, or of recordings and bags.
 
 
-def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit]:
-    """Find the bags of a collection; the endings of files are no part of the names of units.
+def find_bag_jobs(roots: Sequence[Path], search: FolderSearch) -> list[Job]:
+    """Find the bags of a collection; the endings of files are no part of the names of jobs.
 
     Args:
         roots: Bags, and folders of any number of them.
@@ -401,7 +399,7 @@ def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
-    unit_map: dict[Path, WorkUnit] = {}
+    job_map: dict[Path, Job] = {}
     for root in roots:
         bags = list(bags_at(root, search)) if root.exists() else []
         if not bags:
@@ -413,16 +411,16 @@ def find_bag_units(roots: Sequence[Path], search: FolderSearch) -> list[WorkUnit
             raise search.nothing() or explain_no_bag(root, NotABagError(root, found_none))
         for bag in bags:
             name = stem_of(bag) if bag.is_file() else bag.name
-            place = Path(relative_name(bag, base)).with_name(name)
-            unit_map.setdefault(bag, WorkUnit(place.as_posix(), bag))
-    units = in_order(unit_map.values(), roots)
-    _refuse_nested(units)
-    return units
+            path = Path(relative_name(bag, base)).with_name(name)
+            job_map.setdefault(bag, Job(path.as_posix(), bag))
+    jobs = in_order(job_map.values(), roots)
+    _refuse_nested(jobs)
+    return jobs
 
 
-def _refuse_nested(units: Iterable[WorkUnit]) -> None:
+def _refuse_nested(jobs: Iterable[Job]) -> None:
     """Refuse two outputs of which one lies inside the other."""
-    bags = {unit.name: unit.source for unit in units}
+    bags = {job.name: job.source for job in jobs}
     for name, bag in bags.items():
         for parent in Path(name).parents:
             other = bags.get(parent.as_posix())
@@ -433,9 +431,9 @@ def _refuse_nested(units: Iterable[WorkUnit]) -> None:
                 )
 
 
-def find_source_units(
+def find_source_jobs(
     roots: Sequence[Path], layout: Layout | None, search: FolderSearch
-) -> list[WorkUnit]:
+) -> list[Job]:
     """Find the recordings and the bags of a collection; names of bags have their endings.
 
     Args:
@@ -444,20 +442,20 @@ def find_source_units(
         search: Knows which folders are left out; gets those that could not be read.
 
     Raises:
-        KittiRos2Error: A root has none, a layout is ambiguous, or two units have one name.
+        KittiRos2Error: A root has none, a layout is ambiguous, or two jobs have one name.
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
-    unit_map: dict[tuple[Path, str | None], WorkUnit] = {}
+    job_map: dict[tuple[Path, str | None], Job] = {}
     for root in roots:
-        units = recordings_at(root, base, layout, search) if root.is_dir() else []
+        jobs = recordings_at(root, base, layout, search) if root.is_dir() else []
         if layout is None and root.exists():
-            units += [WorkUnit(relative_name(bag, base), bag) for bag in bags_at(root, search)]
-        if not units:
+            jobs += [Job(relative_name(bag, base), bag) for bag in bags_at(root, search)]
+        if not jobs:
             raise search.nothing() or (explain_file(root) if root.is_file() else explain(root))
-        for unit in units:
-            unit_map.setdefault((unit.source, unit.sequence), unit)
-    return in_order(unit_map.values(), roots)
+        for job in jobs:
+            job_map.setdefault((job.source, job.sequence), job)
+    return in_order(job_map.values(), roots)
 
 
 def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
@@ -470,9 +468,9 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
     Raises:
         OSError: The root cannot be read.
     """
-    place = absolute(root)
-    if place.is_file():
-        yield place
+    top = absolute(root)
+    if top.is_file():
+        yield top
         return
     bag_paths: list[Path] = []
 
@@ -481,11 +479,11 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
         bag_paths.extend(bags)
         return () if bags == [folder] else folders
 
-    search.walk(place, visit)
+    search.walk(top, visit)
     yield from bag_paths
 
 
-# The units of evaluations: results, each with the ground truth that it is compared with.
+# The jobs of evaluations: results, each with the ground truth that it is compared with.
 
 _DATA = 'data'
 """Folder of a tracker's files, below the name of the tracker."""
@@ -520,7 +518,7 @@ def find_pairs(
     kind: PairKind,
     layout: Layout | None,
     search: FolderSearch,
-) -> list[WorkUnit]:
+) -> list[Job]:
     """Find the results of an evaluation, each with its ground truth.
 
     If there is one ground truth, all results are compared with it. Otherwise a result is compared
@@ -541,33 +539,33 @@ def find_pairs(
     if not result_paths:
         raise UsageError(f'{results}: has no result; see kitti-ros2 eval ... --help for its files')
     truths = list(_truths(truth, kind, layout, replace(search, exclude=[*search.exclude, results])))
-    units = []
+    jobs = []
     for name, path in result_paths.items():
         chosen = truths if len(truths) == 1 else _closest(name, truths)
         if len(chosen) == 1:
-            units.append(replace(chosen[0], name=name, result=path))
+            jobs.append(replace(chosen[0], name=name, result=path))
         else:
-            several = some_of([unit.name for unit in chosen])
+            several = some_of([job.name for job in chosen])
             why = f'fits {several} in {truth}' if chosen else f'has no ground truth in {truth}'
             search.problems.append(f'{path}: {why}; not scored')
-    if not units:
-        names = f'{some_of([*result_paths])} and {some_of([unit.name for unit in truths])}'
+    if not jobs:
+        names = f'{some_of([*result_paths])} and {some_of([job.name for job in truths])}'
         raise UsageError(f'{results}: no result has the name of a ground truth: {names}')
-    compared = {(unit.source, unit.sequence) for unit in units}
-    absent = [unit.name for unit in truths if (unit.source, unit.sequence) not in compared]
+    compared = {(job.source, job.sequence) for job in jobs}
+    absent = [job.name for job in truths if (job.source, job.sequence) not in compared]
     if absent:
         search.problems.append(f'{results}: no result for {some_of(absent, 6)}; not scored')
-    return in_order(units, [results])
+    return in_order(jobs, [results])
 
 
-def _closest(name: str, truths: Iterable[WorkUnit]) -> list[WorkUnit]:
+def _closest(name: str, truths: Iterable[Job]) -> list[Job]:
     """Return the ground truths that share most last names with a result, at least one."""
     lengths = [(_common_tail(name, truth), truth) for truth in truths]
     longest = max(length for length, _ in lengths)
     return [truth for length, truth in lengths if length == longest] if longest else []
 
 
-def _common_tail(name: str, truth: WorkUnit) -> int:
+def _common_tail(name: str, truth: Job) -> int:
     """Return how many last names a result shares with a ground truth."""
     path = PurePosixPath(truth.name)
     own = (*path.parent.parts, stem_of(Path(path.name)) if truth.layout is None else path.name)
@@ -582,7 +580,7 @@ def _common_tail(name: str, truth: WorkUnit) -> int:
 
 def _truths(
     source: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
-) -> Iterator[WorkUnit]:
+) -> Iterator[Job]:
     """Yield the ground truths: recordings that have it, bags, files of poses."""
     roots = find_roots(source, lambda path: is_bag_name(path) or (kind.texts and _is_text(path)))
     base = common_folder(roots)
@@ -592,10 +590,10 @@ def _truths(
         truths = list(_truths_at(root, base, kind, layout, search))
         if not truths:
             raise search.nothing() or explain(root)
-        having = [unit for unit in truths if _has(unit, kind.stream)]
+        having = [job for job in truths if _has(job, kind.stream)]
         if not having:
             raise UsageError(
-                f'{root}: {some_of([unit.name for unit in truths])}: no {kind.stream.value} to'
+                f'{root}: {some_of([job.name for job in truths])}: no {kind.stream.value} to'
                 f' compare with; KITTI publishes none of its test data'
             )
         yield from having
@@ -603,30 +601,30 @@ def _truths(
 
 def _truths_at(
     root: Path, base: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
-) -> Iterator[WorkUnit]:
+) -> Iterator[Job]:
     wanted = kind.layout or layout
-    place = absolute(root)
-    if place.is_dir():
-        split = place.parent if kind.layout and place.name == TRACKING_LABELS else place
+    top = absolute(root)
+    if top.is_dir():
+        split = top.parent if kind.layout and top.name == TRACKING_LABELS else top
         recordings = recordings_at(split, base, wanted, search)
         yield from recordings
         if wanted is None and not recordings:
-            if kind.frames and find_frame_files(place) is not None:
-                yield WorkUnit(relative_name(place, base), place)
-            for path in sorted(place.iterdir()) if kind.texts else ():
+            if kind.frames and find_frame_files(top) is not None:
+                yield Job(relative_name(top, base), top)
+            for path in sorted(top.iterdir()) if kind.texts else ():
                 if _is_text(path):
-                    yield WorkUnit(_result_name(path, base), path)
+                    yield Job(_result_name(path, base), path)
     if wanted is None:
         for bag in bags_at(root, search):
-            yield WorkUnit(_result_name(bag, base), bag)
+            yield Job(_result_name(bag, base), bag)
 
 
-def _has(unit: WorkUnit, stream: Stream) -> bool:
+def _has(job: Job, stream: Stream) -> bool:
     """Whether a recording has a stream; one that cannot be opened fails with its reason later."""
-    if unit.layout is None:
+    if job.layout is None:
         return True
     try:
-        return stream in open_recording(unit.source, unit.read, scans=False).streams
+        return stream in open_recording(job.source, job.read, scans=False).streams
     except (KittiRos2Error, OSError):
         return True
 

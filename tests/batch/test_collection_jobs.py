@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The units of roots, globs and lists, in every layout; fingerprints of their files."""
+"""The jobs of roots, globs and lists, in every layout; fingerprints of their files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shutil
 import pytest
 
 from kitti_ros2.batch.collection import _files_of, fingerprint
-from kitti_ros2.batch.units import find_roots, find_units
+from kitti_ros2.batch.jobs import find_jobs, find_roots
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Layout
@@ -20,7 +20,7 @@ from builders import SMALL  # isort: skip
 
 
 def names(*roots, **options):
-    return [unit.name for unit in find_units(roots, **options)]
+    return [job.name for job in find_jobs(roots, **options)]
 
 
 @pytest.fixture
@@ -48,16 +48,16 @@ def test_all_layouts_below_one_root_are_found(collection, recordings):
 
 
 def test_each_unit_opens_as_the_recording_that_it_names(collection):
-    for unit in find_units([collection]):
-        recording = open_recording(unit.source, unit.read)
-        assert recording.layout is unit.layout
-        assert unit.name.endswith(recording.name)
+    for job in find_jobs([collection]):
+        recording = open_recording(job.source, job.read)
+        assert recording.layout is job.layout
+        assert job.name.endswith(recording.name)
 
 
 def test_a_layout_leaves_the_others_out(collection):
-    units = find_units([collection], Layout.TRACKING)
-    assert units
-    assert {unit.layout for unit in units} == {Layout.TRACKING}
+    jobs = find_jobs([collection], Layout.TRACKING)
+    assert jobs
+    assert {job.layout for job in jobs} == {Layout.TRACKING}
 
 
 def test_a_recording_alone_has_its_own_name(recording_path):
@@ -88,7 +88,7 @@ def test_a_list_without_folders_is_one_line(text, tmp_path):
 @pytest.mark.parametrize('name', ['absent', 'nothing*here', 'papers'])
 def test_a_root_without_recordings_is_one_line(name, collection):
     with pytest.raises(KittiRos2Error):
-        find_units(find_roots(collection / name))
+        find_jobs(find_roots(collection / name))
 
 
 def test_the_same_folder_twice_is_one_unit(drive):
@@ -104,28 +104,28 @@ def test_slices_hold_so_many_present_frames(tmp_path):
         path.unlink()
     rest = [present[0], *present[2:]]
     parts = [rest[start : start + 2] for start in range(0, len(rest), 2)]
-    found = find_units([root], slice_frames=2)
-    assert [(unit.first, unit.last) for unit in found] == [(part[0], part[-1]) for part in parts]
+    found = find_jobs([root], slice_frames=2)
+    assert [(job.first, job.last) for job in found] == [(part[0], part[-1]) for part in parts]
     assert found[0].name == f'training/{rest[0]:06d}-{rest[1]:06d}'
-    before = [fingerprint(unit) for unit in found]
+    before = [fingerprint(job) for job in found]
     _files_of.cache_clear()
     os.utime(split / 'calib' / f'{rest[0]:06d}.txt', ns=(5, 5))
-    after = [fingerprint(unit) for unit in found]
+    after = [fingerprint(job) for job in found]
     assert [old == new for old, new in zip(before, after, strict=True)] == [False, True]
 
 
 def test_a_fingerprint_does_not_depend_on_the_root(drive):
-    (unit,) = find_units([drive])
-    (other,) = find_units([drive.parent])
-    assert fingerprint(unit) == fingerprint(other)
+    (job,) = find_jobs([drive])
+    (other,) = find_jobs([drive.parent])
+    assert fingerprint(job) == fingerprint(other)
 
 
 @pytest.mark.parametrize('change', ['size', 'time', 'name', 'calibration', 'new'])
 def test_a_change_of_input_is_seen(change, drive):
-    (unit,) = find_units([drive])
-    before = fingerprint(unit)
+    (job,) = find_jobs([drive])
+    before = fingerprint(job)
     _files_of.cache_clear()
-    assert fingerprint(unit) == before
+    assert fingerprint(job) == before
     _files_of.cache_clear()
     scan = next((drive / 'velodyne_points' / 'data').iterdir())
     match change:
@@ -139,4 +139,4 @@ def test_a_change_of_input_is_seen(change, drive):
             os.utime(next(drive.parent.glob('calib_*.txt')), ns=(5, 5))
         case 'new':
             (drive / 'image_02' / 'data' / '0000000099.png').touch()
-    assert fingerprint(unit) != before
+    assert fingerprint(job) != before
