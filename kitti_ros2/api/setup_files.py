@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_folder
 from ..files.local_staging import Staging
+from ..files.output_rules import keep_all, keep_all_but_files
 from ..files.remote import as_path
-from ..files.replaceable import keep_all, keep_all_but_files
 from ..files.staging import staged_file
 from ..kitti.extract_oxts import add_extract
 from ..model.streams import Stream

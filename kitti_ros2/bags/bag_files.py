@@ -55,7 +55,7 @@ def open_files(
     """
     for loss in bag.losses:
         problems.lose(loss)
-    from .stored_messages import appearing  # noqa: PLC0415 - 20 ms, for bags only
+    from .stored_messages import ros_channel  # noqa: PLC0415 - 20 ms, for bags only
 
     files: list[tuple[Path, BagFile]] = []
     failure: BadBagError | None = None
@@ -76,7 +76,7 @@ def open_files(
                 f'{path}: {topics} have an empty serialization_format; they are read as cdr'
             )
         channels = {**file.channels, **unnamed}
-        file.channels = {key: appearing(channel) for key, channel in channels.items()}
+        file.channels = {key: ros_channel(channel) for key, channel in channels.items()}
         files.append((path, file))
     if failure is not None and not files:
         raise failure

@@ -24,12 +24,12 @@ from .bag_files import BagSource, OpenBag, opened, path_of
 from .container_file import LAST_NS, BagIndex, BagSummary, Problems, TopicSummary, summarize
 from .stored_messages import (
     READ,
+    CdrConverter,
     Definitions,
     MissingLibraryError,
-    ToCdr,
-    described,
+    defining_channel,
     is_stored_as_cdr,
-    stored,
+    stored_channel,
     types_of,
     why_unread,
 )
@@ -106,10 +106,10 @@ def in_time_order(
     """
     # By stamp, file and position, which are unique, so messages are never compared.
     active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
-    with _Turns(files, since_ns) as turns:
+    with _ChunkQueue(files, since_ns) as queue:
         while True:
-            while turns.start_ns is not None and (not active or turns.start_ns <= active[0][0]):
-                number, position, chunk_messages = turns.take()
+            while queue.start_ns is not None and (not active or queue.start_ns <= active[0][0]):
+                number, position, chunk_messages = queue.take()
                 messages = iter(chunk_messages)
                 first = next(messages, None)
                 if first is not None:
@@ -125,7 +125,7 @@ def in_time_order(
                 heapreplace(active, (following[0], number, position, following, messages))
 
 
-class _Turns:
+class _ChunkQueue:
     """The chunks in the order of their first stamps; those that are next are read in threads.
 
     Their number grows with the number of chunks taken: a reader of the first message only does not
@@ -229,7 +229,7 @@ class BagMessages:
         self._as_stored = as_stored
         as_ros = not as_stored if as_ros is None else as_ros
         self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
-        self._to_cdr = ToCdr(lambda: self.typestore, as_stored=as_stored)
+        self._converter = CdrConverter(lambda: self.typestore, as_stored=as_stored)
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}
         with ExitStack() as exit_stack:
@@ -242,7 +242,7 @@ class BagMessages:
             self._files = [file for _, _, file in files]
             self._readings = {
                 (number, channel_id): Reading(
-                    number, channel_id, bag, path, channel if as_ros else stored(channel)
+                    number, channel_id, bag, path, channel if as_ros else stored_channel(channel)
                 )
                 for number, (bag, path, file) in enumerate(files)
                 for channel_id, channel in file.channels.items()
@@ -335,7 +335,7 @@ class BagMessages:
         for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
             reading = self._readings[number, channel_id]
             try:
-                cdr = self._to_cdr(reading.channel, data, stamp_ns)
+                cdr = self._converter(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything
                 self._lose(reading, stamp_ns, error)
                 continue
@@ -405,7 +405,7 @@ class BagMessages:
         """
         definitions = Definitions(self._problems)
         for reading in list(self._readings.values()):
-            conflict = definitions.add(reading.bag, reading.file, described(reading.channel))
+            conflict = definitions.add(reading.bag, reading.file, defining_channel(reading.channel))
             if conflict:
                 self._leave_out_undefined(reading, conflict)
         types = {name for reading in self._readings.values() for name in types_of(reading.channel)}
@@ -431,10 +431,12 @@ class BagMessages:
             MissingLibraryError: A library is not installed, and a topic was requested by name, or
                 nothing can be read without it.
         """
-        encodings = {stored(reading.channel).encoding for reading in self._readings.values()}
+        encodings = {
+            stored_channel(reading.channel).encoding for reading in self._readings.values()
+        }
         for reading in list(self._readings.values()):
             try:
-                self._to_cdr.prepare(reading.channel, self._definitions)
+                self._converter.prepare(reading.channel, self._definitions)
             except MissingLibraryError as error:
                 if self._must_read or encodings == {'protobuf'}:
                     raise

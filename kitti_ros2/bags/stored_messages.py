@@ -448,7 +448,7 @@ class FoxgloveChannel(StoredChannel):
         return self.original.encoding in _ROS
 
 
-def appearing(channel: StoredChannel) -> StoredChannel:
+def ros_channel(channel: StoredChannel) -> StoredChannel:
     """Return a channel as it appears to readers."""
     translation = TRANSLATIONS.get(_schema_of(channel))
     if translation is None or channel.encoding not in _ENCODINGS:
@@ -464,19 +464,19 @@ def appearing(channel: StoredChannel) -> StoredChannel:
     )
 
 
-def stored(channel: StoredChannel) -> StoredChannel:
-    """Return a channel as stored in its file: the inverse of appearing."""
+def stored_channel(channel: StoredChannel) -> StoredChannel:
+    """Return a channel as stored in its file: the inverse of ros_channel."""
     return channel.original if isinstance(channel, FoxgloveChannel) else channel
 
 
-def described(channel: StoredChannel) -> StoredChannel:
+def defining_channel(channel: StoredChannel) -> StoredChannel:
     """Return the channel whose definition describes ROS types."""
     return channel.original if isinstance(channel, FoxgloveChannel) and channel.is_ros else channel
 
 
 def types_of(channel: StoredChannel) -> tuple[str, ...]:
     """Return the ROS types that messages of a channel are decoded by, stored and converted."""
-    return tuple(dict.fromkeys((described(channel).msgtype, channel.msgtype)))
+    return tuple(dict.fromkeys((defining_channel(channel).msgtype, channel.msgtype)))
 
 
 def why_unread(channel: StoredChannel) -> str:
@@ -587,7 +587,7 @@ def is_stored_as_cdr(channel: StoredChannel) -> bool:
     return channel.encoding == 'cdr' and not isinstance(channel, FoxgloveChannel)
 
 
-class ToCdr:
+class CdrConverter:
     """Converts messages of channels to CDR.
 
     Args:

@@ -24,8 +24,8 @@ from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from ..files.local_staging import Staging, output_error
+from ..files.output_rules import keep_all, keep_all_but_bags
 from ..files.remote import is_remote
-from ..files.replaceable import keep_all, keep_all_but_bags
 from ..files.staging import open_staging
 from ..files.threads import DeferredSignals, worker_count
 from ..model.bag_formats import CONTAINERS, container_of

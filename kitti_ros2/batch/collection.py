@@ -364,7 +364,7 @@ class _Queue:
                 reason=f'its worker process {result.how}, {task.attempt} times;'
                 ' is there enough memory?'
             )
-            self._out_folder.sweep(task.out)
+            self._out_folder.remove_leftovers(task.out)
         self._manifest.end(name, result)
         self._out_folder.changed()
         self._identities.pop(name, None)
@@ -383,7 +383,7 @@ class _Queue:
             is_done = record.state == DONE and self._out_folder.has(out)
             retry = self._collection.batch.retry and (record.state == FAILED or record.bad)
             if (is_done or record.state == FAILED) and not retry:
-                self._out_folder.sweep(out)
+                self._out_folder.remove_leftovers(out)
                 return None
         self._identities[job.name] = identity
         options = self._collection.options

@@ -15,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.replaceable import (
+from ..files.output_rules import (
     KEEP_ALL_BUT_JSON,
     KEEP_ALL_BUT_PAGES,
     json_text,

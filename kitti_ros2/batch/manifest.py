@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files.local_files import sync_folders
-from ..files.local_staging import lock_exclusively, make_folder, reported, sweep
+from ..files.local_staging import lock_exclusively, make_folder, remove_leftovers, reported
 from ..files.remote import is_remote
 from ..files.remote_requests import objects_at, read_object, refuse_read_only, write_object
 from ..model.errors import BadFileError, MissingPathError, OutputError
@@ -474,9 +474,9 @@ class OutFolder:
         """Whether there is something at an output."""
         return os.path.lexists(out)
 
-    def sweep(self, out: Path) -> None:
+    def remove_leftovers(self, out: Path) -> None:
         """Remove what an earlier run has left beside an output that it made, or gave up."""
-        sweep(out)
+        remove_leftovers(out)
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StoreOutFolder
         """Return the outputs that a run may claim beforehand; here a start is recorded at once."""
@@ -521,7 +521,7 @@ class StoreOutFolder(OutFolder):
         """Whether there is something at an output, as listed at the start of the run."""
         return out.relative_to(self._out).as_posix() in self._names
 
-    def sweep(self, out: Path) -> None:
+    def remove_leftovers(self, out: Path) -> None:
         """Do nothing: what is in a store without its marker is complete."""
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
+from ..files.output_rules import losses_json
 from ..files.processes import freeze_imports
-from ..files.replaceable import losses_json
 from ..model.errors import format_count
 from ..options.evaluation import (
     make_detection_options,

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.replaceable import json_text, keep_all, keep_all_but_files, losses_json
+from ..files.output_rules import json_text, keep_all, keep_all_but_files, losses_json
 from ..model.errors import UsageError, either, one_line
 from .exits import EXIT_LOSSES, EXIT_OK
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from ..files.output_rules import KEEP_ALL_BUT_PAGES, keep_all
 from ..files.processes import freeze_imports
-from ..files.replaceable import KEEP_ALL_BUT_PAGES, keep_all
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.evaluation import DetectionOptions
 from ..options.table import make_settings, split_batch_options

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..datasets.recording_statistics import DIFFICULTIES, TRUNCATIONS, merged
 from ..datasets.set_statistics import StatisticsRow
-from ..files.replaceable import keep_all_but_files
+from ..files.output_rules import keep_all_but_files
 from ..model.boxes import DONT_CARE, OCCLUSIONS
 from ..model.errors import format_count, one_line
 from .output import cell, plain_table, say

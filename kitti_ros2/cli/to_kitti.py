@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 
 import typer
 
+from ..files.output_rules import keep_all, losses_json
 from ..files.processes import freeze_imports
-from ..files.replaceable import keep_all, losses_json
 from ..model.errors import UsageError, format_bytes, format_count, one_line
 from ..model.streams import Stream
 from ..options.table import make_import_options, split_batch_options

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from ..files.output_rules import keep_all, keep_all_but_files
 from ..files.processes import freeze_imports
-from ..files.replaceable import keep_all, keep_all_but_files
 from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
 from ..model.streams import Stream
 from ..options.table import make_settings, make_view_settings

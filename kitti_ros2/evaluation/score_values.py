@@ -8,7 +8,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..files.replaceable import losses_json
+from ..files.output_rules import losses_json
 from .track_metrics import combine_parts
 
 if TYPE_CHECKING:

@@ -279,7 +279,7 @@ def inflated(png: bytes) -> bytes:
         ValueError: It is damaged or cut off; it has fewer image data than its header states, or so
             many that they would fill the memory; or libpng does not take it.
     """
-    header, palette, parts = _essence(png)
+    header, palette, parts = _image_chunks(png)
     width, height, depth, colour, *methods = header
     if depth not in _DEPTHS.get(colour, ()) or methods not in ([0, 0, 0], [0, 0, 1]):
         raise ValueError(f'a PNG of colour type {colour} with {depth} bits, methods {methods}')
@@ -304,7 +304,7 @@ def inflated(png: bytes) -> bytes:
     return b''.join([*chunks, *_chunk(b'IEND')])
 
 
-def _essence(png: bytes) -> tuple[tuple[int, ...], memoryview, list[memoryview]]:
+def _image_chunks(png: bytes) -> tuple[tuple[int, ...], memoryview, list[memoryview]]:
     """Return the header, the palette, and the consecutive parts of image data.
 
     Raises:

@@ -197,7 +197,7 @@ class Staging:
         try:
             self._check_free()
         except OutputExistsError:
-            self._sweep()
+            self._remove_leftovers()
             raise
         try:
             with reported(self.path):
@@ -299,7 +299,7 @@ class Staging:
             if refusal is not None:
                 raise OutputExistsError(self.path, refusal)
 
-    def _sweep(self) -> None:
+    def _remove_leftovers(self) -> None:
         """Remove what a run left that was killed after its output was complete."""
         if os.path.lexists(self._partial):
             with suppress(OSError, OutputError):
@@ -358,7 +358,7 @@ class Staging:
             replaced.rename(self.path)
 
 
-def sweep(path: Path) -> None:
+def remove_leftovers(path: Path) -> None:
     """Remove the partial directory of a local output, unless a run is writing it.
 
     What cannot be removed stays; never raises OSError.

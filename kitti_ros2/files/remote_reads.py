@@ -120,17 +120,15 @@ def forget(path: UrlPath) -> None:
     """Forget what was listed at a path, below it, and in its folder: it may have changed."""
     files = filesystem_of(path)
     with _LISTINGS.lock:
-        gone = {folder for folder in _LISTINGS.folders if path in folder.parents} | {
-            path,
-            path.parent,
-        }
-        for url in gone:
+        below = {folder for folder in _LISTINGS.folders if path in folder.parents}
+        stale = below | {path, path.parent}
+        for url in stale:
             _LISTINGS.folders.pop(url, None)
             if url.names:
                 files.invalidate_cache(key_of(url))
         for url in {url for url in _LISTINGS.alone if path in {url, *url.parents}}:
             del _LISTINGS.alone[url]
-        _LISTINGS.closed -= gone
+        _LISTINGS.closed -= stale
 
 
 def listing_of(folder: UrlPath) -> Mapping[str, RemoteEntry]:
@@ -455,10 +453,10 @@ class _Blocks:
 
     def _drop(self, key: tuple[_Version, int]) -> None:
         file, first = key
-        gone = self._ranges.pop(key)
-        gone.data.cancel()
-        self._size -= gone.length
-        for block in range(first, (gone.start + gone.length - 1) // _BLOCK + 1):
+        dropped = self._ranges.pop(key)
+        dropped.data.cancel()
+        self._size -= dropped.length
+        for block in range(first, (dropped.start + dropped.length - 1) // _BLOCK + 1):
             del self._of[file, block]
 
 
@@ -633,9 +631,9 @@ class _ReadFolder:
 
     def drop(self, before: int | None = None) -> int:
         """Drop what was read ahead, or only before an index; return its size."""
-        gone = [index for index in self.pending if before is None or index < before]
+        dropped = [index for index in self.pending if before is None or index < before]
         size = 0
-        for index in gone:
+        for index in dropped:
             task, length = self.pending.pop(index)
             task.cancel()
             size += length

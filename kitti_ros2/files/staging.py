@@ -17,8 +17,8 @@ from .local_staging import (
     may_exist,
     output_error,
     refuse_link,
+    remove_leftovers,
     reported,
-    sweep,
     taking_over,
 )
 from .remote import is_remote
@@ -37,10 +37,10 @@ __all__ = [
     'output_error',
     'refuse_inside',
     'refuse_link',
+    'remove_leftovers',
     'reported',
     'staged',
     'staged_file',
-    'sweep',
     'taking_over',
 ]
 

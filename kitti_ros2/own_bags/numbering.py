@@ -65,7 +65,7 @@ class StampNumbers:
         """Return the stamps of a stream's messages, ascending, and the number of each."""
         if stream not in self._sorted:
             mapping = _with_folder(self.source_files, stream).numbers_by_stamp(stream) or {}
-            pairs = sorted((stamp, n) for stamp, several in mapping.items() for n in several)
+            pairs = sorted((stamp, n) for stamp, group in mapping.items() for n in group)
             table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
             self._sorted[stream] = (table[:, 0], table[:, 1])
         return self._sorted[stream]

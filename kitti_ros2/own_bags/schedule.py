@@ -304,9 +304,9 @@ def frames_of(numbers: Mapping[Stream, Int64Array], *, common: bool) -> Int64Arr
         common: Whether a number is the same time in all streams.
     """
     arrays = [numbers[stream] for stream in FRAME_STREAMS if stream in numbers]
-    every = np.concatenate([*(arrays if common else arrays[:1]), np.empty(0, np.int64)])
+    joined = np.concatenate([*(arrays if common else arrays[:1]), np.empty(0, np.int64)])
     # Without return_index numpy imports numpy.ma, which takes longer than a short drive.
-    frames, _ = np.unique(every, return_index=True)
+    frames, _ = np.unique(joined, return_index=True)
     return frames
 
 

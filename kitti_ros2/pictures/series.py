@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..files.replaceable import keep_all_but_files
+from ..files.output_rules import keep_all_but_files
 from ..files.threads import ordered_map, worker_count
 from ..kitti.prepare import within
 from ..model.errors import KittiRos2Error, Loss, MissingDataError, UsageError, describe_frames

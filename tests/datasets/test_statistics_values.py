@@ -17,7 +17,7 @@ from kitti_ros2.datasets.recording_statistics import (
     RouteStatistics,
 )
 from kitti_ros2.datasets.set_statistics import SetStatistics, plain_values, read_values
-from kitti_ros2.files.replaceable import json_text
+from kitti_ros2.files.output_rules import json_text
 from kitti_ros2.model.errors import Loss
 
 NUMBERS = st.lists(st.floats(0, 1000), max_size=20)

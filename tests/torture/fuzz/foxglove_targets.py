@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from kitti_ros2.bags.container_file import StoredChannel
-from kitti_ros2.bags.stored_messages import FoxgloveChannel, appearing, stored, translator
+from kitti_ros2.bags.stored_messages import FoxgloveChannel, ros_channel, stored_channel, translator
 from kitti_ros2.messages.foxglove import TRANSLATIONS
 from kitti_ros2.messages.ros_types import TYPESTORE
 
@@ -27,9 +27,9 @@ def _foxglove(data: bytes) -> None:
     if schema not in TRANSLATIONS:
         return
     channel = StoredChannel('/t', f'foxglove.{schema}', 'json')
-    made = appearing(channel)
+    made = ros_channel(channel)
     assert isinstance(made, FoxgloveChannel)
-    assert stored(made) is channel
+    assert stored_channel(made) is channel
     with suppress(ValueError):
         translator(made, lambda: TYPESTORE)(text, 1)
 
