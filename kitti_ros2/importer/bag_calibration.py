@@ -273,7 +273,7 @@ def make_forward_frame(
 
 def optical_axis(
     tree: FrameTree,
-    frame: str,
+    frame_id: str,
     models: Mapping[int, CameraModel],
     others: Sequence[CameraModel],
 ) -> Float64Array:
@@ -285,7 +285,7 @@ def optical_axis(
         MissingDataError: No static transform joins the two.
     """
     own, frame_t_rect = rect_in_frame(tree, models, others)
-    axis = tree.transform(frame, own).rotation @ frame_t_rect.rotation[:, 2]
+    axis = tree.transform(frame_id, own).rotation @ frame_t_rect.rotation[:, 2]
     return np.asarray(axis, np.float64)
 
 
@@ -303,10 +303,10 @@ def _forward_axes(axis: Float64Array, tree: FrameTree, scan: ScanPlan) -> Float6
     return np.column_stack([ahead, np.cross(up, ahead), up])
 
 
-def _vertical(tree: FrameTree, frame: str) -> Float64Array:
+def _vertical(tree: FrameTree, frame_id: str) -> Float64Array:
     """Return (3,) up in a frame: its z, or the robot's where z is not up."""
-    heading = find_body(tree, [frame]) or known_heading(tree, frame)
-    axes = None if heading is None else heading.axes_of(tree, frame)
+    heading = find_body(tree, [frame_id]) or known_heading(tree, frame_id)
+    axes = None if heading is None else heading.axes_of(tree, frame_id)
     return np.array([0.0, 0, 1]) if axes is None or is_up(axes) else axes[2]
 
 
@@ -416,20 +416,20 @@ def _imu_link(tree: FrameTree, scan_frame: str | None) -> str | None:
     """
     if scan_frame is None:
         return None
-    named = [frame for frame in tree.frames if frame.rpartition('/')[2] == _IMU_LINK]
-    poses = {frame: pose for frame in named if (pose := tree.find(scan_frame, frame)) is not None}
-    near = [frame for frame, pose in poses.items() if pose.rotation.diagonal().min() > _AHEAD]
+    named = [name for name in tree.frames if name.rpartition('/')[2] == _IMU_LINK]
+    poses = {name: pose for name in named if (pose := tree.find(scan_frame, name)) is not None}
+    near = [name for name, pose in poses.items() if pose.rotation.diagonal().min() > _AHEAD]
     return near[0] if len(poses) == len(near) == 1 else None
 
 
 def _with_imu(calibration: Calibration, plan: Plan, tree: FrameTree) -> Calibration:
     """Return a calibration with velo_T_imu of the static transforms if it has none."""
-    frame = None if plan.scan is None else plan.scan.frame
-    imu_frame = _imu_link(tree, frame) if 'velo_T_imu' in calibration.nominal else None
-    if frame is None or imu_frame is None:
+    scan_frame = None if plan.scan is None else plan.scan.frame
+    imu_frame = _imu_link(tree, scan_frame) if 'velo_T_imu' in calibration.nominal else None
+    if scan_frame is None or imu_frame is None:
         return calibration
     nominal = tuple(part for part in calibration.nominal if part != 'velo_T_imu')
-    return replace(calibration, velo_T_imu=tree.transform(frame, imu_frame), nominal=nominal)
+    return replace(calibration, velo_T_imu=tree.transform(scan_frame, imu_frame), nominal=nominal)
 
 
 def _from_source(rig: PlannedRig) -> Calibrations:
@@ -539,5 +539,5 @@ def _camera_model(camera: CameraPlan, survey: Survey) -> CameraModel:
             f' rectify: false where its images are rectified)'
         ) from None
     model = of_images(model, topic_of(survey, camera.topic))
-    frame = optical_name(camera.frame or model.frame, camera.forward)
-    return replace(model, frame=frame, turned=camera.rectify)
+    frame_id = optical_name(camera.frame or model.frame, camera.forward)
+    return replace(model, frame=frame_id, turned=camera.rectify)

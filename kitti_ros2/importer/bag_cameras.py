@@ -222,8 +222,8 @@ def leaf(topic: str) -> str:
 
 def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey]]:
     """Divide the topics of a folder by their frames: several are of as many cameras."""
-    frames = {topic.frame for topic in topics if topic.frame}
-    if len(frames) <= 1:
+    frame_ids = {topic.frame for topic in topics if topic.frame}
+    if len(frame_ids) <= 1:
         return {folder: topics}
     topics_by_camera: dict[str, list[TopicSurvey]] = {}
     names: dict[str, str] = {}
@@ -343,12 +343,12 @@ def _with_optical(
 
     A camera that looks up in such a frame is not detected.
     """
-    frame = camera.bag_frame
-    axes = None if heading is None else heading.axes_of(tree, frame)
-    if camera.info is None or is_optical(frame) or axes is None or axes[2, 2] < _STEEP:
+    frame_id = camera.bag_frame
+    axes = None if heading is None else heading.axes_of(tree, frame_id)
+    if camera.info is None or is_optical(frame_id) or axes is None or axes[2, 2] < _STEEP:
         return camera
     notes.append(
-        f'{camera.topic.name}: z of {frame} is up, so it is taken as a frame with x forward, in'
+        f'{camera.topic.name}: z of {frame_id} is up, so it is taken as a frame with x forward, in'
         f' which the optical one is made (forward of the camera)'
     )
     return replace(camera, forward=X_FORWARD)
@@ -687,9 +687,9 @@ def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
 def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
     if camera.info is None:
         return CameraPlan(camera.topic.name)
-    frame = camera.own_frame or ('' if camera.info.frame else camera.topic.frame)
+    frame_id = camera.own_frame or ('' if camera.info.frame else camera.topic.frame)
     rectify = _rectify(layout, camera)
-    return CameraPlan(camera.topic.name, camera.info.name, rectify, frame, camera.forward)
+    return CameraPlan(camera.topic.name, camera.info.name, rectify, frame_id, camera.forward)
 
 
 def _rectify(layout: Layout, camera: RigCamera) -> bool:

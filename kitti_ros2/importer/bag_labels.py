@@ -93,19 +93,19 @@ class PixelFrames:
         self._others = camera_frames - self._named - {''}
         self._tree = tree
 
-    def __contains__(self, frame: object) -> bool:
-        if frame in self._named or not frame:
-            return bool(frame) or not self._others
-        if not isinstance(frame, str) or frame in self._others or frame not in self._tree.frames:
+    def __contains__(self, name: object) -> bool:
+        if name in self._named or not name:
+            return bool(name) or not self._others
+        if not isinstance(name, str) or name in self._others or name not in self._tree.frames:
             return False
         return any(
-            _is_same_position(self._tree, name, frame) for name in self._named & self._tree.frames
+            _is_same_position(self._tree, own, name) for own in self._named & self._tree.frames
         )
 
     @cached_property
     def every(self) -> list[str]:
         """All of them that have a name, sorted."""
-        return sorted(self._named | {frame for frame in self._tree.frames if frame in self})
+        return sorted(self._named | {name for name in self._tree.frames if name in self})
 
 
 def _is_same_position(tree: FrameTree, first: str, second: str) -> bool:
@@ -214,9 +214,9 @@ def _of_camera(
     """Return the topics of 2D boxes in the pixels of the labels' camera."""
     if not cameras:
         return []
-    frames = PixelFrames(survey, tree, cameras[main_camera(cameras)])
+    pixels = PixelFrames(survey, tree, cameras[main_camera(cameras)])
     topics = _of_labels(survey, types.DETECTIONS_2D)
-    return [topic for topic in topics if topic.frame in frames and topic.name not in own_topics()]
+    return [topic for topic in topics if topic.frame in pixels and topic.name not in own_topics()]
 
 
 def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:
@@ -583,8 +583,8 @@ class BoxConversion:
         """
         if self._only_flat:
             return [], []
-        frames = FramesAt(self._to_velo, self._base, times or BoxTimes(stamp_of_boxes(message)))
-        return cuboids_in(message, frames, scores=self._scores)
+        lookup = FramesAt(self._to_velo, self._base, times or BoxTimes(stamp_of_boxes(message)))
+        return cuboids_in(message, lookup, scores=self._scores)
 
     def notes(self) -> list[str]:
         """Return notes on the boxes so far."""

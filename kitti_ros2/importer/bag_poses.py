@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 BODIES = ('base_link', 'base_footprint')
 _SHORT = 2
-_GLOBAL = tuple(frame for frame in FIXED_FRAMES if frame != 'odom')
+_GLOBAL = tuple(frame_id for frame_id in FIXED_FRAMES if frame_id != 'odom')
 """The frames above odom: poses in map do not drift."""
 _FIXED = (*FIXED_FRAMES, 'vision')
 
@@ -90,11 +90,11 @@ def moving_transforms(survey: Survey) -> list[TopicSurvey]:
 
 def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     """Choose an Odometry, PoseStamped or Path."""
-    frames = survey.tree.frames
+    frame_ids = survey.tree.frames
     for msgtype in POSES.msgtypes:
         topics = survey.of_type(msgtype)
         if topics:
-            best = max(topics, key=lambda topic: _rank(topic, frames))
+            best = max(topics, key=lambda topic: _rank(topic, frame_ids))
             if best.name not in own_topics():
                 topics = survey.of_type(*POSES.msgtypes)
             notes += unchosen_notes('poses', best, topics)
@@ -105,9 +105,9 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
     return None
 
 
-def _rank(topic: TopicSurvey, frames: Collection[str]) -> tuple[bool, bool, bool, int]:
+def _rank(topic: TopicSurvey, frame_ids: Collection[str]) -> tuple[bool, bool, bool, int]:
     """Rank: of a body in the tree, called ground truth, that moves, of most messages."""
-    return child_of(topic) in frames, is_truth(topic.name), _moves(topic), topic.count
+    return child_of(topic) in frame_ids, is_truth(topic.name), _moves(topic), topic.count
 
 
 def _moves(topic: TopicSurvey) -> bool:
@@ -135,7 +135,7 @@ def _chain(survey: Survey, names: NamedFrames, pose: PosePlan | None) -> PosePla
     if not moving:
         return None
     above = line[line.index(moving[-1][0]) :]  # moving links are in order from the top
-    world = next((frame for frame in _GLOBAL if frame in above), above[-1])
+    world = next((frame_id for frame_id in _GLOBAL if frame_id in above), above[-1])
     if pose is None:
         return PosePlan(tf[0].name, body, world)
     if pose.world == world or world not in _GLOBAL:
@@ -202,9 +202,9 @@ def vehicle_frame(survey: Survey, names: NamedFrames) -> str:
 
 
 def _body(survey: Survey) -> str:
-    frames = {name for parent, child, _ in survey.static for name in (parent, child)}
-    named = next((name for name in BODIES if name in frames), '')
-    heading = None if named else find_body(survey.tree, frames)
+    frame_ids = {name for parent, child, _ in survey.static for name in (parent, child)}
+    named = next((name for name in BODIES if name in frame_ids), '')
+    heading = None if named else find_body(survey.tree, frame_ids)
     return named or (BODIES[0] if heading is None else heading.frame)
 
 
@@ -420,9 +420,9 @@ def moving_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[s
     base = _base_frame(plan, survey)
     if plan.scan is not None:
         clouds = topic_of(survey, plan.scan.topic)
-        pairs += [(plan.scan.frame, frame) for frame in clouds.frames]
+        pairs += [(plan.scan.frame, other) for other in clouds.frames]
     if plan.labels is not None and plan.labels.topic != LABEL_LINES and base:
-        pairs += [(base, frame) for frame in sorted(_frames_of_boxes(plan.labels.topic, survey))]
+        pairs += [(base, other) for other in sorted(_frames_of_boxes(plan.labels.topic, survey))]
     return [pair for pair in pairs if names.moving_between(*pair)]
 
 
@@ -439,11 +439,11 @@ def _base_frame(plan: Plan, survey: Survey) -> str:
 
 def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     topic = topic_of(survey, name)
-    frames = set(topic.frames)
+    frame_ids = set(topic.frames)
     if topic.msgtype in SOLID:
         for message in topic.samples:
-            frames |= frames_in(message)
-    return frames
+            frame_ids |= frames_in(message)
+    return frame_ids
 
 
 def needed_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[str, str]]:
@@ -495,26 +495,26 @@ def _ends_of_links(plan: PosePlan, survey: Survey, names: NamedFrames) -> PoseEn
 
 
 def _ends_of_poses(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> PoseEnds:
-    frame, moved = topic.frame, child_of(topic)
-    world, body = plan.world or frame, plan.body or moved
+    frame_id, moved = topic.frame, child_of(topic)
+    world, body = plan.world or frame_id, plan.body or moved
     if not moved or is_renamed(plan, topic, names):
         moved = body
-    if (world, body) == (frame, moved):
+    if (world, body) == (frame_id, moved):
         return _AS_THEY_ARE
     _check_frames(plan, names, moved)
-    _check_joined(world, frame, names)
+    _check_joined(world, frame_id, names)
     _check_joined(moved, body, names)
-    return PoseEnds(world, frame, moved, body)
+    return PoseEnds(world, frame_id, moved, body)
 
 
 def _check_frames(plan: PosePlan, names: NamedFrames, child: str) -> None:
-    frames = names.tree.frames | ({child} if child else set())
+    frame_ids = names.tree.frames | ({child} if child else set())
     for key, name in (('world', plan.world), ('body', plan.body)):
-        if name and plain(name) not in frames:
-            shown = ', '.join(sorted(frames)[:_SHOWN]) or 'no frames'
+        if name and plain(name) not in frame_ids:
+            shown = ', '.join(sorted(frame_ids)[:_SHOWN]) or 'no frames'
             raise UsageError(
                 f'the plan has pose: {key}: {name}, which is no frame of the bag; expected one of'
-                f' {shown}{did_you_mean(name, sorted(frames))}'
+                f' {shown}{did_you_mean(name, sorted(frame_ids))}'
             )
 
 
@@ -771,8 +771,8 @@ def read_track(
     pairs = ends.pairs()
     if pairs and tree is None:
         tree = read_tree(bags, survey, names, pairs, losses, _reported_topic(topic))
-    world, frame, moved, body = ends
-    if tree is not None and frame == moved and world != body:
+    world, frame_id, moved, body = ends
+    if tree is not None and frame_id == moved and world != body:
         pose_track: Track = tree.track(world, body)
         if not len(pose_track):
             raise NoPosesError(f'{topic.name}: holds no pose of {body} in {world}')
@@ -782,8 +782,8 @@ def read_track(
         return pose_track
     before: Track | Transform = Transform.identity()
     after: Track | Transform = Transform.identity()
-    if world != frame:
-        before = tree.links.find(world, frame) or tree.track(world, frame)
+    if world != frame_id:
+        before = tree.links.find(world, frame_id) or tree.track(world, frame_id)
     if moved != body:
         after = tree.links.find(moved, body) or tree.track(moved, body)
     return ProductTrack(before, pose_track, after)

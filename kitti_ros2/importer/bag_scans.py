@@ -278,11 +278,11 @@ def _scan_of(
     else:
         best = max(_in_view(source, topics, survey, rig, notes), key=lambda topic: topic.count)
     notes += unchosen_notes('scans', best, topics)
-    frame = vehicle.frame_for(best.frame)
-    if frame != best.frame:
+    frame_id = vehicle.frame_for(best.frame)
+    if frame_id != best.frame:
         notes.append(
             f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
-            f' to {frame} by the poses at their stamps'
+            f' to {frame_id} by the poses at their stamps'
         )
     missing = missing_calibration(best) if source.has_model else ''
     notes += [missing] if missing else []
@@ -294,7 +294,7 @@ def _scan_of(
         )
     info = info_of_depth(survey, best) if source.needs_info else ''
     word = source.word if source.needs_info else ''  # of an Image, which is an image otherwise
-    return ScanPlan(best.name, frame, source.scale(best.samples), from_=word, info=info)
+    return ScanPlan(best.name, frame_id, source.scale(best.samples), from_=word, info=info)
 
 
 def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
@@ -325,13 +325,13 @@ class _Vehicle:
         self._body = vehicle_frame(survey, self._names)
         self._above = self._names.line_above(self._body) if self._body else []
 
-    def frame_for(self, frame: str) -> str:
+    def frame_for(self, frame_id: str) -> str:
         """Return the frame for scans: their own, or one of the vehicle if theirs is map or odom.
 
         A lidar's frame that looks ahead is preferred, then the vehicle's.
         """
-        if frame not in self._above or not self._names.moving_between(frame, self._body):
-            return frame
+        if frame_id not in self._above or not self._names.moving_between(frame_id, self._body):
+            return frame_id
         return self._lidar or self._body
 
     @cached_property
@@ -509,10 +509,10 @@ class ScanConversion:
         """
         velo_t_cloud = self._velo_t_cloud
         if self._base is not None:
-            frame = message.header.frame_id.lstrip('/')
+            frame_id = message.header.frame_id.lstrip('/')
             joined = {self._base.frame: self._base.velo_T_frame}
             at_ns = stamp_ns_of(message.header) if stamp_ns is None else stamp_ns
-            velo_t_cloud = FramesAt(joined, self._base, BoxTimes(at_ns))[frame]
+            velo_t_cloud = FramesAt(joined, self._base, BoxTimes(at_ns))[frame_id]
         decoded = self._source.decode(message, self._needs)
         if decoded.lost:
             with self._lock:

@@ -150,8 +150,8 @@ def _joined_frames(survey: Survey, scan: ScanPlan | None) -> frozenset[str]:
     if scan is None:
         return frozenset()
     tree = survey.tree
-    frames = {*tree.frames, scan.frame}
-    return frozenset(frame for frame in frames if tree.joins(scan.frame, frame))
+    frame_ids = {*tree.frames, scan.frame}
+    return frozenset(frame_id for frame_id in frame_ids if tree.joins(scan.frame, frame_id))
 
 
 def _in_known_axes(
@@ -219,13 +219,13 @@ def _odometry(survey: Survey, pose: PosePlan) -> dict[str, str]:
     return {'velocity': max(topics, key=lambda topic: (topic.name == pose.topic, topic.count)).name}
 
 
-def _odometry_of(survey: Survey, frame: str) -> dict[str, str]:
+def _odometry_of(survey: Survey, frame_id: str) -> dict[str, str]:
     """Return the Odometry with a twist whose body static transforms join to a frame."""
     tree = survey.tree
     topics = [
         topic
         for topic in survey.of_type(types.ODOMETRY)
-        if child_of(topic) in tree.frames and tree.joins(frame, child_of(topic)) and topic.moves
+        if child_of(topic) in tree.frames and tree.joins(frame_id, child_of(topic)) and topic.moves
     ]
     return {'velocity': max(topics, key=lambda topic: topic.count).name} if topics else {}
 
@@ -281,18 +281,18 @@ def guess_imu_frame(
     return ''
 
 
-def _forward_frame(frame: str, tree: FrameTree, heading: Heading | None, notes: list[str]) -> str:
+def _forward_frame(name: str, tree: FrameTree, heading: Heading | None, notes: list[str]) -> str:
     """Return the frame of the Imu, or one near it or the body's where its x is not forward."""
-    axes = None if heading is None else heading.axes_of(tree, frame)
+    axes = None if heading is None else heading.axes_of(tree, name)
     if heading is None or axes is None or is_forward(axes):
-        return frame
-    note = f'the Imu is in {frame}, {describe_axes(axes, heading)}; KITTI has x forward'
-    forward = near_frame(frame, tree, heading) or forward_frame(frame, tree, heading)
+        return name
+    note = f'the Imu is in {name}, {describe_axes(axes, heading)}; KITTI has x forward'
+    forward = near_frame(name, tree, heading) or forward_frame(name, tree, heading)
     if forward:
         notes.append(f'{note}: imu_frame is {forward}, and oxts is turned to it')
         return forward
-    notes.append(f'{note}, and so has no frame of the bag: oxts is along the axes of {frame}')
-    return frame
+    notes.append(f'{note}, and so has no frame of the bag: oxts is along the axes of {name}')
+    return name
 
 
 def pose_body_frame(survey: Survey, scan: ScanPlan | None, pose: PosePlan) -> str:
@@ -435,9 +435,9 @@ def _find_sensors(
     if scan is not None and not survey.calibrations and not with_calibration:
         scan = face_forward(scan, survey.tree, heading, notes)
     rig = make_camera_rig(survey, cameras_of_bag, heading, notes)
-    frame = None if scan is None else scan.frame
-    sets = guess_camera_sets(layout, rig, frame, notes) if all_cameras else {}
-    cameras = guess_cameras(layout, rig, frame, notes) if not sets else {}
+    scan_frame = None if scan is None else scan.frame
+    sets = guess_camera_sets(layout, rig, scan_frame, notes) if all_cameras else {}
+    cameras = guess_cameras(layout, rig, scan_frame, notes) if not sets else {}
     streams = layout.traits.streams
     # Poses replace a missing fix.
     placed = Stream.OXTS in streams and not has_vehicle_fix(survey, scan)
@@ -449,9 +449,9 @@ def _imu_frame(
     survey: Survey, layout: Layout, sensors: _Sensors, oxts: Mapping[str, str], notes: list[str]
 ) -> str:
     """Return the frame of the GPS/IMU, else that of the poses; empty without."""
-    frame = guess_imu_frame(survey, oxts.get('imu', ''), sensors.scan, sensors.heading, notes)
-    if frame or oxts.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
-        return frame
+    name = guess_imu_frame(survey, oxts.get('imu', ''), sensors.scan, sensors.heading, notes)
+    if name or oxts.get('imu') or sensors.pose is None or Stream.OXTS not in layout.traits.streams:
+        return name
     return pose_body_frame(survey, sensors.scan, sensors.pose)
 
 

@@ -93,11 +93,11 @@ class Rigging:
         if not self._rig.models:
             return None
         camera = self._plan.cameras[min(self._rig.models)]
-        frame = frame_of(camera, survey)
+        frame_id = frame_of(camera, survey)
         velo_t_frame = NOMINAL_CAM0_T_VELO.inverse()
         if camera.forward:
             velo_t_frame = velo_t_frame @ LINK_T_OPTICAL.inverse()
-        return MovingBase(frame, velo_t_frame, moving)
+        return MovingBase(frame_id, velo_t_frame, moving)
 
     def _imu_transforms(self, survey: Survey) -> dict[str, Transform]:
         imu_t_topic = {}
@@ -106,22 +106,22 @@ class Rigging:
         if self._plan.velocity_axes is VelocityAxes.ENU:
             receiver.add(self._plan.velocity)
         for topic in {self._plan.imu, self._plan.velocity} - receiver:
-            frame = _body_of(topic_of(survey, topic)) if topic else ''
-            if frame and target and frame != target:
-                imu_t_topic[topic] = self._tree.transform(target, frame)
+            frame_id = _body_of(topic_of(survey, topic)) if topic else ''
+            if frame_id and target and frame_id != target:
+                imu_t_topic[topic] = self._tree.transform(target, frame_id)
         for topic in receiver:
             antenna = self._imu_t_frame(topic_of(survey, topic).frame if topic else '')
             if antenna is not None:
                 imu_t_topic[topic] = antenna
         return imu_t_topic
 
-    def _imu_t_frame(self, frame: str) -> Transform | None:
+    def _imu_t_frame(self, frame_id: str) -> Transform | None:
         """Return imu_T_frame, None where static transforms do not connect them."""
         target = self._plan.imu_frame
-        if not (frame and target):
+        if not (frame_id and target):
             return None
-        connected = frame == target or {frame, target} <= self._tree.frames
-        return self._tree.find(target, frame) if connected else None
+        connected = frame_id == target or {frame_id, target} <= self._tree.frames
+        return self._tree.find(target, frame_id) if connected else None
 
     def body_t_rect(self) -> Transform:
         """Return body_T_rect: the rectified camera 0 in the body frame of the plan's poses.
@@ -134,8 +134,8 @@ class Rigging:
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._rig.models and self._plan.calibration == TF:
-            frame, frame_t_rect = rect_in_frame(self._tree, self._rig.models, self._rig.others)
-            return self._tree.transform(body, frame) @ frame_t_rect
+            frame_id, frame_t_rect = rect_in_frame(self._tree, self._rig.models, self._rig.others)
+            return self._tree.transform(body, frame_id) @ frame_t_rect
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
             if self.calibrations.first is not None:
@@ -178,16 +178,16 @@ class Rigging:
         plan = self._plan
         if not (plan.fix and plan.imu_frame):
             return
-        frame, imu_t_antenna = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
+        name, imu_t_antenna = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
         if imu_t_antenna is None:
             yield (
-                f'{plan.fix}: no static transform joins its frame {frame!r} to {plan.imu_frame}, so'
+                f'{plan.fix}: no static transform joins its frame {name!r} to {plan.imu_frame}, so'
                 f' its places are taken as those of {plan.imu_frame}'
             )
             return
         away_m = float(np.linalg.norm(imu_t_antenna.translation))
         if away_m > _REPORTED_LEVER_M:
-            note = f'{plan.fix}: its antenna ({frame}) is {away_m:.2f} m from {plan.imu_frame}; its'
+            note = f'{plan.fix}: its antenna ({name}) is {away_m:.2f} m from {plan.imu_frame}; its'
             if plan.imu:
                 yield f'{note} places are moved there, by the orientation of {plan.imu}'
             else:

@@ -670,13 +670,13 @@ def _has_links(message: Any) -> bool:  # noqa: ANN401 - of the bag's types
 
 def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
     try:
-        stamp_ns, frame = peek_header(message.data)
+        stamp_ns, frame_id = peek_header(message.data)
     except ValueError:
         topic.headless.append(len(topic.header_ns))
         topic.header_ns.append(message.stamp_ns)
         return
     topic.header_ns.append(stamp_ns)
-    topic.frames[frame.lstrip('/')] += 1
+    topic.frames[frame_id.lstrip('/')] += 1
 
 
 def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:

@@ -49,9 +49,9 @@ def is_truth(topic: str) -> bool:
     return bool(_TRUTH.search(topic))
 
 
-def is_fixed(frame: str) -> bool:
+def is_fixed(frame_id: str) -> bool:
     """Return whether a frame has the name of one in which robots move."""
-    return frame.rpartition('/')[2].lower() in _FIXED
+    return frame_id.rpartition('/')[2].lower() in _FIXED
 
 
 # The frames of a bag by name, before any pose is read: which links join them, and which move.
@@ -109,17 +109,17 @@ class NamedFrames:
 
     def _link(self, topic: TopicSurvey, child: str) -> OdometryLink | None:
         """Return an Odometry as a link, None where its frames are joined already or not named."""
-        frame = topic.frame
-        if not frame or not child or frame == child:
+        frame_id = topic.frame
+        if not frame_id or not child or frame_id == child:
             return None
         if child not in self.tree.frames:
-            return OdometryLink(topic.name, frame, child, child)
+            return OdometryLink(topic.name, frame_id, child, child)
         root = self.tree.root_of(child)
         if not self.tree.is_root(root):  # of several parents, or in a circle
             return None
-        if frame in self.tree.frames and self.tree.root_of(frame) == root:
+        if frame_id in self.tree.frames and self.tree.root_of(frame_id) == root:
             return None
-        return OdometryLink(topic.name, frame, child, root)
+        return OdometryLink(topic.name, frame_id, child, root)
 
     def moving_between(self, target: str, source: str) -> list[tuple[str, str]] | None:
         """Return (parent, child) of the moving links between two frames, None if not joined."""
@@ -129,14 +129,14 @@ class NamedFrames:
             return None
         return [(above, below) for line in steps for above, below, fixed in line if fixed is None]
 
-    def line_above(self, frame: str) -> list[str]:
+    def line_above(self, frame_id: str) -> list[str]:
         """Return a frame and its ancestors, up to the root."""
-        root = self.tree.root_of(frame)
+        root = self.tree.root_of(frame_id)
         try:
-            _, down = self.tree.steps(root, frame)
+            _, down = self.tree.steps(root, frame_id)
         except MissingDataError:
-            return [frame]
-        return [frame, *(parent for parent, _, _ in reversed(down))]
+            return [frame_id]
+        return [frame_id, *(parent for parent, _, _ in reversed(down))]
 
 
 def child_of(topic: TopicSurvey) -> str:
@@ -162,9 +162,9 @@ LINK_T_OPTICAL = Transform(AXES['z'].T.copy(), np.zeros(3))
 """The optical frame in such a frame."""
 
 
-def optical_name(frame: str, forward: str) -> str:
+def optical_name(frame_id: str, forward: str) -> str:
     """Return the name of the optical frame of a camera's frame: itself, or the made one."""
-    return f'{frame} with {forward} forward, optical' if forward else frame
+    return f'{frame_id} with {forward} forward, optical' if forward else frame_id
 
 
 def frame_of(camera: CameraPlan, survey: Survey) -> str:
@@ -176,9 +176,9 @@ def frame_of(camera: CameraPlan, survey: Survey) -> str:
     return camera.frame or topic_of(survey, camera.info).frame
 
 
-def optical_link(frame: str, forward: str) -> Link:
+def optical_link(frame_id: str, forward: str) -> Link:
     """Return the link from a frame with x forward to its optical frame."""
-    return frame, optical_name(frame, forward), LINK_T_OPTICAL
+    return frame_id, optical_name(frame_id, forward), LINK_T_OPTICAL
 
 
 def optical_links(plan: Plan, survey: Survey) -> list[Link]:
@@ -188,8 +188,8 @@ def optical_links(plan: Plan, survey: Survey) -> list[Link]:
         UsageError: The plan names a missing topic.
     """
     cameras: Iterable[CameraPlan] = plan.cameras.values()
-    frames = {frame_of(camera, survey) for camera in cameras if camera.forward and camera.info}
-    return [optical_link(frame, X_FORWARD) for frame in sorted(frames)]
+    frame_ids = {frame_of(camera, survey) for camera in cameras if camera.forward and camera.info}
+    return [optical_link(frame_id, X_FORWARD) for frame_id in sorted(frame_ids)]
 
 
 # Frames with x forward, y left, z up, as KITTI's velodyne and imu frames are.
@@ -261,11 +261,11 @@ def is_up(axes: Float64Array) -> bool:
     return bool(axes[2, 2] >= _FORWARD)
 
 
-def forward_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+def forward_frame(frame_id: str, tree: FrameTree, heading: Heading) -> str:
     """Return the body's frame, or the one next to a frame, that has x forward; '' without one."""
     candidates = []
     for other in tree.frames:
-        frame_t_other, axes = tree.find(frame, other), heading.axes_of(tree, other)
+        frame_t_other, axes = tree.find(frame_id, other), heading.axes_of(tree, other)
         if frame_t_other is None or axes is None or not is_forward(axes) or _leans(axes, heading):
             continue
         if other == heading.frame and heading.body:
@@ -274,11 +274,11 @@ def forward_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
     return min(candidates)[1] if candidates else ''
 
 
-def near_frame(frame: str, tree: FrameTree, heading: Heading) -> str:
+def near_frame(frame_id: str, tree: FrameTree, heading: Heading) -> str:
     """Return a parent or child of a frame with its origin and x forward, '' without one."""
     candidates = []
-    for other in tree.neighbours(frame):
-        frame_t_other, axes = tree.find(frame, other), heading.axes_of(tree, other)
+    for other in tree.neighbours(frame_id):
+        frame_t_other, axes = tree.find(frame_id, other), heading.axes_of(tree, other)
         if frame_t_other is None or axes is None or not is_forward(axes) or _leans(axes, heading):
             continue
         distance = float(np.linalg.norm(frame_t_other.translation))
@@ -357,31 +357,31 @@ class StaticFrames(Mapping[str, 'Transform']):
         self._base = base
         self._cache: dict[str, Transform | None] = {base.frame: base.velo_T_frame}
 
-    def _find(self, frame: object) -> Transform | None:
-        if not isinstance(frame, str) or (frame not in self._cache and frame not in self._frames):
+    def _find(self, name: object) -> Transform | None:
+        if not isinstance(name, str) or (name not in self._cache and name not in self._frames):
             return None
-        if frame not in self._cache:
-            base_t_frame = self._tree.find(self._base.frame, frame)
+        if name not in self._cache:
+            base_t_frame = self._tree.find(self._base.frame, name)
             joined = None if base_t_frame is None else self._base.velo_T_frame @ base_t_frame
-            self._cache[frame] = joined
-        return self._cache[frame]
+            self._cache[name] = joined
+        return self._cache[name]
 
     @property
     def _frames(self) -> AbstractSet[str]:
         return self._tree.frames
 
-    def __contains__(self, frame: object) -> bool:
-        return self._find(frame) is not None
+    def __contains__(self, name: object) -> bool:
+        return self._find(name) is not None
 
-    def __getitem__(self, frame: str) -> Transform:
-        transform = self._find(frame)
+    def __getitem__(self, name: str) -> Transform:
+        transform = self._find(name)
         if transform is None:
-            raise KeyError(frame)
+            raise KeyError(name)
         return transform
 
     def __iter__(self) -> Iterator[str]:
         names = self._frames | {self._base.frame}
-        return (frame for frame in names if frame in self)
+        return (name for name in names if name in self)
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -403,27 +403,27 @@ class FramesAt(Mapping[str, 'Transform']):
         if times.scan_ns is not None:
             self._scan_ns = times.scan_ns - (0 if base.world else times.moved_ns)
 
-    def __contains__(self, frame: object) -> bool:
+    def __contains__(self, name: object) -> bool:
         tree = self._base.tree
-        return frame in self._joined or (
-            tree is not None and isinstance(frame, str) and tree.joins(self._base.frame, frame)
+        return name in self._joined or (
+            tree is not None and isinstance(name, str) and tree.joins(self._base.frame, name)
         )
 
-    def __getitem__(self, frame: str) -> Transform:
+    def __getitem__(self, name: str) -> Transform:
         base, scan_ns, own_ns = self._base, self._scan_ns, self._own_ns
         carried = base.world and base.tree is not None and scan_ns != own_ns
-        if frame in self._joined and not carried:
-            return self._joined[frame]
+        if name in self._joined and not carried:
+            return self._joined[name]
         if base.tree is None:
-            raise KeyError(frame)
-        if frame in self._joined:
+            raise KeyError(name)
+        if name in self._joined:
             top = base.world
-            base_t_frame = base.velo_T_frame.inverse() @ self._joined[frame]
+            base_t_frame = base.velo_T_frame.inverse() @ self._joined[name]
             top_t_frame = _transform(base.tree, top, base.frame, own_ns) @ base_t_frame
         else:
-            stands = is_fixed(frame)
-            top = base.world if carried and not stands else base.tree.common(base.frame, frame)
-            top_t_frame = _transform(base.tree, top, frame, scan_ns if stands else own_ns)
+            stands = is_fixed(name)
+            top = base.world if carried and not stands else base.tree.common(base.frame, name)
+            top_t_frame = _transform(base.tree, top, name, scan_ns if stands else own_ns)
         return base.velo_T_frame @ _transform(base.tree, base.frame, top, scan_ns) @ top_t_frame
 
     def __iter__(self) -> Iterator[str]:
