@@ -87,7 +87,7 @@ def plan_of(topic: TopicSurvey) -> PosePlan:
     """Return the plan of reading a topic; its body is empty if its messages do not name it."""
     first = topic.samples[0] if topic.samples else None
     body = str(getattr(first, 'child_frame_id', '')).lstrip('/')
-    return PosePlan(topic.name, body, topic.frame)
+    return PosePlan(topic.name, body, topic.frame_id)
 
 
 def _choose_link(bag: OpenBag, survey: Survey, link: tuple[str, ...]) -> PosePlan:

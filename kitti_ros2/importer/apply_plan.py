@@ -555,4 +555,4 @@ def _planned(topic: TopicSurvey, streams: tuple[str, ...]) -> PlannedTopic:
     stamps, _ = topic.stamps()
     span_ns = int(np.ptp(stamps)) if len(stamps) > 1 else 0
     rate = (len(stamps) - 1) * NS_PER_S / span_ns if span_ns else None
-    return PlannedTopic(streams, topic.name, topic.msgtype, topic.count, rate, topic.frame)
+    return PlannedTopic(streams, topic.name, topic.msgtype, topic.count, rate, topic.frame_id)

@@ -129,8 +129,8 @@ class RigCamera:
     @property
     def bag_frame(self) -> str:
         """Its frame in the bag."""
-        of_info = self.info.frame if self.info is not None else ''
-        return self.own_frame or of_info or self.topic.frame
+        of_info = self.info.frame_id if self.info is not None else ''
+        return self.own_frame or of_info or self.topic.frame_id
 
     @cached_property
     def r(self) -> Float64Array:
@@ -222,14 +222,14 @@ def leaf(topic: str) -> str:
 
 def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey]]:
     """Divide the topics of a folder by their frames: several are of as many cameras."""
-    frame_ids = {topic.frame for topic in topics if topic.frame}
+    frame_ids = {topic.frame_id for topic in topics if topic.frame_id}
     if len(frame_ids) <= 1:
         return {folder: topics}
     topics_by_camera: dict[str, list[TopicSurvey]] = {}
     names: dict[str, str] = {}
     for topic in topics:
-        if topic.frame:
-            name = names.setdefault(topic.frame, _base(topic.name))
+        if topic.frame_id:
+            name = names.setdefault(topic.frame_id, _base(topic.name))
             topics_by_camera.setdefault(name, []).append(topic)
     return topics_by_camera
 
@@ -244,7 +244,7 @@ def _own_info(
 
 def _info_of_frame(infos: Mapping[str, TopicSurvey], topic: TopicSurvey) -> TopicSurvey | None:
     """Return the only CameraInfo of an image's frame."""
-    same = [info for info in infos.values() if topic.frame and info.frame == topic.frame]
+    same = [info for info in infos.values() if topic.frame_id and info.frame_id == topic.frame_id]
     return same[0] if len(same) == 1 else None
 
 
@@ -326,14 +326,14 @@ def make_camera_rig(
 
 def _with_frame(camera: RigCamera, tree: FrameTree, notes: list[str]) -> RigCamera:
     """Take the frame of the images where the tree has not that of the CameraInfo."""
-    named = '' if camera.info is None else camera.info.frame
-    if not named or named in tree.frames or camera.topic.frame not in tree.frames:
+    named = '' if camera.info is None else camera.info.frame_id
+    if not named or named in tree.frames or camera.topic.frame_id not in tree.frames:
         return camera
     notes.append(
         f'{camera.topic.name}: no transform names {named}, the frame of its camera_info; that of'
-        f' its images, {camera.topic.frame}, is taken'
+        f' its images, {camera.topic.frame_id}, is taken'
     )
-    return replace(camera, own_frame=camera.topic.frame)
+    return replace(camera, own_frame=camera.topic.frame_id)
 
 
 def _with_optical(
@@ -687,7 +687,7 @@ def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
 def _plan(layout: Layout, camera: RigCamera) -> CameraPlan:
     if camera.info is None:
         return CameraPlan(camera.topic.name)
-    frame_id = camera.own_frame or ('' if camera.info.frame else camera.topic.frame)
+    frame_id = camera.own_frame or ('' if camera.info.frame_id else camera.topic.frame_id)
     rectify = _rectify(layout, camera)
     return CameraPlan(camera.topic.name, camera.info.name, rectify, frame_id, camera.forward)
 

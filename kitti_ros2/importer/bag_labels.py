@@ -87,9 +87,9 @@ class PixelFrames:
         Raises:
             UsageError: The bag has no messages of the camera.
         """
-        names = {topic_of(survey, name).frame for name in (camera.topic, camera.info) if name}
+        names = {topic_of(survey, name).frame_id for name in (camera.topic, camera.info) if name}
         self._named = {*names, camera.frame} - {''}
-        camera_frames = {topic.frame for kind in _CAMERA_TYPES for topic in survey.of_type(kind)}
+        camera_frames = {topic.frame_id for kind in _CAMERA_TYPES for topic in survey.of_type(kind)}
         self._others = camera_frames - self._named - {''}
         self._tree = tree
 
@@ -214,9 +214,9 @@ def _of_camera(
     """Return the topics of 2D boxes in the pixels of the labels' camera."""
     if not cameras:
         return []
-    pixels = PixelFrames(survey, tree, cameras[main_camera(cameras)])
+    names = PixelFrames(survey, tree, cameras[main_camera(cameras)])
     topics = _of_labels(survey, types.DETECTIONS_2D)
-    return [topic for topic in topics if topic.frame in pixels and topic.name not in own_topics()]
+    return [topic for topic in topics if topic.frame_id in names and topic.name not in own_topics()]
 
 
 def _of_labels(survey: Survey, msgtype: str) -> list[TopicSurvey]:

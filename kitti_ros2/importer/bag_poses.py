@@ -101,7 +101,7 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
             body = child_of(best)
             if best.name in own_topics():  # of base_link, also if its tree names it otherwise
                 body = ''
-            return PosePlan(best.name, body or _body(survey), best.frame)
+            return PosePlan(best.name, body or _body(survey), best.frame_id)
     return None
 
 
@@ -182,8 +182,8 @@ def _moving_body(survey: Survey, names: NamedFrames, pose: PosePlan | None) -> s
 def _carrier(survey: Survey, names: NamedFrames) -> str:
     """Return the frame below the lowest moving link above a lidar or a camera, empty for none."""
     for topic in survey.of_type(types.CLOUD, types.IMAGE, types.COMPRESSED):
-        line = names.line_above(topic.frame) if topic.frame in names.tree.frames else []
-        moving = names.moving_between(line[-1], topic.frame) if line else None
+        line = names.line_above(topic.frame_id) if topic.frame_id in names.tree.frames else []
+        moving = names.moving_between(line[-1], topic.frame_id) if line else None
         if moving:
             return moving[-1][1]  # links are in order from the top
     return ''
@@ -420,7 +420,7 @@ def moving_pairs(plan: Plan, survey: Survey, names: NamedFrames) -> list[tuple[s
     base = _base_frame(plan, survey)
     if plan.scan is not None:
         clouds = topic_of(survey, plan.scan.topic)
-        pairs += [(plan.scan.frame, other) for other in clouds.frames]
+        pairs += [(plan.scan.frame, other) for other in clouds.frame_ids]
     if plan.labels is not None and plan.labels.topic != LABEL_LINES and base:
         pairs += [(base, other) for other in sorted(_frames_of_boxes(plan.labels.topic, survey))]
     return [pair for pair in pairs if names.moving_between(*pair)]
@@ -439,7 +439,7 @@ def _base_frame(plan: Plan, survey: Survey) -> str:
 
 def _frames_of_boxes(name: str, survey: Survey) -> set[str]:
     topic = topic_of(survey, name)
-    frame_ids = set(topic.frames)
+    frame_ids = set(topic.frame_ids)
     if topic.msgtype in SOLID:
         for message in topic.samples:
             frame_ids |= frames_in(message)
@@ -495,7 +495,7 @@ def _ends_of_links(plan: PosePlan, survey: Survey, names: NamedFrames) -> PoseEn
 
 
 def _ends_of_poses(plan: PosePlan, topic: TopicSurvey, names: NamedFrames) -> PoseEnds:
-    frame_id, moved = topic.frame, child_of(topic)
+    frame_id, moved = topic.frame_id, child_of(topic)
     world, body = plan.world or frame_id, plan.body or moved
     if not moved or is_renamed(plan, topic, names):
         moved = body

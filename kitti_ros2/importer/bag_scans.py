@@ -278,10 +278,10 @@ def _scan_of(
     else:
         best = max(_in_view(source, topics, survey, rig, notes), key=lambda topic: topic.count)
     notes += unchosen_notes('scans', best, topics)
-    frame_id = vehicle.frame_for(best.frame)
-    if frame_id != best.frame:
+    frame_id = vehicle.frame_for(best.frame_id)
+    if frame_id != best.frame_id:
         notes.append(
-            f'{best.name} is in {best.frame}, in which the vehicle moves; its points are brought'
+            f'{best.name} is in {best.frame_id}, in which the vehicle moves; its points are brought'
             f' to {frame_id} by the poses at their stamps'
         )
     missing = missing_calibration(best) if source.has_model else ''
@@ -303,18 +303,18 @@ def info_of_depth(survey: Survey, topic: TopicSurvey) -> str:
     infos = survey.of_type(types.CAMERA_INFO)
     if any(info.name == f'{namespace}/camera_info' for info in infos):
         return f'{namespace}/camera_info'
-    same = [info.name for info in infos if topic.frame and info.frame == topic.frame]
+    same = [info.name for info in infos if topic.frame_id and info.frame_id == topic.frame_id]
     return same[0] if len(same) == 1 else ''
 
 
 def _depth_rank(survey: Survey, topic: TopicSurvey) -> tuple[bool, bool, int]:
     """Rank depth images: in a colour camera's frame, then pixels before PNG."""
     pictures = {
-        image_topic.frame
+        image_topic.frame_id
         for image_topic in survey.of_type(types.IMAGE, types.COMPRESSED)
         if image_topic.samples and not is_depth(image_topic.samples[0])
     }
-    return topic.frame in pictures, topic.msgtype == types.IMAGE, topic.count
+    return topic.frame_id in pictures, topic.msgtype == types.IMAGE, topic.count
 
 
 class _Vehicle:
@@ -360,8 +360,8 @@ def _kind_rank(vehicle: _Vehicle, topic: TopicSurvey) -> tuple[bool, ...]:
         topic.name == POINTS,
         not _MAP.search(topic.name),
         topic.count > 1,
-        not is_fixed(topic.frame) and vehicle.frame_for(topic.frame) == topic.frame,
-        bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame)),
+        not is_fixed(topic.frame_id) and vehicle.frame_for(topic.frame_id) == topic.frame_id,
+        bool(_LIDAR.search(topic.name) or _LIDAR.search(topic.frame_id)),
     )
 
 
@@ -422,11 +422,11 @@ def _points_seen(
     camera = choose_cameras(replace(placed, cameras=cameras)).cameras[2]
     seen = {}
     for topic in lidars:
-        camera_t_lidar = placed.tree.find(camera.frame, topic.frame)
+        camera_t_lidar = placed.tree.find(camera.frame, topic.frame_id)
         # Errors are reported later; forks have fewer fields, or others.
         with suppress(AttributeError, TypeError, ValueError, KittiRos2Error):
             if camera_t_lidar is not None and camera.info is not None:
-                needs = needs_of_plan(ScanPlan(topic.name, topic.frame), source, survey)
+                needs = needs_of_plan(ScanPlan(topic.name, topic.frame_id), source, survey)
                 message = next(sample for sample in topic.samples if source.suits(sample))
                 points = source.decode(message, needs).points[:, :3].astype(np.float64)
                 inside = camera_model(camera.info.samples[0]).sees(camera_t_lidar.apply(points))
@@ -474,7 +474,7 @@ class ScanConversion:
             self._notes = cloud_notes(plan, topic, point_labels=self._point_labels)
             turns = topic.turns_ns()
             self._turns = None if turns is None else turns - topic.moved_ns()[:, None]
-            own = topic.frame
+            own = topic.frame_id
             if (
                 base is not None
                 and base.tree is not None
@@ -599,7 +599,7 @@ def cloud_notes(plan: ScanPlan, topic: TopicSurvey, *, point_labels: bool) -> li
             if point_labels
             else f'{fields} are left out: layout odometry alone has files for them'
         )
-    doubt = unit_doubt(topic.samples) if plan.unit_m == 1 and not is_fixed(topic.frame) else ''
+    doubt = unit_doubt(topic.samples) if plan.unit_m == 1 and not is_fixed(topic.frame_id) else ''
     if doubt:
         notes.append(
             f'{topic.name}: {doubt}; are they millimetres? scan.unit_m: 0.001 of the plan makes'

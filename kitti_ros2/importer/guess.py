@@ -103,7 +103,7 @@ def guess_oxts_topics(
         origin = 'origin of the plan' if pose is None else 'the poses, from origin of the plan on'
         notes.append(f'missing: fix (NavSatFix); the position in oxts is that of {origin}')
     elif 'imu' in oxts and not ('velocity' in oxts and survey.topics[oxts['velocity']].moves):
-        oxts |= _odometry_of(survey, survey.topics[oxts['imu']].frame)
+        oxts |= _odometry_of(survey, survey.topics[oxts['imu']].frame_id)
     placed = 'fix' in oxts or pose is not None
     derived = 'in oxts it is derived from the places'
     for key, msgtype in (('imu', 'Imu'), ('velocity', 'TwistStamped')):
@@ -130,7 +130,7 @@ def _best_topics(
             topics = _in_known_axes(topics, survey, joined, pose, oxts)
         notes += [
             f'passed over for {key}: {topic.name} ({topic.count}); no transform joins its frame,'
-            f' {topic.frame}, to that of the scans'
+            f' {topic.frame_id}, to that of the scans'
             for topic in survey.of_type(msgtype)
             if topic not in topics
         ]
@@ -162,12 +162,12 @@ def _in_known_axes(
     oxts: Mapping[str, str],
 ) -> list[TopicSurvey]:
     """Return the velocities that can be turned into the axes of the imu, if its frame is joined."""
-    imu, fix = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('imu', 'fix'))
+    imu, fix = (survey.topics[oxts[key]].frame_id if key in oxts else '' for key in ('imu', 'fix'))
     is_joined = imu in joined if 'imu' in oxts else pose is not None and pose.body in joined
     if not is_joined:
         return topics
     known_frames = {'', fix, *joined}
-    return [topic for topic in topics if topic.frame in known_frames or is_fixed(topic.frame)]
+    return [topic for topic in topics if topic.frame_id in known_frames or is_fixed(topic.frame_id)]
 
 
 def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[TopicSurvey]:
@@ -178,10 +178,10 @@ def _of_vehicle(survey: Survey, msgtype: str, scan: ScanPlan | None) -> list[Top
     tree, own = survey.tree, '' if scan is None else scan.frame
     vehicle_topics = []
     for topic in survey.of_type(msgtype):
-        in_tree = {own, topic.frame} <= tree.frames
-        prefixes = own.rpartition('/')[0], topic.frame.rpartition('/')[0]
+        in_tree = {own, topic.frame_id} <= tree.frames
+        prefixes = own.rpartition('/')[0], topic.frame_id.rpartition('/')[0]
         apart = in_tree and all(prefixes) and prefixes[0] != prefixes[1]
-        if not apart or tree.root_of(own) == tree.root_of(topic.frame):
+        if not apart or tree.root_of(own) == tree.root_of(topic.frame_id):
             vehicle_topics.append(topic)
     return vehicle_topics
 
@@ -192,7 +192,7 @@ def _imu_rank(topic: TopicSurvey, joined: Collection[str]) -> tuple[bool, bool, 
     rates = (message.angular_velocity for message in topic.samples)
     forces = (message.linear_acceleration for message in topic.samples)
     measured = any(vector_of(vector).any() for vector in (*rates, *forces))
-    return topic.frame in joined, oriented, 'raw' not in topic.name, measured, topic.count
+    return topic.frame_id in joined, oriented, 'raw' not in topic.name, measured, topic.count
 
 
 def _fix_rank(topic: TopicSurvey) -> tuple[bool, bool, int]:
@@ -238,16 +238,16 @@ def guess_velocity_axes(survey: Survey, oxts: Mapping[str, str], notes: list[str
     velocity_local, in map) is along its axes, which REP 103 has as east, north, up.
     """
     topic = survey.topics.get(oxts.get('velocity', ''))
-    if topic is None or topic.msgtype != types.TWIST or not topic.frame:
+    if topic is None or topic.msgtype != types.TWIST or not topic.frame_id:
         return VelocityAxes.FRAME
-    fixed = is_fixed(topic.frame)
-    fix, imu = (survey.topics[oxts[key]].frame if key in oxts else '' for key in ('fix', 'imu'))
-    if not fixed and (topic.frame != fix or topic.frame == imu):
+    fixed = is_fixed(topic.frame_id)
+    fix, imu = (survey.topics[oxts[key]].frame_id if key in oxts else '' for key in ('fix', 'imu'))
+    if not fixed and (topic.frame_id != fix or topic.frame_id == imu):
         return VelocityAxes.FRAME
     why = 'which does not move' if fixed else f'that of {oxts["fix"]}'
     notes.append(
-        f'{topic.name}: its frame is {topic.frame}, {why}, so it is taken as along east, north and'
-        f' up (velocity_axes)'
+        f'{topic.name}: its frame is {topic.frame_id}, {why}, so it is taken as along east, north'
+        f' and up (velocity_axes)'
     )
     return VelocityAxes.ENU
 
@@ -271,11 +271,12 @@ def guess_imu_frame(
         return ''
     joined = _joined_frames(survey, scan)
     chosen = max(topics, key=lambda topic: (topic.name == imu, _imu_rank(topic, joined)))
-    if chosen.frame in joined:
+    if chosen.frame_id in joined:
         tree = survey.tree
-        return _forward_frame(chosen.frame, tree, find_body(tree, [chosen.frame]) or heading, notes)
+        heading = find_body(tree, [chosen.frame_id]) or heading
+        return _forward_frame(chosen.frame_id, tree, heading, notes)
     notes.append(
-        f'missing: a static transform from {chosen.frame} to {scan.frame}; the imu frame is'
+        f'missing: a static transform from {chosen.frame_id} to {scan.frame}; the imu frame is'
         f' nominal until imu_frame names a frame that is joined'
     )
     return ''
@@ -749,9 +750,9 @@ def _pixel_frames(survey: Survey, plan: Plan) -> PixelFrames | None:
 
 def _hint_2d(topic: TopicSurvey, survey: Survey, plan: Plan, pixels: PixelFrames | None) -> str:
     labels = plan.labels
-    if pixels is not None and topic.frame not in pixels:
+    if pixels is not None and topic.frame_id not in pixels:
         return (
-            f'2D boxes whose frame is {one_line(topic.frame) or "empty"}; those of camera'
+            f'2D boxes whose frame is {one_line(topic.frame_id) or "empty"}; those of camera'
             f' {_label_camera(plan)} have {some_of(pixels.every, _MOST_TOPICS)}'
         )
     labelled = None if labels is None else survey.topics.get(labels.topic)

@@ -146,7 +146,7 @@ _OFF_SHARE = 0.5
 
 def acceleration_scale(imu: TopicSurvey) -> float:
     """Return the m/s^2 of the unit of a topic's accelerations: g for Livox' drivers."""
-    if 'livox' not in f'{imu.name} {imu.frame}'.lower() or not imu.samples:
+    if 'livox' not in f'{imu.name} {imu.frame_id}'.lower() or not imu.samples:
         return 1.0
     norms = [float(np.linalg.norm(vector_of(sample.linear_acceleration))) for sample in imu.samples]
     least, most = _OF_ONE_G

@@ -110,7 +110,7 @@ class Rigging:
             if frame_id and target and frame_id != target:
                 imu_t_topic[topic] = self._tree.transform(target, frame_id)
         for topic in receiver:
-            antenna = self._imu_t_frame(topic_of(survey, topic).frame if topic else '')
+            antenna = self._imu_t_frame(topic_of(survey, topic).frame_id if topic else '')
             if antenna is not None:
                 imu_t_topic[topic] = antenna
         return imu_t_topic
@@ -178,7 +178,7 @@ class Rigging:
         plan = self._plan
         if not (plan.fix and plan.imu_frame):
             return
-        name, imu_t_antenna = topic_of(survey, plan.fix).frame, self.imu_t_topic.get(plan.fix)
+        name, imu_t_antenna = topic_of(survey, plan.fix).frame_id, self.imu_t_topic.get(plan.fix)
         if imu_t_antenna is None:
             yield (
                 f'{plan.fix}: no static transform joins its frame {name!r} to {plan.imu_frame}, so'
@@ -214,12 +214,12 @@ def _of_boxes(base: MovingBase, plan: Plan, survey: Survey, scans: ScanConversio
     """Return the base of boxes, with the frame of the clouds that the vehicle moves in."""
     if plan.labels is None or plan.scan is None or not scans.move:
         return base
-    return replace(base, world=topic_of(survey, plan.scan.topic).frame)
+    return replace(base, world=topic_of(survey, plan.scan.topic).frame_id)
 
 
 def _body_of(topic: TopicSurvey) -> str:
     """Return the frame that a topic's rates and velocities are along."""
-    return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame
+    return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame_id
 
 
 # The riggings of a recording whose CameraInfo or static transforms change: one for each state.

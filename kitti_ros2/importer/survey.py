@@ -181,7 +181,7 @@ class TopicSurvey:
         name, msgtype: As the bag has them.
         log_ns: Log times in the order of reading, nanoseconds.
         header_ns: Header stamps of the same messages; empty where the type has no header.
-        frames: Header frames, with the number of messages of each.
+        frame_ids: Of the headers, with the number of messages of each.
         samples: A few decoded messages, at doubling distances.
         failures: Number of messages that failed to decode.
         failure: The reason of the first failure, empty without one.
@@ -208,7 +208,7 @@ class TopicSurvey:
     msgtype: str
     log_ns: array[int] = field(default_factory=lambda: array('q'))
     header_ns: array[int] = field(default_factory=lambda: array('q'))
-    frames: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    frame_ids: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     samples: list[Any] = field(default_factory=list)
     failures: int = 0
     failure: str = ''
@@ -264,9 +264,9 @@ class TopicSurvey:
         return Loss(self.name, count, f'{self.name}: {extent}{reason}')
 
     @property
-    def frame(self) -> str:
+    def frame_id(self) -> str:
         """The frame of most messages, without a leading slash."""
-        return max(self.frames, key=lambda name: self.frames[name]) if self.frames else ''
+        return max(self.frame_ids, key=lambda name: self.frame_ids[name]) if self.frame_ids else ''
 
     @property
     def has_own_stamps(self) -> bool:
@@ -676,7 +676,7 @@ def _enter_header(topic: TopicSurvey, message: BagMessage) -> None:
         topic.header_ns.append(message.stamp_ns)
         return
     topic.header_ns.append(stamp_ns)
-    topic.frames[frame_id.lstrip('/')] += 1
+    topic.frame_ids[frame_id.lstrip('/')] += 1
 
 
 def _enter_first_stamp(topic: TopicSurvey, message: BagMessage) -> None:

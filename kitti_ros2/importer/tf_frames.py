@@ -109,7 +109,7 @@ class NamedFrames:
 
     def _link(self, topic: TopicSurvey, child: str) -> OdometryLink | None:
         """Return an Odometry as a link, None where its frames are joined already or not named."""
-        frame_id = topic.frame
+        frame_id = topic.frame_id
         if not frame_id or not child or frame_id == child:
             return None
         if child not in self.tree.frames:
@@ -173,7 +173,7 @@ def frame_of(camera: CameraPlan, survey: Survey) -> str:
     Raises:
         UsageError: The plan names a missing topic.
     """
-    return camera.frame or topic_of(survey, camera.info).frame
+    return camera.frame or topic_of(survey, camera.info).frame_id
 
 
 def optical_link(frame_id: str, forward: str) -> Link:
