@@ -13,7 +13,7 @@ from ..bags.reader import open_messages
 from ..importer.bag_poses import read_track
 from ..importer.guess import guess_plan
 from ..importer.plan import PosePlan
-from ..importer.rigging import Rigging
+from ..importer.sensor_rig import SensorRig
 from ..importer.survey import survey_bags, survey_sensors
 from ..messages.naming import FrameNames
 from ..messages.topics import own_topics
@@ -186,7 +186,7 @@ def _from_bag(bag: OpenBag, options: OdometryOptions) -> GroundTruth:
     trajectory = read_poses(bag, survey, plan.pose)
     notes = [*trajectory.notes, BY_POSITION]
     try:
-        body_t_cam0 = Rigging(plan, survey).body_t_rect()
+        body_t_cam0 = SensorRig(plan, survey).body_t_rect()
     except KittiRos2Error as error:
         notes.append(f'camera 0 is taken as at the origin of {plan.pose.body}: {error}')
         body_t_cam0 = Transform(NOMINAL_CAM0_T_VELO.rotation.T, np.zeros(3))

@@ -32,7 +32,7 @@ from .clocks import clock_notes, clocked
 from .guess import Guess, guess_plan, unused_notes
 from .kitti_frames import choose_frames, pick_frames, select_frames
 from .plan import NONE, SOURCE, TF, topic_uses
-from .rigging import Rigging
+from .sensor_rig import SensorRig
 from .set_builder import Target, build
 
 if TYPE_CHECKING:
@@ -516,7 +516,7 @@ def make_plan_overview(
         faults.append(str(error))
     for set_plan in plans.values():
         try:
-            Rigging(set_plan, survey, motion.tree)
+            SensorRig(set_plan, survey, motion.tree)
         except KittiRos2Error as error:
             faults.append(str(error))
     notes = [note for frames in sets for note in frames.notes]

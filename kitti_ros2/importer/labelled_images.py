@@ -30,7 +30,7 @@ from .bag_scans import without_unreadable_scans
 from .box_labels import own_number
 from .guess import guess_plan
 from .plan import NONE, SOURCE, TF
-from .rigging import Rigging
+from .sensor_rig import SensorRig
 from .survey import survey_sensors, topic_of
 from .tf_frames import BoxTimes, stamp_of_boxes
 
@@ -69,7 +69,7 @@ class LabelledImages:
     def __init__(self, bag: OpenBag) -> None:
         survey = survey_sensors(bag)
         plan, labels = _plan(bag.path, survey)
-        self._plan, self._rigging = _make_rigging(bag, plan, labels, survey)
+        self._plan, self._sensors = _make_sensors(bag, plan, labels, survey)
         self.topics: Mapping[str, int] = {
             camera.topic: index for index, camera in self._plan.cameras.items()
         }
@@ -77,7 +77,7 @@ class LabelledImages:
         if plan.calibration == SOURCE:
             self._labels.limit_to_frame(bag.index.by_topic(), self.topics)
         # Changes of a calibration written by to-bag are applied.
-        self.notes = self._rigging.calibrations.notes if self._plan.calibration == TF else ()
+        self.notes = self._sensors.calibrations.notes if self._plan.calibration == TF else ()
         self._objects = lru_cache(_CACHED)(self._read_objects)
 
     def draw(
@@ -102,10 +102,10 @@ class LabelledImages:
         """
         camera = self.topics[topic]
         if self._plan.cameras[camera].rectify:
-            pixels = self._rigging.images.pixels(camera, image)
+            pixels = self._sensors.images.pixels(camera, image)
         picture = np.array(colour_pixels(pixels))
         index = self._labels.index_at(stamp_ns, log_ns)
-        calibration = self._rigging.calibrations.at(log_ns)
+        calibration = self._sensors.calibrations.at(log_ns)
         labels = FrameLabels() if index is None else self._objects(index, stamp_ns)
         annotate(picture, objects_of(labels, calibration), calibration, camera)
         return picture
@@ -120,7 +120,7 @@ class LabelledImages:
             return labels_of_text(decode_text(message))
         own_ns = stamp_of_boxes(message)
         times = BoxTimes(own_ns, own_ns if self._labels.by_log else image_ns)
-        cuboids, _ = self._rigging.labels.cuboids(message, times)
+        cuboids, _ = self._sensors.labels.cuboids(message, times)
         return FrameLabels(
             cuboids=[replace(cuboid, track_id=own_number(cuboid.identity)) for cuboid in cuboids]
         )
@@ -202,21 +202,21 @@ def _plan(path: Path, survey: Survey) -> tuple[Plan, str]:
     return plan, labels.topic
 
 
-def _make_rigging(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, Rigging]:
-    """Make the rigging of a plan; label lines have 2D boxes, which need no calibration."""
+def _make_sensors(bag: OpenBag, plan: Plan, labels: str, survey: Survey) -> tuple[Plan, SensorRig]:
+    """Make the rig of a plan; label lines have 2D boxes, which need no calibration."""
     try:
-        rigging = Rigging(plan, survey, read_moving([bag], plan, survey, LossTally()))
+        sensors = SensorRig(plan, survey, read_moving([bag], plan, survey, LossTally()))
         if labels != LABEL_LINES:
-            _try_labels(rigging, topic_of(survey, labels).samples)
+            _try_labels(sensors, topic_of(survey, labels).samples)
     except (KittiRos2Error, ValueError) as error:
         if labels != LABEL_LINES:
             raise _no_images(bag.path, _OPTION_HINT.sub('', str(error))) from None
         plan = replace(plan, calibration=NONE, labels=None)
-        return plan, Rigging(plan, survey)
-    return plan, rigging
+        return plan, SensorRig(plan, survey)
+    return plan, sensors
 
 
-def _try_labels(rigging: Rigging, messages: Sequence[Any]) -> None:
+def _try_labels(sensors: SensorRig, messages: Sequence[Any]) -> None:
     """Require that one of the sampled messages can be read, where any has boxes.
 
     Raises:
@@ -225,7 +225,7 @@ def _try_labels(rigging: Rigging, messages: Sequence[Any]) -> None:
     errors = []
     for message in messages:
         try:
-            rigging.labels.cuboids(message)
+            sensors.labels.cuboids(message)
         except ValueError as error:
             errors.append(error)
     if errors and len(errors) == len(messages):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .bag_poses import PlannedMotion
     from .kitti_frames import Frames
     from .plan import Plan
-    from .rigging import Rigging
+    from .sensor_rig import SensorRig
     from .survey import Survey, TopicSurvey
 
 
@@ -275,7 +275,7 @@ class ImuPoses:
     """
 
     def __init__(
-        self, plan: Plan, survey: Survey, frames: Frames, rigging: Rigging, motion: PlannedMotion
+        self, plan: Plan, survey: Survey, frames: Frames, sensors: SensorRig, motion: PlannedMotion
     ) -> None:
         """Find the poses.
 
@@ -283,7 +283,7 @@ class ImuPoses:
             plan: Names the poses and the origin.
             survey: The survey of the bags.
             frames: The frames.
-            rigging: The mounting of the imu on the vehicle.
+            sensors: The mounting of the imu on the vehicle.
             motion: The poses.
         """
         self.poses: list[ImuPose | None] | None = None
@@ -311,7 +311,7 @@ class ImuPoses:
                 )
             return
         try:
-            body_t_imu = rigging.body_t_imu()
+            body_t_imu = sensors.body_t_imu()
         except MissingDataError as error:
             body_t_imu = Transform.identity()
             self.notes.append(f'the unit of oxts is taken as at {plan.pose.body}: {error}')
@@ -325,13 +325,13 @@ class ImuPoses:
             f' north, with {world} at {where} (origin of the plan, LAT,LON,ALT);'
             f' columns without a source are 0'
         )
-        self._find_velocity(plan, survey, rigging, body_t_imu)
+        self._find_velocity(plan, survey, sensors, body_t_imu)
         velocity = plan.velocity or self.velocity
         if not velocity or not topic_of(survey, velocity).moves:
             self.moving = _moving(motion.track, body_t_imu)
 
     def _find_velocity(
-        self, plan: Plan, survey: Survey, rigging: Rigging, body_t_imu: Transform
+        self, plan: Plan, survey: Survey, sensors: SensorRig, body_t_imu: Transform
     ) -> None:
         if plan.pose is None:
             return
@@ -339,7 +339,7 @@ class ImuPoses:
         if topic.msgtype != types.ODOMETRY:
             return
         child = child_of(topic) or plan.pose.body
-        body_t_child = rigging.find(plan.pose.body, child)
+        body_t_child = sensors.find(plan.pose.body, child)
         self.velocity = topic.name
         self.imu_T_velocity = body_t_imu.inverse() @ (body_t_child or Transform.identity())
 
@@ -412,7 +412,7 @@ class PacketMaker:
         plan: Plan,
         survey: Survey,
         frames: Frames,
-        rigging: Rigging,
+        sensors: SensorRig,
         motion: PlannedMotion,
     ) -> None:
         """Select the required messages.
@@ -421,13 +421,13 @@ class PacketMaker:
             plan: Names the topics.
             survey: Their stamps.
             frames: The frames.
-            rigging: The mounting of the sensors.
+            sensors: The mounting of the sensors.
             motion: Poses that replace the fix.
 
         Raises:
             UsageError: A topic is missing.
         """
-        self._poses = imu_poses = ImuPoses(plan, survey, frames, rigging, motion)
+        self._poses = imu_poses = ImuPoses(plan, survey, frames, sensors, motion)
         self.lost_ns = imu_poses.lost_ns
         self._notes: list[str] = [*imu_poses.notes]
         self._missing = 0
@@ -438,7 +438,7 @@ class PacketMaker:
             'fix': plan.fix,
             'velocity': plan.velocity or imu_poses.velocity,
         }
-        self._mounting = self._mounted(plan, rigging.imu_t_topic)
+        self._mounting = self._mounted(plan, sensors.imu_t_topic)
         named = {role: topic for role, topic in self._topics.items() if topic}
         self._acceleration_scale = self._find_acceleration_scale(plan.imu, survey)
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}

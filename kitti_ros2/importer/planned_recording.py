@@ -33,7 +33,7 @@ from .guess import guess_plan
 from .kitti_frames import choose_frames, frame_topics
 from .plan import NONE as NO_CALIBRATION
 from .plan import Incomplete
-from .rigging import Rigging, Riggings
+from .sensor_rig import SensorRig, SensorRigs
 from .set_builder import times_of_boxes
 from .survey import topic_of
 
@@ -134,7 +134,7 @@ class PlannedRecording:
         self.origins: Mapping[int, FrameOrigin] = {}
         self.base_t_imu = self._find_imu(survey)
         self._frames = frames = choose_frames(self._plan, survey, None)
-        self._riggings = Riggings(self._plan, survey, frames, moving)
+        self._rigs = SensorRigs(self._plan, survey, frames, moving)
         self.cameras: Mapping[int, str] = {
             index: CAMERA_NAMES.get(index, str(index)) for index in self._plan.cameras
         }
@@ -188,21 +188,21 @@ class PlannedRecording:
         Raises:
             KittiRos2Error: As read.
         """
-        decode = partial(self._rigging(number).images.pixels, camera)
+        decode = partial(self._sensors(number).images.pixels, camera)
         pixels = self._converted(IMAGE_STREAMS[camera], number, decode)
         return None if pixels is None else colour_pixels(pixels)
 
     def calibration(self, number: int) -> Calibration:
         """Return the calibration of a frame, empty without any."""
         stamp_ns = int(self._frames.stamps_ns[number])
-        return self._rigging(number).calibrations.at(stamp_ns) or no_calibration('')
+        return self._sensors(number).calibrations.at(stamp_ns) or no_calibration('')
 
-    def _rigging(self, number: int) -> Rigging:
-        """Return the rigging of a frame; that of the first where its own is invalid."""
+    def _sensors(self, number: int) -> SensorRig:
+        """Return the rig of a frame; that of the first where its own is invalid."""
         try:
-            return self._riggings.of(number)
+            return self._rigs.of(number)
         except ValueError:
-            return self._riggings.first
+            return self._rigs.first
 
     def _converted(self, stream: Stream, number: int, convert: Callable[[Any], T]) -> T | None:
         """Read and convert the message of a frame; None if the frame has none."""
@@ -215,7 +215,7 @@ class PlannedRecording:
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         index = self._frames.samples[Stream.SCAN][number]
         stamps_ns = self._frames.stamps[self._topics[Stream.SCAN]]
-        scan, _ = self._rigging(number).scans.scan(message, int(stamps_ns[index]))
+        scan, _ = self._sensors(number).scans.scan(message, int(stamps_ns[index]))
         return scan
 
     def _labels_of(self, number: int) -> FrameLabels | None:
@@ -230,7 +230,7 @@ class PlannedRecording:
         if self._topics[Stream.LABELS] == LABEL_LINES:
             return labels_of_text(decode_text(messages[0]))
         times = times_of_boxes(self._plan, self._frames, number)
-        cuboids, left_out = self._rigging(number).labels.all_cuboids(merge_markers(messages), times)
+        cuboids, left_out = self._sensors(number).labels.all_cuboids(merge_markers(messages), times)
         topic = self._topics[Stream.LABELS]
         lost = [
             f'{topic}: {left_out.count(reason)} boxes {reason} are left out'
@@ -241,7 +241,7 @@ class PlannedRecording:
         return FrameLabels(cuboids=[_with_track_id(cuboid) for cuboid in cuboids], missing=missing)
 
     def _image(self, camera: int, number: int, message: Any) -> Image:  # noqa: ANN401 - as _scan
-        return parse_png(self._rigging(number).images.png(camera, message), 'the message')
+        return parse_png(self._sensors(number).images.png(camera, message), 'the message')
 
     def _pose(self, stamp_ns: int) -> Pose | None:
         if self._track is None:
@@ -261,7 +261,7 @@ def _without_missing(
 ) -> tuple[Plan, dict[str, str]]:
     """Return the plan, without calibration and labels if it is missing, and the reason."""
     try:
-        Rigging(plan, survey, moving)
+        SensorRig(plan, survey, moving)
     except KittiRos2Error as error:
         guess_notes.append(f'no calibration: {error}')
         missing = {Stream.CALIBRATION.value: str(error)}

@@ -40,7 +40,7 @@ from .kitti_frames import (
     with_indices,
 )
 from .oxts_packets import PacketMaker
-from .rigging import Riggings
+from .sensor_rig import SensorRigs
 from .tf_frames import BoxTimes, UnknownTransformError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from ..options.outputs import ImportOptions
     from .kitti_frames import Excerpt
     from .plan import Plan
-    from .rigging import Rigging
+    from .sensor_rig import SensorRig
     from .survey import Survey
 
 
@@ -111,22 +111,22 @@ class DepthMaps:
     """
 
     def __init__(
-        self, plan: Plan, rigging: Rigging, writer: LayoutWriter, *, unrectified: bool
+        self, plan: Plan, sensors: SensorRig, writer: LayoutWriter, *, unrectified: bool
     ) -> None:
-        has_maps = rigging.scans.are_depth and not unrectified and rigging.calibrations.values
-        self._unrectified = rigging.scans.are_depth and unrectified
+        has_maps = sensors.scans.are_depth and not unrectified and sensors.calibrations.values
+        self._unrectified = sensors.scans.are_depth and unrectified
         self._writer = writer
         self.folders = {
             camera: writer.depth_folder(camera)
             for camera in sorted(plan.cameras)
-            if has_maps and writer.depth_folder(camera) and rigging.images.size(camera)
+            if has_maps and writer.depth_folder(camera) and sensors.images.size(camera)
         }
 
-    def write(self, number: int, stamp_ns: int, points: Float32Array, rigging: Rigging) -> None:
-        """Write the maps of a scan, (N, 4) in velo_link, by the rigging of its frame."""
-        calibration = rigging.calibrations.at(stamp_ns)
+    def write(self, number: int, stamp_ns: int, points: Float32Array, sensors: SensorRig) -> None:
+        """Write the maps of a scan, (N, 4) in velo_link, by the rig of its frame."""
+        calibration = sensors.calibrations.at(stamp_ns)
         for camera in self.folders:
-            size = rigging.images.size(camera)
+            size = sensors.images.size(camera)
             if calibration is not None and size is not None:
                 pixels = make_depth_map(points, calibration, camera, size)
                 self._writer.write_depth(camera, number, encode_png(pixels))
@@ -177,26 +177,26 @@ class SampleWriter:
     Attributes:
         plan: The rules.
         frames: The frames to write.
-        riggings: Convert messages to samples.
+        rigs: Convert messages to samples.
         writer: The writer of the layout.
         first: The number of the first frame.
         empty_labels: Number of frames without a box so far.
     """
 
     def __init__(
-        self, plan: Plan, frames: Frames, riggings: Riggings, writer: LayoutWriter, first: int
+        self, plan: Plan, frames: Frames, rigs: SensorRigs, writer: LayoutWriter, first: int
     ) -> None:
         self.plan = plan
         self.frames = frames
-        self.riggings = riggings
+        self.rigs = rigs
         self.writer = writer
         self.first = first
         self.empty_labels = 0
-        rigging = riggings.first
-        labels_t_velo = rigging.labels.upright.frame_T_velo
+        sensors = rigs.first
+        labels_t_velo = sensors.labels.upright.frame_T_velo
         if labels_t_velo is not None:
             writer.set_label_frame(labels_t_velo)
-        self._depth_maps = DepthMaps(plan, rigging, writer, unrectified=plan.is_extract)
+        self._depth_maps = DepthMaps(plan, sensors, writer, unrectified=plan.is_extract)
         self._lock = Lock()  # for the counts of scans
         self._points_dropped: Counter[str] = Counter()
 
@@ -207,7 +207,7 @@ class SampleWriter:
         if not self.plan.layout.traits.calibration_per_frame:
             del stamps_ns[1:]
         for number, stamp_ns in enumerate(stamps_ns, self.first):
-            calibration = self._rigging(number).calibrations.at(stamp_ns)
+            calibration = self._sensors(number).calibrations.at(stamp_ns)
             if calibration is not None:
                 self.writer.write_calibration(number, calibration)
                 count += 1
@@ -220,20 +220,20 @@ class SampleWriter:
             ValueError: No point is left of it.
         """
         stamp_ns = self._stamp_ns(number, topic, index)
-        rigging = self._rigging(number)
-        scan, dropped = rigging.scans.scan(cloud, self._own_ns(topic, index), index)
+        sensors = self._sensors(number)
+        scan, dropped = sensors.scans.scan(cloud, self._own_ns(topic, index), index)
         with self._lock:
             self._points_dropped.update(dropped)
         if not len(scan.points):
             reasons = ', '.join(reason for reason, count in dropped.items() if count)
             raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
         self.writer.write_scan(number, stamp_ns, scan)
-        self._depth_maps.write(number, stamp_ns, scan.points, rigging)
+        self._depth_maps.write(number, stamp_ns, scan.points, sensors)
         return scan.points.nbytes
 
     def write_image(self, camera: int, number: int, topic: str, index: int, image: Any) -> int:  # noqa: ANN401 - of the bag
         """Write an image, by its index in its topic; return its bytes."""
-        png = self._rigging(number).images.png(camera, image)
+        png = self._sensors(number).images.png(camera, image)
         self.writer.write_image(camera, number, self._stamp_ns(number, topic, index), png)
         return len(png)
 
@@ -248,7 +248,7 @@ class SampleWriter:
         frame = number - self.first
         times = times_of_boxes(self.plan, self.frames, frame)
         stamp_ns = int(self.frames.stamps_ns[frame])
-        boxes = self._rigging(number).labels.boxes(merge_markers(solid), stamp_ns, times, flat)
+        boxes = self._sensors(number).labels.boxes(merge_markers(solid), stamp_ns, times, flat)
         self.writer.write_labels(number, boxes)
         self.empty_labels += not boxes
         return 0
@@ -256,7 +256,7 @@ class SampleWriter:
     def write_poses(self, track: Track) -> int:
         """Write the poses of the frames, each of which must have one; return how many."""
         stamps_ns = self.frames.stamps_ns
-        poses = camera_poses(track, stamps_ns, self.riggings.first.body_t_rect())
+        poses = camera_poses(track, stamps_ns, self.rigs.first.body_t_rect())
         posed = [pose for pose in poses if pose is not None]
         for number, (stamp_ns, pose) in enumerate(zip(stamps_ns.tolist(), posed, strict=True)):
             self.writer.write_pose(number, stamp_ns, pose)
@@ -269,8 +269,8 @@ class SampleWriter:
             notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
         return notes
 
-    def _rigging(self, number: int) -> Rigging:
-        return self.riggings.of(number - self.first)
+    def _sensors(self, number: int) -> SensorRig:
+        return self.rigs.of(number - self.first)
 
     def _stamp_ns(self, number: int, topic: str, index: int) -> int:
         """Return a sample's own stamp where the layout stores it, else the frame's."""
@@ -512,8 +512,8 @@ class SetBuilder:
 
     def report(self, survey: Survey, damaged: tuple[Loss, ...]) -> ImportReport:
         """Return the report of the conversion, after the writer is closed."""
-        plan, frames, riggings = self._samples.plan, self._samples.frames, self._samples.riggings
-        notes = [*survey.notes, *frames.notes, *riggings.notes(), *self._packets.notes()]
+        plan, frames, rigs = self._samples.plan, self._samples.frames, self._samples.rigs
+        notes = [*survey.notes, *frames.notes, *rigs.notes(), *self._packets.notes()]
         notes += self._samples.notes()
         if not self._target.first and self._target.excerpt is None:
             files = self.counts[Stream.LABELS.value]
@@ -533,7 +533,7 @@ class SetBuilder:
                 *frames.losses,
                 *oxts_losses(survey, plan, frames.stamps_ns),
                 *self._packets.losses,
-                *riggings.losses(),
+                *rigs.losses(),
             ),
             notes=tuple(notes),
         )
@@ -574,14 +574,14 @@ def build(
         raise UnsynchronisedError(f'no two streams have a frame in common: {frames.unsynchronised}')
     if target.excerpt is not None:
         frames = target.excerpt.of(frames)
-    riggings = Riggings(plan, survey, frames, motion.tree)
-    packets = PacketMaker(plan, survey, frames, riggings.first, motion)
+    rigs = SensorRigs(plan, survey, frames, motion.tree)
+    packets = PacketMaker(plan, survey, frames, rigs.first, motion)
     for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (packets.lost_ns, NO_PACKET)):
         for stamp_ns in stamps_ns.tolist():
             losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        samples = SampleWriter(plan, frames, riggings, writer, target.first)
+        samples = SampleWriter(plan, frames, rigs, writer, target.first)
         builder = SetBuilder(samples, packets, target, losses)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:

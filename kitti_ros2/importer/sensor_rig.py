@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _REPORTED_LEVER_M = 0.05
 
 
-class Rigging:
+class SensorRig:
     """The sensors of a plan in KITTI's frames.
 
     Attributes:
@@ -222,7 +222,7 @@ def _body_of(topic: TopicSurvey) -> str:
     return child_of(topic) if topic.msgtype == types.ODOMETRY else topic.frame_id
 
 
-# The riggings of a recording whose CameraInfo or static transforms change: one for each state.
+# The sensors of a recording whose CameraInfo or static transforms change: one for each state.
 #
 # Valid at a frame are the last CameraInfo of each camera and the last static transforms up
 # to its images; before the first, the first. Layouts with a calibration a frame are written so; the
@@ -232,21 +232,21 @@ _LATE_NS = 5_000_000
 """A CameraInfo may be stamped so much later than its image."""
 _SAME = 1e-6
 _CACHE_SIZE = 32
-"""Riggings: those that rectify have maps of the size of an image."""
+"""Rigs: those that rectify have maps of the size of an image."""
 _State = tuple[int, ...]
 
 
-class Riggings:
-    """The rigging of each frame; thread-safe.
+class SensorRigs:
+    """The rig of each frame; thread-safe.
 
     Args:
         plan: The plan.
         survey: The survey of the bags.
         frames: Their frames.
-        moving: As of Rigging.
+        moving: As of SensorRig.
 
     Raises:
-        KittiRos2Error: As Rigging, for the first frame.
+        KittiRos2Error: As SensorRig, for the first frame.
     """
 
     def __init__(
@@ -263,15 +263,15 @@ class Riggings:
         self._firsts = [_first_indices([value for _, value in series]) for series in self._series]
         self._frames_ns = frames.stamps_ns
         self._images_ns = _latest_images_ns(plan, frames) + _LATE_NS
-        self._cache: dict[_State, Rigging] = {}
+        self._cache: dict[_State, SensorRig] = {}
         self._notes: dict[str, None] = {}
         self._lost: Counter[tuple[str, str]] = Counter()
         self._states: set[_State] = set()
         self._lock = Lock()
-        self.first = self._rigging(self._state(0))
+        self.first = self._sensors(self._state(0))
 
-    def of(self, frame: int) -> Rigging:
-        """Return the rigging of a frame, by its position.
+    def of(self, frame: int) -> SensorRig:
+        """Return the rig of a frame, by its position.
 
         Raises:
             ValueError: Its calibration is invalid.
@@ -280,7 +280,7 @@ class Riggings:
             return self.first
         with self._lock:
             try:
-                return self._rigging(self._state(frame))
+                return self._sensors(self._state(frame))
             except KittiRos2Error as error:
                 raise ValueError(str(error)) from None
 
@@ -292,15 +292,15 @@ class Riggings:
         valid = (max(bisect_right(stamps, latest_ns) - 1, 0) for stamps in self._stamps_ns)
         return tuple(firsts[index] for firsts, index in zip(self._firsts, valid, strict=True))
 
-    def _rigging(self, state: _State) -> Rigging:
-        rigging = self._cache.pop(state, None)
-        if rigging is None:
-            rigging = Rigging(self._plan, self._survey_of(state), self._moving)
+    def _sensors(self, state: _State) -> SensorRig:
+        sensors = self._cache.pop(state, None)
+        if sensors is None:
+            sensors = SensorRig(self._plan, self._survey_of(state), self._moving)
             self._states.add(state)
         if len(self._cache) >= _CACHE_SIZE:
             self._account(self._cache.pop(next(iter(self._cache))))
-        self._cache[state] = rigging
-        return rigging
+        self._cache[state] = sensors
+        return sensors
 
     def _survey_of(self, state: _State) -> Survey:
         """Return the survey as if nothing changed."""
@@ -317,23 +317,23 @@ class Riggings:
             self._survey, topics=topics, static=[(*link, pose) for link, pose in static.items()]
         )
 
-    def _account(self, rigging: Rigging) -> None:
-        """Take the notes and losses of a rigging that is not kept."""
-        if rigging is not self.first:
-            self._notes.update(dict.fromkeys(rigging.notes()))
-            self._count(rigging, self._lost)
+    def _account(self, sensors: SensorRig) -> None:
+        """Take the notes and losses of a rig that is not kept."""
+        if sensors is not self.first:
+            self._notes.update(dict.fromkeys(sensors.notes()))
+            self._count(sensors, self._lost)
 
-    def _count(self, rigging: Rigging, counts: Counter[tuple[str, str]]) -> None:
-        for loss in rigging.losses():
+    def _count(self, sensors: SensorRig, counts: Counter[tuple[str, str]]) -> None:
+        for loss in sensors.losses():
             counts[loss.stream, loss.message] += loss.count
 
     @property
-    def _riggings(self) -> list[Rigging]:
+    def _rigs(self) -> list[SensorRig]:
         return [self.first, *(other for other in self._cache.values() if other is not self.first)]
 
     def notes(self) -> list[str]:
-        """Return the notes of all riggings, each once."""
-        notes = [note for rigging in self._riggings for note in rigging.notes()]
+        """Return the notes of all rigs, each once."""
+        notes = [note for sensors in self._rigs for note in sensors.notes()]
         return [*dict.fromkeys([*notes, *self._notes]), *self._on_changes()]
 
     def _on_changes(self) -> Iterator[str]:
@@ -344,10 +344,10 @@ class Riggings:
             )
 
     def losses(self) -> tuple[Loss, ...]:
-        """Return the losses of all riggings, and the frames whose calibration is not stored."""
+        """Return the losses of all rigs, and the frames whose calibration is not stored."""
         counts = self._lost.copy()
-        for rigging in self._riggings:
-            self._count(rigging, counts)
+        for sensors in self._rigs:
+            self._count(sensors, counts)
         losses = [Loss(stream, count, message) for (stream, message), count in counts.items()]
         return (*losses, *self._unwritten_losses())
 
@@ -378,7 +378,7 @@ class Riggings:
 
     def _is_same(self, state: _State, calibration: Calibration | None) -> bool:
         try:
-            other = self._rigging(state).calibrations.first
+            other = self._sensors(state).calibrations.first
         except KittiRos2Error:
             return False
         if calibration is None or other is None:
