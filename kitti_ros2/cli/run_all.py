@@ -82,7 +82,7 @@ class _Bars(_NoteLines):
         self._bars.advance(self._all)
 
 
-# Units of a collection as tables, lines and JSON.
+# Jobs of a collection as tables, lines and JSON.
 
 _SHOWN = 20
 _COUNTED = {

@@ -41,7 +41,7 @@ def _run_all(
     batch: BatchOptions,
     output: ResultOutput,
 ) -> int:
-    """Count the content of each unit of a collection; print and write the total as a table."""
+    """Count the content of each job of a collection; print and write the total as a table."""
     from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.job_functions import run_statistics_job

@@ -375,10 +375,10 @@ class BatchOptions:
     Attributes:
         whole: Whether SRC is a collection and OUT a folder of outputs.
         jobs: Number of worker processes. Without `whole` they encode one recording, and None is no
-            process but this one; else they convert units, and None is one for each CPU, at most 8.
-        slice_frames: Frames of a unit of an object set; None takes a split whole.
-        retry: Whether failed units are run again.
-        scheduler: Dask scheduler that runs the units: its address, or `local` to start one; None
+            process but this one; else they convert jobs, and None is one for each CPU, at most 8.
+        slice_frames: Frames of a job of an object set; None takes a split whole.
+        retry: Whether failed jobs are run again.
+        scheduler: Dask scheduler that runs the jobs: its address, or `local` to start one; None
             runs them on processes of this program.
 
     Raises:
@@ -452,7 +452,7 @@ def collection_options(meaning: str, *, sliced: bool = False) -> tuple[Option, .
 
     Args:
         meaning: Help of --all.
-        sliced: Whether units may be slices of an object set.
+        sliced: Whether jobs may be slices of an object set.
     """
     return tuple(
         replace(opt, meaning=meaning) if opt.name == 'all' else opt
