@@ -284,10 +284,10 @@ def _format(remedy: Remedy, words: list[str]) -> str:
         command = _same_command(remedy, words, params)
     if remedy.before:
         return f'{remedy.before} && {command}'
-    if not remedy.each:
+    if not remedy.loop:
         return command
     variable = _NAME if remedy.by_name else _FOLDER
-    return f'all: for {variable} in {remedy.each}; do {command}; done'
+    return f'all: for {variable} in {remedy.loop}; do {command}; done'
 
 
 def _same_command(remedy: Remedy, words: list[str], params: dict[str, Any]) -> str:
@@ -295,15 +295,15 @@ def _same_command(remedy: Remedy, words: list[str], params: dict[str, Any]) -> s
     changed = [shlex.quote(word) for word in words]
     index = _word_index(words, remedy.given)
     if index is not None:
-        over_folders = remedy.each and not remedy.by_name
+        over_folders = remedy.loop and not remedy.by_name
         changed[index] = f'"${_FOLDER}"' if over_folders else shlex.quote(str(remedy.source))
     added = [shlex.quote(word) for word in remedy.options]
     if remedy.frame is not None and words[0] == 'view' and not {'--frame', '--frames'} & {*words}:
         added += ['--frame', str(remedy.frame)]
-    if remedy.each and remedy.by_name:
+    if remedy.loop and remedy.by_name:
         added += ['--sequence', f'"${_NAME}"']
     out = params.get('out') or params.get('save')
-    if remedy.each and out is not None:
+    if remedy.loop and out is not None:
         name, at = (
             _output_of_each(as_path(out), by_name=remedy.by_name),
             _word_index(words, as_path(out)),

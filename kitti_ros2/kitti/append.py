@@ -3,7 +3,7 @@
 """Append frames to an object set atomically.
 
 The new frames are built in a folder of the set that loaders ignore. Then a journal is written, the
-files are moved to their places, the lists of frames last, and the journal is renamed: that commits
+files are moved to their targets, the lists of frames last, and the journal is renamed: that commits
 the append. If the process ends earlier, the next run undoes what the journal lists. Each step is on
 the disk before the next one begins, which covers killed processes, full disks and power cuts.
 """

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Places of an archive's files in a KITTI tree, whatever folders the archive has above them.
 #
-# The place is decided by the known folders in a file's name; the folders above them are dropped.
+# The target is decided by the known folders in a file's name; the folders above them are dropped.
 # The first rule that fits is taken:
 #
 # 1. devkits, archives named `devkit_NAME`: into the folder `devkit_NAME`.

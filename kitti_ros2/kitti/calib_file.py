@@ -252,7 +252,7 @@ def parse_calibration(text: str, path: Path, name: str, source: str = '') -> Cal
 
 
 def _velo_keys(table: CalibTable, *, odometry: bool) -> list[str]:
-    """Return the keys of the scanner's place, the one of the file's own layout first."""
+    """Return the keys of the scanner's pose, the one of the file's own layout first."""
     keys = ['Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', 'Tr_velo_to_cam_0']
     tracking = 'R_rect' in table.entries
     own = 'Tr' if odometry else 'Tr_velo_cam' if tracking else keys[0]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The 100 Hz packets of an unsynchronised drive, as a stream of the synchronised one.
 
-DATE_drive_NNNN_extract/oxts has every packet of the GPS/IMU unit, DATE_drive_NNNN_sync/oxts one for
-each frame. Both have the unit's stamps, so packets and frames are paired by time; the poses and the
+DATE_drive_NNNN_extract/oxts has every packet of the GPS/IMU, DATE_drive_NNNN_sync/oxts one for
+each frame. Both have the IMU's stamps, so packets and frames are paired by time; the poses and the
 files of the recording remain those of the synchronised drive.
 """
 

@@ -185,9 +185,9 @@ def _is_sequence_name(name: str) -> bool:
     return _is_number(name, names.SEQUENCE_DIGITS)
 
 
-# The files of a recording, and their places in a data set that holds it alone.
+# The files of a recording, and their paths in a data set that holds it alone.
 #
-# The places are those of KITTI's archives, however deep in its data set the recording was given:
+# The paths are those of KITTI's archives, however deep in its data set the recording was given:
 #
 # - raw: DATE/DRIVE and DATE/calib_*.txt
 # - object: SPLIT and ImageSets

@@ -106,7 +106,7 @@ def geographic_positions(positions: Float64Array, origin: GeoOrigin) -> Float64A
 
     Args:
         positions: (N, 3) east, north, up, metres; the first is that of the first packet.
-        origin: The place of (0, 0, 0).
+        origin: The position of (0, 0, 0).
 
     Returns:
         (N, 3) latitude and longitude, degrees, and altitude, metres.
@@ -515,7 +515,7 @@ class KittiRecording(RecordingPoses):
         return no_calibration(reason, files)
 
     def _scanner_source(self, path: Path) -> str:
-        """Describe where a calibration with the scanner's place can be had, if it is known."""
+        """Describe the origin of a calibration with the scanner's pose, if it is known."""
         if self.layout is not Layout.ODOMETRY:
             return ''
         source = describe_source(self.layout, path)

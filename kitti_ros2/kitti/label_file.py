@@ -710,7 +710,7 @@ class _TrackParser:
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:
-    """Map file numbers to boxes in velo_link; a track's place in the file is its id.
+    """Map file numbers to boxes in velo_link; a track's index in the file is its id.
 
     An occlusion of 2, fully, has no level of its own in labels: it is their 2, largely.
     """

@@ -5,7 +5,7 @@
 Sources: the readme.txt of the raw, object, odometry and tracking devkits.
 
 Sets of others in KITTI's folders name their files with more or fewer digits, by names that are no
-numbers, or as JPEG. FileNames is the one place that knows how the files of a folder are named.
+numbers, or as JPEG. FileNames alone has the names of the files of a folder.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def file_name(number: int, digits: int, suffix: str) -> str:
 def number_of(stem: str) -> int | None:
     """Return the number that a stem is; None for others, and for more digits than KITTI has.
 
-    Longer ones are time stamps, which are names here: they are no places in a sequence.
+    Longer ones are time stamps, which are names here: they are no indices of a sequence.
     """
     is_number = stem.isdecimal() and stem.isascii() and len(stem) <= RAW_DIGITS
     return int(stem) if is_number else None

@@ -276,11 +276,11 @@ def _all_of(path: Path, candidates: list[Candidate]) -> Remedy:
     folders = [recording.folder for recording in candidates if recording.folder is not None]
     if not folders:
         loop_words = ' '.join(_braces([candidate.name for candidate in candidates]))
-        return Remedy(path, path, each=loop_words, by_name=True)
+        return Remedy(path, path, loop=loop_words, by_name=True)
     common = common_folder([folder.parent for folder in folders])
     levels = max(len(folder.parts) for folder in folders) - len(common.parts)
     shown = common if is_remote(common) else path / os.path.relpath(common, absolute(path))
-    return Remedy(path, path, each=f'{shlex.quote(str(shown))}/{"*/" * levels}')
+    return Remedy(path, path, loop=f'{shlex.quote(str(shown))}/{"*/" * levels}')
 
 
 def _braces(recording_names: list[str]) -> list[str]:
@@ -370,7 +370,7 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 
 
 def _is_plain(folder: Path) -> bool:
-    """Return whether a folder holds files of KITTI's endings at their places only, and no links."""
+    """Return whether a folder holds files of KITTI's endings at their paths only, and no links."""
     if is_remote(folder):
         return all(map(_is_of_data_set, map(PurePosixPath, objects_at(folder))))
     for root, folders, files in os.walk(folder):

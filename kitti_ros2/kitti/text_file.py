@@ -263,9 +263,9 @@ def packet_lines(text: str, path: Path | str) -> list[str]:
 
 
 def _check_ranges(values: list[float]) -> None:
-    """Check that a place is on earth, and that accuracies have squares.
+    """Check that a position is on earth, and that accuracies have squares.
 
-    Mercator would make NaN of another place.
+    Mercator would make NaN of another position.
 
     Raises:
         ValueError: A column is out of range.

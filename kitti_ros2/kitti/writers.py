@@ -65,7 +65,7 @@ class LayoutWriter:
 
     @property
     def accepts(self) -> frozenset[Stream]:
-        """The streams that the layout has a place for; a sample of another is a UsageError."""
+        """The streams of the layout; a sample of another is a UsageError."""
         return self.layout.traits.streams
 
     def __enter__(self) -> Self:
@@ -139,7 +139,7 @@ class LayoutWriter:
         """Write the files that KITTI has once for the whole recording."""
 
     def _check_camera(self, camera: int) -> None:
-        """Raise UsageError if the layout has no place for the images of a camera."""
+        """Raise UsageError if the layout has no images of a camera."""
         stream = Stream(f'image_{camera}')
         if stream not in self.accepts:
             raise self._not_accepted(stream)
@@ -398,7 +398,7 @@ class RawWriter(LayoutWriter):
 
 
 def _changes(boxes: Sequence[Box]) -> Iterator[int]:
-    """Yield the places in a run at which its class changes, or its size by more than a tenth."""
+    """Yield the indices in a run at which its class changes, or its size by more than a tenth."""
     first = boxes[0]
     for index, box in enumerate(boxes):
         sizes = zip(box.size_hwl, first.size_hwl, strict=True)

@@ -320,7 +320,7 @@ def with_nominal_mounts(
         r0_rect=np.eye(3) if calibration.r0_rect is None else calibration.r0_rect,
         nominal=(*calibration.nominal, *nominal),
     )
-    # Camera 0's frame is placed by cam0_T_velo alone.
+    # Camera 0's frame needs cam0_T_velo alone.
     return _with_cameras(filled, [i for i in named if i and not _has_pose(calibration, i)])
 
 

@@ -410,7 +410,7 @@ _OPTIONAL = {
         'mesh_use_embedded_materials',
     },
 }
-# Numbers that have other places in other versions; all of one version are needed.
+# Numbers that have other paths in other versions; all of one version are needed.
 _VERSIONS = {
     'vision_msgs/msg/BoundingBox2D': (
         ('center.position.x', 'center.position.y', 'center.theta'),

@@ -73,7 +73,7 @@ INTENSITIES = ('intensity', 'reflectivity', 'reflectance', 'i')
 _KITTI_POINT = np.dtype([(name, '<f4') for name in (*_XYZ, 'intensity')])
 _FULL_SCALES = (255.0, 4095.0, 65535.0)
 _RANGE = 'range'
-_LEAST_AT_ONE_PLACE = 2
+_LEAST_COINCIDENT = 2
 _CLASSES = (
     'label', 'labels', 'labelid', 'pointlabel', 'class', 'classid', 'classlabel', 'category',
     'categoryid', 'semantic', 'semanticid', 'semanticlabel', 'semanticclass', 'semlabel',
@@ -159,7 +159,7 @@ def decode_returns(message: PointCloud2, intensity_scale: float = 1.0) -> ScanPo
     """Decode the returns of any cloud with their labels, and count dropped points by reason.
 
     As decode_cloud, but 0 0 0 is a missing return in any cloud. So are points whose field range is
-    0 if most of them are at one place: Ouster's clouds have it, and 0 0 0 is elsewhere after a
+    0 if most of them are at one position: Ouster's clouds have it, and 0 0 0 is elsewhere after a
     transformation. Other points are returns, also where a driver leaves range at 0.
 
     Raises:
@@ -173,7 +173,7 @@ def decode_returns(message: PointCloud2, intensity_scale: float = 1.0) -> ScanPo
     for reason, wrong in (
         (NOT_FINITE, _not_finite(points)),
         (AT_ZERO, _at_zero(points)),
-        (RANGE_ZERO, _one_place(points, _range_zero(message, order, len(points)))),
+        (RANGE_ZERO, _coincident(points, _range_zero(message, order, len(points)))),
     ):
         dropped[reason] = int(np.count_nonzero(wrong & ~missing))
         missing |= wrong
@@ -205,14 +205,14 @@ def _range_zero(
     return np.asarray((ranges if order is None else ranges[order]) == 0)
 
 
-def _one_place(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return (N,) which of the chosen points are at one place, if several and most of them are.
+def _coincident(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return (N,) which of the chosen points coincide, if several and most of them are.
 
     Points that are missing returns by themselves are left out.
     """
     chosen = chosen & ~_not_finite(points) & ~_at_zero(points)
     [which] = np.nonzero(chosen)
-    if len(which) < _LEAST_AT_ONE_PLACE:
+    if len(which) < _LEAST_COINCIDENT:
         return np.zeros(len(points), dtype=np.bool_)
     xyz = points[which, :3]
     same = (xyz == np.sort(xyz, axis=0)[len(xyz) // 2]).all(axis=1)
@@ -348,7 +348,7 @@ def read_labels(
         order: The result of file_order for the message.
 
     Returns:
-        (N,) labels, None without such a field; and the number of values that have no place there,
+        (N,) labels, None without such a field; and the number of values that do not fit,
         by reason: they become 0.
     """
     names, count = label_fields(message), message.width * message.height

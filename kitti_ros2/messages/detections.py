@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # Labels -> vision_msgs/Detection3DArray and Detection2DArray; any of these -> boxes.
 #
-# A detection's id is the track id, or the box's place in its file; the same box has the same id in
+# A detection's id is the track id, or the box's index in its file; the same box has the same id in
 # both arrays. Ground truth has score 1, predictions their own. Covariances are zero, unknown.
 
 ABSURD = 'without a possible size, place or score'
@@ -241,7 +241,7 @@ def make_cuboids(
 
 
 def possible(cuboids: list[Cuboid]) -> tuple[list[Cuboid], list[str]]:
-    """Return the boxes with a possible size, place and score, and ABSURD for each of the others."""
+    """Return the boxes with a possible size, pose and score, and ABSURD for each of the others."""
     plausible = [
         cuboid
         for cuboid in cuboids
@@ -393,7 +393,7 @@ def cuboids_of_objects(
 
 
 def _bounds(shape: Any) -> tuple[Transform, tuple[float, float, float]]:  # noqa: ANN401 - as above
-    """Return the place of the box around a shape in the object's frame, and its size.
+    """Return the pose of the box around a shape in the object's frame, and its size.
 
     The x of a cylinder is its diameter, and the footprint of a polygon is in the object's frame
     (autoware_universe, common/autoware_universe_utils/src/geometry/boost_polygon_utils.cpp,

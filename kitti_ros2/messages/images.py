@@ -322,7 +322,7 @@ def encode_compressed(image: Image, stamp_ns: int, frame_id: str) -> CompressedI
 
 
 def decode_compressed(message: CompressedImage, path: PurePath) -> Image:
-    """Decode an image made by encode_compressed; path is its place, for errors.
+    """Decode an image made by encode_compressed; path is for errors.
 
     Raises:
         BadFileError: It is empty, no PNG or JPEG, truncated or damaged.

@@ -200,7 +200,7 @@ def encode_markers(
 
     Args:
         cuboids: In velo_link.
-        trails: Track id to (N, 3) places in map.
+        trails: Track id to (N, 3) positions in map.
         stamp_ns: The scan's.
         frames: Names of map, base_link and velo_link.
         options: Sizes, colours and optional markers.

@@ -38,9 +38,9 @@ class FrameNames:
     Attributes:
         map: Fixed to the world; its origin is the first position of base (see map_frame.py).
         base: On the ground below the middle of the rear axle.
-        truth: The same place, as the ground truth poses name it: base, unless these have a TF tree
+        truth: The same frame, as the ground truth poses name it: base, unless these have a TF tree
             of their own.
-        imu: The GPS/IMU unit (x forward, y left, z up).
+        imu: The GPS/IMU (x forward, y left, z up).
         velo: The laser scanner (x forward, y left, z up).
         camera_pattern: Optical frames (x right, y down, z forward), {} the camera's name.
         cameras: Camera index to its name.

@@ -7,11 +7,11 @@ A packet of any Imu, NavSatFix and TwistStamped of one time:
 ======================  ============================================================================
 columns                 from
 ======================  ============================================================================
-lat lon                 NavSatFix, moved from its antenna to the unit; 0 without one
+lat lon                 NavSatFix, moved from its antenna to the IMU; 0 without one
 alt                     the same; 0 where that is NaN (a fix in two dimensions), and without one
 roll pitch yaw          Imu (east-north-up, REP-103); 0 where it has no orientation
 vn ve                   TwistStamped turned by the attitude, or as it is; 0 without one, unless
-                        the places say how fast they move
+                        the positions give the velocity
 vf vl vu                the same, levelled; vl positive to the right, as the files have it
 ax ay az, af al au      Imu, gravity included; levelled, al positive to the left; 0 without one
 wx wy wz, wf wl wu      Imu, else TwistStamped; levelled, wl about the left; 0 without either
@@ -96,7 +96,7 @@ if TYPE_CHECKING:
 #                                       degrees; as OXTS's RT user manual 190731, page 16, for the
 #                                       heading of two antennas 2 m apart (0.2 degrees per metre)
 # angular velocity       0.01 deg/s     gtsam c24a2c9, line 2 of examples/Data/
-#                                       KittiEquivBiasedImu_metadata.txt, on KITTI's unit: 0.000175
+#                                       KittiEquivBiasedImu_metadata.txt, on KITTI's IMU: 0.000175
 #                                       rad/s
 # acceleration           0.01 m/s^2     the same file and line
 # =====================  =============  ============================================================
@@ -222,9 +222,9 @@ def encode_fix(packet: OxtsPacket, stamp_ns: int, frame_id: str) -> NavSatFix:
     """Make a NavSatFix of the packet's numbers: KITTI's altitude is above sea level.
 
     NavSatFix.msg asks for the height above the ellipsoid, some 48 m more in Karlsruhe: KITTI has no
-    geoid to convert with (the unit's default: OXTS, "Altitude reference options"). pos_accuracy is
+    geoid to convert with (the IMU's default: OXTS, "Altitude reference options"). pos_accuracy is
     the sigma of north and east, so its square is the variance, for up an approximation; 0 is
-    unknown. A packet without a fix keeps its position, which the unit carries on from its inertial
+    unknown. A packet without a fix keeps its position, which the IMU carries on from its inertial
     sensors.
     """
     valid = packet.pos_accuracy > 0
@@ -270,12 +270,12 @@ def make_packet(
 
     Args:
         imu: None where the recording has no such stream, as are the others.
-        fix: The place of its frame, which is the antenna's (NavSatFix.msg).
+        fix: The position of its frame, which is the antenna's (NavSatFix.msg).
         velocity: Along the axes of its frame, as encode_velocity writes it.
         mounting: Mounting of the sensors.
         pose: Place and attitude from another source, which replace those of the messages; rates
             are then those of the velocity, if it has any.
-        moving: (3,) m/s east, north, up that the place moves at, of the pose or of the fix; it
+        moving: (3,) m/s east, north, up that the position moves at, of the pose or of the fix; it
             replaces the velocity of the message.
     """
     if fix is not None and not has_fix(fix):

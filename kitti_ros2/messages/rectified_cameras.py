@@ -146,7 +146,7 @@ class Rectifier:
 
 
 def rectify_pixels(pixels: Float64Array, camera: CameraModel) -> Float64Array:
-    """Return the places of (N, 2) pixels of an unrectified image in the rectified one."""
+    """Return the positions of (N, 2) pixels of an unrectified image in the rectified one."""
     import cv2  # noqa: PLC0415 - as above
 
     undistort = (cv2.fisheye if camera.model == EQUIDISTANT else cv2).undistortPoints
@@ -202,7 +202,7 @@ def _maps(camera: CameraModel, *, fixed: bool = True) -> tuple[npt.NDArray[Any],
 # column is the baseline to the left one (sensor_msgs/CameraInfo.msg). The meaning of its
 # header.frame_id differs from bag to bag, and is detected by the static tree:
 #
-# - the left camera's frame, or one in the same place: P is right as it is. Points are rectified by
+# - the left camera's frame, or one at its position: P is right as it is. Points are rectified by
 #   the left camera's R, for P is given in the pair's common rectified frame.
 # - the right camera's own frame, a baseline away from the left one's: the tree has it, too.
 # - a frame not connected to the left camera: the pair's frame is the left camera's.

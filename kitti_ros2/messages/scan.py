@@ -39,7 +39,7 @@ def organise(cloud: npt.NDArray[np.void], values: PointValues) -> npt.NDArray[np
 
     Missing returns are NaN for x y z, with the ring of their row and the time of their column.
     """
-    cells, columns = place(values.row, values.part, values.rows)
+    cells, columns = assign_cells(values.row, values.part, values.rows)
     grid = np.zeros((values.rows, columns), dtype=cloud.dtype)
     for name in 'xyz':
         grid[name] = np.nan
@@ -49,7 +49,7 @@ def organise(cloud: npt.NDArray[np.void], values: PointValues) -> npt.NDArray[np
     return grid
 
 
-def place(
+def assign_cells(
     rows: npt.NDArray[np.uint16], parts: Float64Array, row_count: int
 ) -> tuple[npt.NDArray[np.intp], int]:
     """Return the cell of each point in a grid, row by row, (N,), and the number of columns.
@@ -63,7 +63,7 @@ def place(
     columns = max(COLUMNS, int(counts.max(initial=0)))
     index_in_row = np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
     nominal_column = np.minimum((parts[order] * columns).astype(np.intp), columns - 1)
-    # Columns minus places must not fall within a row; rows are kept apart by an offset.
+    # Columns minus indices must not fall within a row; rows are kept apart by an offset.
     apart = row * (2 * columns)
     free = np.maximum.accumulate(nominal_column - index_in_row + apart) - apart + index_in_row
     cells = np.empty(len(row), dtype=np.intp)

@@ -109,7 +109,7 @@ class FrameTree:
 
         Raises:
             MissingDataError: A frame is unknown, the two are in different trees, a link between
-                them moves, a frame between them has two parents or two places, there is a cycle, or
+                them moves, a frame between them has two parents or two poses, there is a cycle, or
                 a rotation is invalid. The message shows the tree.
         """
         joined = self._join(plain(target), plain(source))
@@ -385,7 +385,7 @@ def _is_rigid(link: Transform) -> bool:
     return bool(np.abs(product - np.eye(3)).max() < _ROTATION)
 
 
-# Forward of a robot, from the names and places of its frames.
+# Forward of a robot, from the names and poses of its frames.
 #
 # Bodies have x forward, y left, z up, and optical frames z forward, x right, y down (REP 103, REP
 # 105). Lidars have any axes: x of Ouster's os_lidar looks to the cable, backward in os_sensor

@@ -209,22 +209,22 @@ def make_path(trajectory: Trajectory, context: EncodeContext) -> object | None:
     """Make the Path of all poses in map."""
     if not trajectory.world_T_imu:
         return None
-    placed = trajectory_in_map(trajectory, context.rig.map_T_world)
-    return encode_path(placed, context.rig.base_t_imu, context.stamp_ns, context.rig.frames.map)
+    in_map = trajectory_in_map(trajectory, context.rig.map_T_world)
+    return encode_path(in_map, context.rig.base_t_imu, context.stamp_ns, context.rig.frames.map)
 
 
 def make_odometry(pose: Pose, context: EncodeContext) -> object:
     """Make the Odometry of base_link in map."""
     frames = (context.rig.frames.map, context.rig.frames.truth)
-    placed = pose_in_map(pose, context.rig.map_T_world)
-    return encode_odometry(placed, context.rig.base_t_imu, context.stamp_ns, frames)
+    in_map = pose_in_map(pose, context.rig.map_T_world)
+    return encode_odometry(in_map, context.rig.base_t_imu, context.stamp_ns, frames)
 
 
 def make_tf(pose: Pose, context: EncodeContext) -> object:
     """Make the transform map -> base_link."""
     frames = (context.rig.frames.map, context.rig.frames.truth)
-    placed = pose_in_map(pose, context.rig.map_T_world)
-    return encode_tf(placed, context.rig.base_t_imu, context.stamp_ns, frames)
+    in_map = pose_in_map(pose, context.rig.map_T_world)
+    return encode_tf(in_map, context.rig.base_t_imu, context.stamp_ns, frames)
 
 
 def make_imu(packet: OxtsPacket, context: EncodeContext) -> object:

@@ -79,7 +79,7 @@ class Cuboid:
 
     Attributes:
         class_name: Class, such as Car.
-        identity: Unique in its frame: track id, or place in the file.
+        identity: Unique in its frame: track id, or index in the file.
         velo_T_box: Its own frame (middle, x along the heading, y left, z up) in velo_link.
         size_lwh: Length, width, height along x, y, z, metres.
         score: Detection score, None for ground truth.
@@ -326,7 +326,7 @@ class OverlappingPairs(NamedTuple):
     """Pairs of objects that overlap, by the first, then by the second.
 
     Attributes:
-        first: (P,) places in the rows that are compared.
+        first: (P,) indices in the rows that are compared.
         second: (P,) indices.
         overlaps: (P,) intersection over union (IoU), above 0 by more than rounding.
     """

@@ -106,9 +106,9 @@ class Remedy:
         frame: The frame that was meant, for commands that take one.
         command: The command to call; empty for the one that was called.
         before: A shell command to run first.
-        each: The words of a shell loop over all recordings of a source: their folders, or with
+        loop: The words of a shell loop over all recordings of a source: their folders, or with
             by_name the values of --sequence.
-        by_name: See each.
+        by_name: See loop.
     """
 
     given: Path
@@ -117,7 +117,7 @@ class Remedy:
     frame: int | None = None
     command: str = ''
     before: str = ''
-    each: str = ''
+    loop: str = ''
     by_name: bool = False
 
 

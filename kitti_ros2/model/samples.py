@@ -119,7 +119,7 @@ class OxtsPacket:
     """One packet of the GPS/IMU: the 30 columns of KITTI's dataformat.txt, in its order.
 
     Positions in degrees and metres, angles in radians, velocities in m/s, accelerations in m/s^2
-    (gravity included), rates in rad/s. x, y, z are the unit's own body axes (forward, left, up);
+    (gravity included), rates in rad/s. x, y, z are the IMU's own body axes (forward, left, up);
     f, l, u are levelled: forward and left parallel to the earth's surface, up perpendicular to it.
     source is the line it was read from, verbatim, under its file's name.
     """
@@ -277,7 +277,7 @@ class FrameLabels:
         boxes: Boxes of a label file, in the file's order; None for an invalid line.
         cuboids: Boxes of tracklets, in velo_link; a frame has these or boxes.
         source: The frame's lines verbatim, under their file's name; None for tracklets.
-        missing: Invalid lines: place to the reason, a line.
+        missing: Invalid lines: index to the reason, a line.
     """
 
     boxes: Sequence[Box | None] = ()
@@ -286,7 +286,7 @@ class FrameLabels:
     missing: Mapping[str, str] = field(default_factory=dict)
 
 
-# The places of KITTI's rectified cameras relative to each other.
+# The positions of KITTI's rectified cameras relative to each other.
 
 LEFT_OF = {1: 0, 3: 2}
 """The left camera of each right camera's stereo pair."""
@@ -331,7 +331,7 @@ def cuboids_of(labels: FrameLabels, calibration: Calibration) -> list[Cuboid]:
 
 
 def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
-    """Return each box of a frame with its id: its track's, or its place in the file."""
+    """Return each box of a frame with its id: its track's, or its index in the file."""
     return [
         (str(index) if box.track_id is None else _track_identity(box.track_id, index), box)
         for index, box in enumerate(labels.boxes)
@@ -340,7 +340,7 @@ def identified(labels: FrameLabels) -> list[tuple[str, Box]]:
 
 
 def _track_identity(track_id: int, index: int) -> str:
-    """Return the id of a box; DontCare regions all have track -1, so theirs is their place."""
+    """Return the id of a box; DontCare regions all have track -1, so theirs is their index."""
     return str(track_id) if track_id >= 0 else f'{track_id}.{index}'
 
 
@@ -388,7 +388,7 @@ class Trails:
 
 
 def nearest_stamps(ordered_ns: Int64Array, stamps_ns: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Return the place of the nearest of (N,) ascending stamps, and how much later (M,) are.
+    """Return the index of the nearest of (N,) ascending stamps, and how much later (M,) are.
 
     Of two that are as near it is the earlier one.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's streams and layouts, their stamps and columns, and the place of local poses on earth."""
+"""KITTI's streams and layouts, their stamps and columns, and the geographic origin of poses."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class LayoutTraits:
         noun: The same in one word.
         default_name: The name of a new recording; {date} (YYYY_MM_DD) and {kind} (sync or extract)
             are filled in.
-        streams: The streams that have a place in the layout.
+        streams: The streams of the layout.
         cameras: The cameras of the main download; other folders of images may be absent.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
         stamps_per_stream: Whether each stream has its own stamps, so that any of them may have
@@ -449,7 +449,7 @@ _COUNT = 3
 
 @dataclass(frozen=True)
 class GeoOrigin:
-    """The place of the origin of local coordinates.
+    """The geographic position of the origin of local coordinates.
 
     Attributes:
         lat, lon: Degrees north and east.
@@ -465,7 +465,7 @@ class GeoOrigin:
         """Parse LAT,LON,ALT; the default for an empty text.
 
         Raises:
-            ValueError: It is not three numbers of a place; the message names what is expected.
+            ValueError: It is not three numbers of a position; the message names what is expected.
         """
         if not text.strip():
             return cls()
@@ -485,7 +485,7 @@ class GeoOrigin:
         return cls(*numbers)
 
     def moved(self, east: float, north: float, up: float) -> GeoOrigin:
-        """Return the place that lies some metres away, on KITTI's sphere.
+        """Return the position some metres away, on KITTI's sphere.
 
         Along the tangent plane: to 5e-5 m up to 10 m away and 70 degrees of latitude.
         """

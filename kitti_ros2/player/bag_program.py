@@ -65,7 +65,7 @@ _DEPTH = 10
 
 @dataclass(frozen=True)
 class ImageTopics:
-    """Image topics played in addition to those of a bag, or in their place.
+    """Image topics played in addition to those of a bag, or instead.
 
     Attributes:
         sources: Made topic to the topic of the bag that it is made from.

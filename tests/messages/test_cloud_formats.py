@@ -18,9 +18,9 @@ from kitti_ros2.messages.scan import (
     COLUMNS,
     ESTIMATED_LASERS,
     PointValues,
+    assign_cells,
     decode_scan,
     encode_scan,
-    place,
     rings,
 )
 from kitti_ros2.model.bag_formats import EXTRA, FORMATS, VALUES, Points
@@ -314,7 +314,7 @@ def test_each_point_has_a_cell_of_its_own_and_rows_rise_with_time(pairs, seed):
     shuffled = [pairs[at] for at in np.random.default_rng(seed).permutation(len(pairs))]
     rows = np.array([row for row, _ in shuffled], np.uint16)
     parts = np.array([part for _, part in shuffled], np.float64)
-    cells, columns = place(rows, parts, 4)
+    cells, columns = assign_cells(rows, parts, 4)
     assert columns == max([COLUMNS, *np.bincount(rows, minlength=1).tolist()])
     assert len(set(cells.tolist())) == len(cells)
     assert (cells // columns).tolist() == rows.tolist()
