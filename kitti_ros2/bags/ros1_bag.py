@@ -211,7 +211,7 @@ def _record_at(view: memoryview, position: int) -> tuple[Fields, int, int] | Non
     return (fields, start, following) if opcode_of(fields) and following <= len(view) else None
 
 
-class _ChunkHead(NamedTuple):
+class _ChunkRecord(NamedTuple):
     """A chunk: the size of its records, and where they are stored in it."""
 
     compression: str
@@ -220,7 +220,7 @@ class _ChunkHead(NamedTuple):
     end: int
 
 
-def _parse_chunk(data: Buffer) -> _ChunkHead | None:
+def _parse_chunk(data: Buffer) -> _ChunkRecord | None:
     """Parse the head of a chunk; None if data begin with another record."""
     try:
         fields, start, end = split_record(data, 0)
@@ -229,7 +229,7 @@ def _parse_chunk(data: Buffer) -> _ChunkHead | None:
     if opcode_of(fields) != CHUNK:
         return None
     compression = fields[b'compression'].decode('ascii', 'replace')
-    return _ChunkHead(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
+    return _ChunkRecord(compression, _UINT32.unpack(fields[b'size'])[0], start, end)
 
 
 def parse_message(fields: Fields) -> tuple[int, int]:

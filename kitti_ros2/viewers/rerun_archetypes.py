@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     )
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array
-    from .rerun_series import CameraRig, ProgramSurvey
+    from .rerun_series import ProgramCameras, ProgramSurvey
 
 
 # Colours of points in Rerun's format: 0xRRGGBBAA.
@@ -145,7 +145,7 @@ class Context:
     """
 
     survey: ProgramSurvey
-    rig: CameraRig
+    rig: ProgramCameras
     note: Callable[[str], object]
 
 

@@ -106,7 +106,7 @@ class ProgramSurvey:
         return frame
 
 
-class CameraRig:
+class ProgramCameras:
     """The cameras of a program, each with the model of its last CameraInfo."""
 
     def __init__(self, survey: ProgramSurvey) -> None:

@@ -19,7 +19,7 @@ from ..model.bag_formats import DETECTIONS_2D, DETECTIONS_3D, FIX, MARKERS
 from ..model.errors import describe_error, one_line
 from ..player.program import ReadAhead
 from .rerun_archetypes import FRAME, TABLE, TIME, VECTORS, Context, TimePoint, entity_path
-from .rerun_series import IMAGES, CameraRig, make_survey
+from .rerun_series import IMAGES, ProgramCameras, make_survey
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -178,7 +178,9 @@ def show(
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
     notes: dict[str, None] = {}
-    shown = _StreamLogger(program, stream, Context(survey, CameraRig(survey), notes.setdefault))
+    shown = _StreamLogger(
+        program, stream, Context(survey, ProgramCameras(survey), notes.setdefault)
+    )
     every = frozenset(range(len(program.channels)))
     with ReadAhead(program, _AHEAD, polite=False) as ahead:
         ahead.want(every)
