@@ -279,20 +279,20 @@ def _recover(out: Path) -> tuple[str, ...]:
     journal = find_journal(out)
     if journal is not None:
         _undo(out, journal)
-        done = f'has been undone, and frames {format_numbers(journal.numbers)} removed again'
+        outcome = f'has been undone, and frames {format_numbers(journal.numbers)} removed again'
     elif COMMITTED in entries:
         path = work / COMMITTED
         numbers = parse_journal(STORE.read_text(path), path).numbers
-        done = f'had been complete: frames {format_numbers(numbers)} are in the set'
+        outcome = f'had been complete: frames {format_numbers(numbers)} are in the set'
     else:
-        done = 'had not added a frame yet, and its files have been removed'
+        outcome = 'had not added a frame yet, and its files have been removed'
     for name in (CONTENT, BEFORE):
         if name in entries:
             shutil.rmtree(work / name)
     for name in (_NEW_JOURNAL, COMMITTED):
         (work / name).unlink(missing_ok=True)
     work.rmdir()
-    return (f'{out}: an append that was interrupted {done}',)
+    return (f'{out}: an append that was interrupted {outcome}',)
 
 
 def _undo(out: Path, journal: AppendJournal) -> None:

@@ -267,18 +267,18 @@ def _find_unusual(
             strays.append(name)
     numbers = sorted(files)
     several = {number: [name for *_, name in sorted(files[number])] for number in numbers}
-    chosen = {number: names[0] for number, names in several.items()}
+    by_number = {number: names[0] for number, names in several.items()}
     return NumberedNames(
         numbers,
-        _pattern(chosen, suffixes[0], frames),
+        _pattern(by_number, suffixes[0], frames),
         tuple(strays),
         {number: tuple(names[1:]) for number, names in several.items() if len(names) > 1},
     )
 
 
-def _pattern(chosen: Mapping[int, str], suffix: str, frames: FileNames) -> FileNames:
+def _pattern(by_number: Mapping[int, str], suffix: str, frames: FileNames) -> FileNames:
     """Return how files are named: by the digits and the suffix of most, with the others apart."""
-    parts = {number: split_name(name) for number, name in chosen.items()}
+    parts = {number: split_name(name) for number, name in by_number.items()}
     suffix = _most([ending for _, ending in parts.values()]) or suffix
     digits = frames.digits
     if parts and not frames.stems:
@@ -288,7 +288,7 @@ def _pattern(chosen: Mapping[int, str], suffix: str, frames: FileNames) -> FileN
         if any(stem != file_name(number, digits, '') for number, (stem, _) in parts.items()):
             digits = _most(lengths) or digits
     usual = FileNames(digits, suffix, frames.stems)
-    others = {number: name for number, name in chosen.items() if name != usual.name(number)}
+    others = {number: name for number, name in by_number.items() if name != usual.name(number)}
     return FileNames(digits, suffix, frames.stems, others)
 
 

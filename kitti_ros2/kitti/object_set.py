@@ -181,9 +181,9 @@ def find_raw_root(root: Path, raw: Path | None = None) -> Path:
     for folder in (root / 'raw', root.parent / 'raw', root.parent / 'raw_data', root.parent):
         if any(names.RAW_DATE.fullmatch(name) for name in STORE.names(folder)):
             return folder
-    asked = either([f'{root.parent}/raw', f'{root.parent}/raw_data'])
+    searched = either([f'{root.parent}/raw', f'{root.parent}/raw_data'])
     raise UsageError(
-        f'no raw drives beside {root} (in {asked}); give their folder with --raw,'
+        f'no raw drives beside {root} (in {searched}); give their folder with --raw,'
         f' of their archives {names.TIMESTAMPS} in each stream is enough'
     )
 
@@ -330,8 +330,8 @@ class DriveStamps:
         if column not in _FILES:
             return {f'{stream.value}: no camera of the raw drives': [*numbers]}
         of_column = self._reasons[column]
-        asked = frozenset(numbers)
-        by_reason = {reason: sorted(asked.intersection(of)) for reason, of in of_column.items()}
+        requested = frozenset(numbers)
+        by_reason = {reason: sorted(requested.intersection(of)) for reason, of in of_column.items()}
         return {reason: frames for reason, frames in by_reason.items() if frames}
 
     def _column(self, name: str) -> dict[int, int]:

@@ -246,7 +246,7 @@ def not_of_layout(path: Path, layout: Layout) -> NotKittiError:
 
 
 def choose_recording(
-    path: Path, layout: Layout, candidates: list[Candidate], asked: str | None
+    path: Path, layout: Layout, candidates: list[Candidate], sequence: str | None
 ) -> Candidate:
     """Return the candidate of a name, or the only one.
 
@@ -255,14 +255,14 @@ def choose_recording(
         UsageError: None has the name, or several have.
     """
     all_names = [candidate.name for candidate in candidates]
-    if asked is not None:
-        matching = [candidate for candidate in candidates if _matches(candidate.name, asked)]
+    if sequence is not None:
+        matching = [candidate for candidate in candidates if _matches(candidate.name, sequence)]
         if len(matching) > 1:
             several = some_of([candidate.name for candidate in matching])
-            raise UsageError(f'{path}: sequence {asked!r} may be {several}; give the whole name')
+            raise UsageError(f'{path}: sequence {sequence!r} may be {several}; give the whole name')
         if not matching:
-            hint = did_you_mean(asked, all_names) or f'; it holds {some_of(all_names, 12)}'
-            raise UsageError(f'{path}: no sequence {asked!r}{hint}')
+            hint = did_you_mean(sequence, all_names) or f'; it holds {some_of(all_names, 12)}'
+            raise UsageError(f'{path}: no sequence {sequence!r}{hint}')
         return matching[0]
     if len(candidates) > 1 and not layout.traits.frame_set:
         raise AmbiguousSequenceError(path, layout.traits.noun, all_names).with_remedies(
@@ -295,12 +295,12 @@ def _braces(recording_names: list[str]) -> list[str]:
     ]
 
 
-def _matches(name: str, asked: str) -> bool:
-    if name == asked:
+def _matches(name: str, sequence: str) -> bool:
+    if name == sequence:
         return True
     drive = names.RAW_DRIVE.fullmatch(name)
     short = drive[1] if drive else name
-    return short.isdecimal() and asked.isdecimal() and int(short) == int(asked)
+    return short.isdecimal() and sequence.isdecimal() and int(short) == int(sequence)
 
 
 # The files and folders that a recording is read from.
@@ -463,15 +463,15 @@ def _absent(path: Path) -> NotKittiError:
         folder = folder.parent
     missing_name, below = rest[0], rest[1:]
     close = [folder / name for name in close_names(missing_name, _entries(folder))]
-    meant = [sibling.joinpath(*below) for sibling in close if sibling.joinpath(*below).exists()]
+    matches = [sibling.joinpath(*below) for sibling in close if sibling.joinpath(*below).exists()]
     remedy = 'give a KITTI folder or a bag'
     error = MissingSourceError(
         path,
         'no such file or folder',
         [],
-        f'did you mean {" or ".join(map(str, meant))}?' if meant else remedy,
+        f'did you mean {" or ".join(map(str, matches))}?' if matches else remedy,
     )
-    return error.with_remedies(*(Remedy(path, sibling) for sibling in meant[:1]))
+    return error.with_remedies(*(Remedy(path, sibling) for sibling in matches[:1]))
 
 
 def _not_kitti(path: Path, problem: str, remedy: str = '') -> NotKittiError:
@@ -489,13 +489,13 @@ def _explain_around(path: Path) -> NotKittiError | None:
     folder = data_set.folder if path.is_absolute() else Path(os.path.relpath(data_set.folder))
     below = absolute_path.relative_to(data_set.folder)
     stems = {Path(part).stem for part in below.parts}
-    chosen = [recording.name for recording in data_set.recordings if recording.name in stems]
-    options = ('--sequence', chosen[0]) if chosen and len(data_set.recordings) > 1 else ()
+    sequences = [recording.name for recording in data_set.recordings if recording.name in stems]
+    options = ('--sequence', sequences[0]) if sequences and len(data_set.recordings) > 1 else ()
     is_file = not path.is_dir()
     frame = int(path.stem) if is_file and _is_frame(path.stem) else None
     part = 'a file of' if is_file else 'a folder of'
     part += f' frame {frame} of' if frame is not None else ''
-    sequence = f' (sequence {chosen[0]})' if options else ''
+    sequence = f' (sequence {sequences[0]})' if options else ''
     error = _not_kitti(
         path,
         f'is {part} a KITTI {data_set.layout.value} data set',

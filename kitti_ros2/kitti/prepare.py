@@ -424,14 +424,14 @@ def within(
         numbers: (N,) of the frames.
         stamps_ns: (N,) of the frames.
     """
-    chosen = np.ones(len(numbers), dtype=np.bool_)
+    mask = np.ones(len(numbers), dtype=np.bool_)
     for bound, compare in ((selection.start, np.greater_equal), (selection.end, np.less_equal)):
         if bound is None:
             continue
         if bound.frame is not None:
-            chosen &= compare(numbers, bound.frame)
+            mask &= compare(numbers, bound.frame)
         elif bound.offset_ns is not None:
-            chosen &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
+            mask &= compare(stamps_ns, int(stamps_ns.min()) + bound.offset_ns)
         else:
-            chosen &= compare(stamps_ns, bound.stamp_ns or 0)
-    return chosen
+            mask &= compare(stamps_ns, bound.stamp_ns or 0)
+    return mask

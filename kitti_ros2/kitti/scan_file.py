@@ -334,10 +334,10 @@ def _best(values: Sequence[Values], sizes: Sequence[int]) -> int:
     kinds = [_kinds_of(value) for value in values]
     gains = {n: _information(kinds, n) for n in {*possible, _COLUMNS}}
     best = max(gains.values())
-    chosen = min((n for n in possible if gains[n] >= best - _NEARLY), default=_COLUMNS)
+    columns = min((n for n in possible if gains[n] >= best - _NEARLY), default=_COLUMNS)
     count = sum(map(len, values))
-    noise = _DEVIATIONS * np.sqrt(2 * (chosen - 1) * (_KINDS - 1)) / (2 * count)
-    return chosen if gains[chosen] - gains[_COLUMNS] > _LEAST_GAIN + noise else _COLUMNS
+    noise = _DEVIATIONS * np.sqrt(2 * (columns - 1) * (_KINDS - 1)) / (2 * count)
+    return columns if gains[columns] - gains[_COLUMNS] > _LEAST_GAIN + noise else _COLUMNS
 
 
 def _kinds_of(values: Values) -> npt.NDArray[np.intp]:

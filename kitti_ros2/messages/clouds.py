@@ -205,13 +205,13 @@ def _range_zero(
     return np.asarray((ranges if order is None else ranges[order]) == 0)
 
 
-def _coincident(points: Float32Array, chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return (N,) which of the chosen points coincide, if several and most of them are.
+def _coincident(points: Float32Array, selected: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return (N,) which of the selected points coincide, if several and most of them are.
 
     Points that are missing returns by themselves are left out.
     """
-    chosen = chosen & ~_not_finite(points) & ~_at_zero(points)
-    [which] = np.nonzero(chosen)
+    selected = selected & ~_not_finite(points) & ~_at_zero(points)
+    [which] = np.nonzero(selected)
     if len(which) < _LEAST_COINCIDENT:
         return np.zeros(len(points), dtype=np.bool_)
     xyz = points[which, :3]
@@ -426,7 +426,7 @@ def _check_field(field: PointField, point_step: int) -> None:
         )
 
 
-def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArray[np.void]:
+def _fields_of(message: PointCloud2, fields: dict[str, PointField]) -> npt.NDArray[np.void]:
     """Return a (height, width) structured view of the chosen fields.
 
     Raises:
@@ -447,9 +447,9 @@ def _fields_of(message: PointCloud2, chosen: dict[str, PointField]) -> npt.NDArr
     order = '>' if message.is_bigendian else '<'
     point = np.dtype(
         {
-            'names': list(chosen),
-            'formats': [order + _KINDS[field.datatype] for field in chosen.values()],
-            'offsets': [field.offset for field in chosen.values()],
+            'names': list(fields),
+            'formats': [order + _KINDS[field.datatype] for field in fields.values()],
+            'offsets': [field.offset for field in fields.values()],
             'itemsize': message.point_step,
         }
     )

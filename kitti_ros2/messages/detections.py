@@ -379,7 +379,7 @@ def cuboids_of_objects(
     for detection in message.objects:
         pose = detection.kinematics.pose_with_covariance.pose
         offset, size = _bounds(detection.shape)
-        best = max(detection.classification, key=lambda one: one.probability, default=None)
+        best = max(detection.classification, key=lambda label: label.probability, default=None)
         cuboids.append(
             Cuboid(
                 '' if best is None else class_of(int(best.label)),

@@ -308,7 +308,7 @@ def _why_rectified(tree: FrameTree, index: int, rig: Mapping[int, CameraModel]) 
 
 
 def _viewpoint(
-    tree: FrameTree, index: int, rig: Mapping[int, CameraModel], chosen: Collection[int]
+    tree: FrameTree, index: int, rig: Mapping[int, CameraModel], cameras: Collection[int]
 ) -> tuple[Viewpoint, str]:
     """Return the viewpoint of a camera, and a note where it is ambiguous.
 
@@ -316,7 +316,7 @@ def _viewpoint(
         tree: The static transforms.
         index: KITTI index of the camera.
         rig: All cameras.
-        chosen: Those with a viewpoint: only one of them can be the left camera of a frame that
+        cameras: Those with a viewpoint: only one of them can be the left camera of a frame that
             no transform joins.
     """
     model = rig[index]
@@ -328,7 +328,7 @@ def _viewpoint(
         (rig[other], pose)
         for other in sorted(rig, key=lambda other: (other != LEFT_OF.get(index), other))
         for pose in [tree.find(model.frame, rig[other].frame)]
-        if other != index and (pose is not None or other in chosen)
+        if other != index and (pose is not None or other in cameras)
     ]
     lefts = [pair for pair in around if np.linalg.norm(pair[0].offset) < _NO_BASELINE_M]
     for left, pose in lefts:
@@ -404,14 +404,14 @@ def _doubtful(
     is applied to the camera's own frame.
     """
     baseline = float(np.linalg.norm(model.offset))
-    said = f'camera {index}: P has a baseline of {baseline:.3f} m'
+    note = f'camera {index}: P has a baseline of {baseline:.3f} m'
     if not joined:
-        return own, f'{said}, taken as from {model.frame}: {_NO_LEFT}'
+        return own, f'{note}, taken as from {model.frame}: {_NO_LEFT}'
     left, position = min(joined, key=lambda pair: float(np.linalg.norm(pair[1] - model.offset)))
-    said += (
+    note += (
         f' but {model.frame} is {np.linalg.norm(position):.3f} m from {left.frame} by the static'
         f' transforms'
     )
     if np.linalg.norm(position - model.offset) <= _PLAUSIBLE * baseline:
-        return _beside(model, left), f'{said}; P is believed'
-    return own, f'{said}; P is taken from {model.frame}'
+        return _beside(model, left), f'{note}; P is believed'
+    return own, f'{note}; P is taken from {model.frame}'

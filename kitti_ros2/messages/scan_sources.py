@@ -526,9 +526,9 @@ def decode_packets(
     azimuth = np.radians(_azimuths(blocks['azimuth'], dual, model) / 100)
     laser = _lasers_of(blocks['flag'], model)
     resolution = model.resolution_m if lasers.resolution_m is None else lasers.resolution_m
-    chosen = laser[is_return]
+    lasers_hit = laser[is_return]
     metres = np.asarray(distance[is_return] * resolution, np.float64)
-    xyz = _cartesian(metres, azimuth[is_return], lasers, chosen)
+    xyz = _cartesian(metres, azimuth[is_return], lasers, lasers_hit)
     reflectivity = blocks['values']['reflectivity'][is_return] / intensity_scale
     lost = {BAD_PACKET: bad} if bad else {}
     return ScanPoints(

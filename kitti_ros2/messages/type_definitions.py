@@ -92,18 +92,18 @@ def _enter(line: str, package: str, constants: Constdefs, fields: Fielddefs) -> 
             return False
         constants.append((name, cast('Basename', kind), int(value)))
         return True
-    one: BaseDesc | NameDesc
+    element: BaseDesc | NameDesc
     if kind in _BASES:
-        one = (Nodetype.BASE, (cast('Basename', kind), 0))
+        element = (Nodetype.BASE, (cast('Basename', kind), 0))
     elif _MESSAGE.fullmatch(kind):
-        one = (Nodetype.NAME, _full_name(kind, package))
+        element = (Nodetype.NAME, _full_name(kind, package))
     else:
         return False
-    described: FieldDesc = one
+    described: FieldDesc = element
     if brackets:
         size = int(length or 0)
         is_array = size and not bound
-        described = (Nodetype.ARRAY, (one, size)) if is_array else (Nodetype.SEQUENCE, (one, size))
+        described = (Nodetype.ARRAY if is_array else Nodetype.SEQUENCE, (element, size))
     fields.append((name, described))
     return True
 

@@ -558,10 +558,10 @@ def match(
     ]
     of_predictions = [Match(Verdict.FALSE_POSITIVE)] * len(predictions)
     for index, overlapped in _overlapped(labels, predictions, overlaps):
-        chosen = _choose(overlapped, of_labels)
-        of_predictions[index] = chosen
-        if chosen.partner is not None:
-            of_labels[chosen.partner] = chosen._replace(partner=index)
+        decided = _choose(overlapped, of_labels)
+        of_predictions[index] = decided
+        if decided.partner is not None:
+            of_labels[decided.partner] = decided._replace(partner=index)
     return Matches(of_labels, of_predictions)
 
 

@@ -436,12 +436,12 @@ def _move(
     columns = _columns(points)
     with np.errstate(invalid='ignore'):
         for first, last, factors in terms:
-            chosen = np.flatnonzero((parts >= first) & (parts <= last))
-            since_middle = (parts[chosen] - (first + last) / 2) * (turn.length_ns / NS_PER_S)
+            indices = np.flatnonzero((parts >= first) & (parts <= last))
+            since_middle = (parts[indices] - (first + last) / 2) * (turn.length_ns / NS_PER_S)
             seconds = since_middle.astype(np.float32)
-            xyz = [column[chosen] for column in columns]
+            xyz = [column[indices] for column in columns]
             for axis in range(axes):
-                moved[chosen, axis] = xyz[axis] + _polynomial(factors[axis], xyz, seconds)
+                moved[indices, axis] = xyz[axis] + _polynomial(factors[axis], xyz, seconds)
     return moved
 
 
@@ -456,11 +456,11 @@ def _polynomial(
 
 
 def _affine(factors: list[float], columns: Sequence[Float32Array]) -> Float32Array:
-    x, y, z, one = factors
+    x, y, z, constant = factors
     total = columns[0] * x
     total += columns[1] * y
     total += columns[2] * z
-    total += one
+    total += constant
     return total
 
 
@@ -676,13 +676,13 @@ def route_of(
     offsets = np.diff(positions, axis=0)
     steps = np.linalg.norm(offsets, axis=1)
     jumps = steps > np.maximum(np.diff(stamps) / 1e9, 1e-3) * _STEP_LIMIT_M_S
-    chosen = [poses[index] for index in order]
-    speeds = np.linalg.norm([_rate_or_nan(pose.velocity) for pose in chosen], axis=1)
+    ordered = [poses[index] for index in order]
+    speeds = np.linalg.norm([_rate_or_nan(pose.velocity) for pose in ordered], axis=1)
     measured = not np.isnan(speeds).all()
     if not measured:
         speeds = _derived(stamps, np.where(jumps, np.nan, steps))
     yaws = _continuous(np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]))
-    rates = [_rate_or_nan(pose.angular_velocity) for pose in chosen]
+    rates = [_rate_or_nan(pose.angular_velocity) for pose in ordered]
     turn_rates = np.einsum('ij,ij->i', rotations[:, 2], np.array(rates))  # z of world_R_imu @ rate
     if np.isnan(turn_rates).all():
         turn_rates = _derived(stamps, np.where(jumps, np.nan, np.diff(yaws)))

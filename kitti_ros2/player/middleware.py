@@ -226,12 +226,12 @@ class Closing:
     def __init__(self, stop_request: StopRequest) -> None:
         self.seconds = EXIT_S
         self._stop_request = stop_request
-        self._stack = ExitStack()
+        self._exit_stack = ExitStack()
         self._error: BaseException | None = None
 
     def callback(self, callback: Callable[..., object], *args: object) -> None:
         """Add a callback."""
-        self._stack.callback(callback, *args)
+        self._exit_stack.callback(callback, *args)
 
     def __enter__(self) -> Self:
         return self
@@ -247,6 +247,6 @@ class Closing:
 
     def _close(self) -> None:
         try:
-            self._stack.close()
+            self._exit_stack.close()
         except BaseException as error:  # noqa: BLE001 - the main thread raises it
             self._error = error
