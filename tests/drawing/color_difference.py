@@ -34,7 +34,7 @@ def deuteranope(rgb):
 
 def contrast(rgb, other):
     """The ratio of WCAG 2.1."""
-    low, high = sorted(float(_XYZ[1] @ linear(each)) for each in (rgb, other))
+    low, high = sorted(float(_XYZ[1] @ linear(color)) for color in (rgb, other))
     return (high + 0.05) / (low + 0.05)
 
 

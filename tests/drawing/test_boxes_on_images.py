@@ -222,9 +222,9 @@ def test_pictures_may_be_parts_of_others():
 
 @given(st.floats(0.2, 4), st.floats(0.2, 4))
 def test_resized_objects_keep_their_edges(scale_x, scale_y):
-    (found,) = resized([flat(10, 20, 30, 40)], scale_x, scale_y)
+    (scaled,) = resized([flat(10, 20, 30, 40)], scale_x, scale_y)
     expected = (np.array([10, 20, 30, 40]) + 0.5) * ([scale_x, scale_y] * 2) - 0.5
-    np.testing.assert_allclose(found.box_2d, expected)
+    np.testing.assert_allclose(scaled.box_2d, expected)
 
 
 def test_real_wireframes_are_around_the_2d_labels(real_kitti):
@@ -232,14 +232,14 @@ def test_real_wireframes_are_around_the_2d_labels(real_kitti):
     for number, expected in EXPECTED_IOU.items():
         frame = source.frame(number, frozenset({'image_2', 'labels'}))
         projection = Projection.of(frame.calibration, 2)
-        found = {}
-        for each in frame.objects:
-            if each.cuboid is None:
+        ious = {}
+        for obj in frame.objects:
+            if obj.cuboid is None:
                 continue
             # Enlarged, and in the thinner style, so that the width of a line counts for little.
             picture = np.zeros((*(4 * np.array(frame.images[2].shape[:2])), 3), np.uint8)
-            draw_wireframes(picture, [], projection.resized(4, 4), [each], named=False)
+            draw_wireframes(picture, [], projection.resized(4, 4), [obj], named=False)
             left, top, right, bottom = bounds_of(drawn(picture))
-            label = resized([each], 4, 4)[0].box_2d
-            found[each.class_name] = iou((left, top, right, bottom), label)
-        assert found == {kind: pytest.approx(value, abs=0.02) for kind, value in expected.items()}
+            label = resized([obj], 4, 4)[0].box_2d
+            ious[obj.class_name] = iou((left, top, right, bottom), label)
+        assert ious == {kind: pytest.approx(value, abs=0.02) for kind, value in expected.items()}

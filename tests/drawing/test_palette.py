@@ -70,7 +70,7 @@ def test_classes_and_predictions_are_told_apart(one, other, seen):
     assert ciede2000(a, b) >= 12
 
 
-RESULTS = {**{each.value: rgb for each, rgb in VERDICT_COLORS.items()}, '-': NEUTRAL_COLOR}
+RESULTS = {**{verdict.value: rgb for verdict, rgb in VERDICT_COLORS.items()}, '-': NEUTRAL_COLOR}
 
 
 @pytest.mark.parametrize('result', RESULTS)

@@ -75,9 +75,9 @@ def test_boxes_are_where_they_are():
         pixel_of(20 + x, 4 + y, -1 + z) for x in (-2, 2) for y in (-1, 1) for z in (-0.75, 0.75)
     ]
     rows, columns = np.nonzero(changed)
-    for found, expected in ((rows, [c[0] for c in corners]), (columns, [c[1] for c in corners])):
-        assert abs(found.min() - min(expected)) <= 4
-        assert abs(found.max() - max(expected)) <= 4
+    for drawn, expected in ((rows, [c[0] for c in corners]), (columns, [c[1] for c in corners])):
+        assert abs(drawn.min() - min(expected)) <= 4
+        assert abs(drawn.max() - max(expected)) <= 4
 
 
 def test_the_grid_is_on_the_ground():

@@ -60,7 +60,7 @@ def test_unrectified_cameras_are_where_rectifying_finds_them(index):
     seen = ((rectified > 0) & (rectified < [1241, 374])).all(axis=1)
     assert seen.sum() > 50
     u, v = rectified[seen].astype(np.float32).T[:, :, None]
-    expected = np.hstack([cv2.remap(each, u, v, cv2.INTER_LINEAR) for each in maps])
+    expected = np.hstack([cv2.remap(remap, u, v, cv2.INTER_LINEAR) for remap in maps])
     np.testing.assert_allclose(pixels[seen], expected, atol=0.05)
 
 

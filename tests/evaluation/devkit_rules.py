@@ -29,11 +29,11 @@ class Line:
 
     def outline(self):
         cos, sin = math.cos(self.ry), math.sin(self.ry)
-        found = []
+        quad = []
         for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
             along, across = i * self.length / 2, j * self.width / 2
-            found.append((self.x + cos * along + sin * across, self.z - sin * along + cos * across))
-        return found
+            quad.append((self.x + cos * along + sin * across, self.z - sin * along + cos * across))
+        return quad
 
 
 def shoelace(polygon):
@@ -51,15 +51,15 @@ def clip(polygon, first, second):
             point[0] - first[0]
         )
 
-    found = []
+    clipped = []
     for start, end in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         s, e = side(start), side(end)
         if s <= 0:
-            found.append(start)
+            clipped.append(start)
         if (s < 0 < e) or (e < 0 < s):
             t = s / (s - e)
-            found.append((start[0] + t * (end[0] - start[0]), start[1] + t * (end[1] - start[1])))
-    return found
+            clipped.append((start[0] + t * (end[0] - start[0]), start[1] + t * (end[1] - start[1])))
+    return clipped
 
 
 def ground_intersection(a, b):
@@ -84,10 +84,10 @@ def overlap(metric, det, gt, by_detection=False):
         sizes = [(r[2] - r[0]) * (r[3] - r[1]) for r in (det.rectangle, gt.rectangle)]
     else:
         common = ground_intersection(det, gt)
-        sizes = [each.length * each.width for each in (det, gt)]
+        sizes = [box.length * box.width for box in (det, gt)]
         if metric == '3d':
             common *= max(min(det.y, gt.y) - max(det.y - det.height, gt.y - gt.height), 0.0)
-            sizes = [size * each.height for size, each in zip(sizes, (det, gt), strict=True)]
+            sizes = [size * box.height for size, box in zip(sizes, (det, gt), strict=True)]
     whole = sizes[0] if by_detection else sizes[0] + sizes[1] - common
     return common / whole if whole else 0.0
 
@@ -130,7 +130,7 @@ class Frame:
         return sum(not hard for _, _, hard in self.gts)
 
     def scores(self):
-        used, found = set(), []
+        used, true_scores = set(), []
         for i, _, hard in self.gts:
             best = None
             for j in self.ignored:
@@ -141,8 +141,8 @@ class Frame:
             if best is not None:
                 used.add(best)
                 if not hard and not self.ignored[best]:
-                    found.append(self.dets[best].score)
-        return found
+                    true_scores.append(self.dets[best].score)
+        return true_scores
 
     def count(self, threshold):
         """True positives, false positives, similarity."""
@@ -170,16 +170,16 @@ class Frame:
 
 
 def sampled(scores, objects):
-    found, recall = [], 0.0
+    thresholds, recall = [], 0.0
     scores = sorted(scores)[::-1]
     for i in range(len(scores)):
         left = (i + 1) / objects
         right = (i + 2) / objects if i + 1 < len(scores) else left
         if i + 1 < len(scores) and right - recall < recall - left:
             continue
-        found.append(scores[i])
+        thresholds.append(scores[i])
         recall += 1 / 40
-    return found
+    return thresholds
 
 
 def averages(points):
@@ -200,16 +200,16 @@ def evaluate(gt_texts, det_texts, classes=CLASSES):
         scores[kind] = {metric: {} for metric in (*METRICS, 'aos')}
         for metric in METRICS:
             for level in LEVELS:
-                found = [
+                evaluated = [
                     Frame(gts, dets, kind, metric, level, limit, cache)
                     for (gts, dets), cache in zip(frames, caches, strict=True)
                 ]
-                found = [each for each in found if each.gts or each.ignored]
-                objects = sum(each.counted() for each in found)
-                thresholds = sampled([s for each in found for s in each.scores()], objects)
+                evaluated = [frame for frame in evaluated if frame.gts or frame.ignored]
+                objects = sum(frame.counted() for frame in evaluated)
+                thresholds = sampled([s for frame in evaluated for s in frame.scores()], objects)
                 precision, similarity = [], []
                 for threshold in thresholds:
-                    counts = [each.count(threshold) for each in found]
+                    counts = [frame.count(threshold) for frame in evaluated]
                     right, wrong, alike = (sum(column) for column in zip(*counts, strict=True))
                     precision.append(right / (right + wrong) if right + wrong else 0.0)
                     similarity.append(alike / (right + wrong) if right + wrong else 0.0)

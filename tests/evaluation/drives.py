@@ -41,11 +41,11 @@ Tr: 4.27e-04 -9.999672e-01 -8.08e-03 -1.2e-02 -7.21e-03 8.08e-03 -9.999413e-01 -
 def turn_y(angles_rad):
     """(N, 3, 3) rotations about the y axis of a camera, which points down."""
     angles = np.asarray(angles_rad, np.float64)
-    found = np.zeros((len(angles), 3, 3))
-    found[:, 0, 0] = found[:, 2, 2] = np.cos(angles)
-    found[:, 0, 2], found[:, 2, 0] = np.sin(angles), -np.sin(angles)
-    found[:, 1, 1] = 1
-    return found
+    rotations = np.zeros((len(angles), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 2, 2] = np.cos(angles)
+    rotations[:, 0, 2], rotations[:, 2, 0] = np.sin(angles), -np.sin(angles)
+    rotations[:, 1, 1] = 1
+    return rotations
 
 
 def drive(frames: int, step_m: float = 0.9, bend: float = 1.0) -> np.ndarray:
@@ -68,22 +68,22 @@ def distances(poses: np.ndarray) -> np.ndarray:
 def drifted(poses: np.ndarray, share: float = 0.0, deg_per_m: float = 0.0) -> np.ndarray:
     """Poses that are pushed aside, and turned about the first y axis, in proportion to the way."""
     way = distances(poses)
-    found = poses.copy()
-    found[:, 0, 3] += share * way
-    found[:, :3, :3] = turn_y(np.radians(deg_per_m) * way) @ poses[:, :3, :3]
-    return found
+    result = poses.copy()
+    result[:, 0, 3] += share * way
+    result[:, :3, :3] = turn_y(np.radians(deg_per_m) * way) @ poses[:, :3, :3]
+    return result
 
 
 def shaken(poses: np.ndarray, seed: int = 0) -> np.ndarray:
     """Poses with the errors of an odometry: each step is a little wrong."""
     rng = np.random.default_rng(seed)
-    found = [poses[0]]
+    result = [poses[0]]
     for before, after in pairwise(poses):
         wrong = np.eye(4)
         wrong[:3, :3] = turn_y(rng.normal(2e-4, 1e-3, 1))[0]
         wrong[:3, 3] = rng.normal(0.004, 0.02, 3)
-        found.append(found[-1] @ np.linalg.inv(before) @ after @ wrong)
-    return np.array(found)
+        result.append(result[-1] @ np.linalg.inv(before) @ after @ wrong)
+    return np.array(result)
 
 
 def write_poses(path: Path, poses: Iterable[np.ndarray], numbers: Sequence[int] | None = None):
@@ -142,8 +142,8 @@ def stamped(stamp_ns: int, pose: np.ndarray) -> PoseStamped:
 
 
 def path_of(stamps_ns: Sequence[int], poses: Iterable[np.ndarray]) -> PathMessage:
-    found = [stamped(stamp_ns, pose) for stamp_ns, pose in zip(stamps_ns, poses, strict=True)]
-    return PathMessage(make_header(stamps_ns[-1], 'odom'), found)
+    steps = [stamped(stamp_ns, pose) for stamp_ns, pose in zip(stamps_ns, poses, strict=True)]
+    return PathMessage(make_header(stamps_ns[-1], 'odom'), steps)
 
 
 def link(stamp_ns: int, pose: np.ndarray, child: str = 'base_link') -> TFMessage:
@@ -158,7 +158,7 @@ def write_bag(path: Path, *messages: tuple[str, int, object]) -> Path:
     """A bag of messages: topic, log time in nanoseconds, message."""
     with open_bag(path, BagOptions(storage='mcap'), TYPESTORE) as writer:
         channels: dict[str, int] = {}
-        for topic, stamp_ns, message in sorted(messages, key=lambda each: each[1]):
+        for topic, stamp_ns, message in sorted(messages, key=lambda row: row[1]):
             if topic not in channels:
                 channels[topic] = writer.add_channel(Channel(topic, message.__msgtype__))
             writer.write(channels[topic], stamp_ns, (join(serialize(message)),))

@@ -53,24 +53,24 @@ def make_frames(count, seed, objects=7):
     rng = np.random.default_rng(seed)
     labels, results = [], []
     for _ in range(count):
-        made, found = [], []
+        made, lines = [], []
         for _ in range(rng.poisson(objects) if rng.random() > 0.05 else 0):
-            _add_object(made, found, rng)
+            _add_object(made, lines, rng)
         for _ in range(rng.poisson(1.0)):
             left, top = rng.uniform(-50, 1200), rng.uniform(100, 200)
             area = np.array([left, top, left + rng.uniform(20, 200), top + rng.uniform(20, 90)])
             made.append(DONT_CARE.format(*area))
             if rng.random() < 0.6:  # within the region, or partly
-                found.append(_false_positive(rng, area + rng.normal(0, 6, 4)))
-        found += [_false_positive(rng) for _ in range(rng.poisson(1.5))]
+                lines.append(_false_positive(rng, area + rng.normal(0, 6, 4)))
+        lines += [_false_positive(rng) for _ in range(rng.poisson(1.5))]
         rng.shuffle(made)
-        rng.shuffle(found)
+        rng.shuffle(lines)
         labels.append(''.join(made))
-        results.append(''.join(found) if rng.random() > 0.03 else '')
+        results.append(''.join(lines) if rng.random() > 0.03 else '')
     return labels, results
 
 
-def _add_object(made, found, rng):
+def _add_object(made, lines, rng):
     kind = KINDS[rng.integers(len(KINDS))]
     size = np.array(SIZES_HWL[kind]) * rng.normal(1, 0.05)
     place = np.array([rng.normal(0, 8), 1.7, rng.gamma(3, 8) + 4])
@@ -101,7 +101,7 @@ def _add_object(made, found, rng):
         said = said.lower() if rng.random() < 0.1 else said
         score = round(rng.random(), 1) if rng.random() < 0.5 else rng.normal(0.6, 0.3)
         sized = size * (1 + rng.normal(0, noise, 3))
-        found.append(line_of(said, -1, -1, turned - ry + alpha, seen, sized, moved, turned, score))
+        lines.append(line_of(said, -1, -1, turned - ry + alpha, seen, sized, moved, turned, score))
 
 
 def _false_positive(rng, rectangle=None):

@@ -59,12 +59,12 @@ def write_bag(path: Path, messages: Iterable[Published]) -> Path:
     """Write a bag in the order of log time; transforms that do not move are latched."""
     with open_bag(path, BagOptions(), STORE) as writer:
         channels: dict[str, int] = {}
-        for each in sorted(messages, key=lambda one: one.log_ns):
-            if each.topic not in channels:
-                channel = Channel(each.topic, each.msgtype, latched='static' in each.topic)
-                channels[each.topic] = writer.add_channel(channel)
-            parts = each.message if isinstance(each.message, tuple) else serialize(each.message)
-            writer.write(channels[each.topic], each.log_ns, (join(parts),))
+        for event in sorted(messages, key=lambda one: one.log_ns):
+            if event.topic not in channels:
+                channel = Channel(event.topic, event.msgtype, latched='static' in event.topic)
+                channels[event.topic] = writer.add_channel(channel)
+            parts = event.message if isinstance(event.message, tuple) else serialize(event.message)
+            writer.write(channels[event.topic], event.log_ns, (join(parts),))
     return path
 
 
@@ -92,13 +92,13 @@ def detected(
     cuboids = cuboids_of(labels, recording.calibration(number))
     moved = [
         Cuboid(
-            each.class_name,
-            each.identity,
-            (frame_T_velo or Transform.identity()) @ each.velo_T_box,
-            each.size_lwh,
+            cuboid.class_name,
+            cuboid.identity,
+            (frame_T_velo or Transform.identity()) @ cuboid.velo_T_box,
+            cuboid.size_lwh,
             0.5,
         )
-        for each in cuboids
+        for cuboid in cuboids
     ]
     stamp = stamps_of(recording)[number] if stamp_ns is None else stamp_ns
     return encode_detections(moved, stamp, frame)
@@ -115,16 +115,16 @@ def answers(recording: KittiRecording, *rest: object, late_ns: int = 20_000_000)
 def answers_of_autoware(recording: KittiRecording, *, tracked: bool) -> list[Published]:
     """DetectedObjects or TrackedObjects for each frame, on TOPIC, in base_link."""
     encode = encode_tracked_objects if tracked else encode_detected_objects
-    found = []
+    published = []
     for number, stamp in stamps_of(recording).items():
         calibration = recording.calibration(number)
         labels = cuboids_of(recording.read(Stream.LABELS, number), calibration)
         base_t_imu = Transform.from_translation(BASE_T_IMU)
         frame = ObjectFrame('base_link', base_t_imu @ calibration.velo_T_imu.inverse(), {})
-        message = encode([replace(each, score=0.5) for each in labels], stamp, frame)
+        message = encode([replace(label, score=0.5) for label in labels], stamp, frame)
         msgtype = TRACKED_OBJECTS if tracked else DETECTED_OBJECTS
-        found.append(Published(TOPIC, stamp, message, msgtype))
-    return found
+        published.append(Published(TOPIC, stamp, message, msgtype))
+    return published
 
 
 def answers_2d(recording: KittiRecording, frame: str = '') -> list[Published]:

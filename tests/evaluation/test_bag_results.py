@@ -65,10 +65,10 @@ def assert_same_objects(results, truth, numbers=None):
     assert list(results.boxes) == list(frames)
     assert any(results.boxes.values())
     for number in frames:
-        found = {box.track_id: box for box in results.boxes[number]}
-        assert len(found) == len(results.boxes[number])
+        by_track = {box.track_id: box for box in results.boxes[number]}
+        assert len(by_track) == len(results.boxes[number])
         for place, label in enumerate(labels_of(truth, number)):
-            box = found.pop(place if label.track_id is None else label.track_id, None)
+            box = by_track.pop(place if label.track_id is None else label.track_id, None)
             if box is None:  # out of view
                 continue
             assert (box.class_name, box.score, box.frame) == (label.class_name, 0.5, number)
@@ -79,7 +79,7 @@ def assert_same_objects(results, truth, numbers=None):
             assert turn == pytest.approx(0, abs=1e-4)
             alpha = box.rotation_y - np.arctan2(box.location[0], box.location[2])
             assert np.cos(alpha - box.alpha) == pytest.approx(1)
-        assert not found
+        assert not by_track
 
 
 def test_boxes_are_the_labels_they_were_made_of(truth, tmp_path):
@@ -97,7 +97,7 @@ def test_objects_of_autoware_are_the_labels_they_were_made_of(tracked, tracking,
     assert not results.losses
     compared = 0
     for number, boxes in results.boxes.items():
-        labels = {tuple(np.round(each.location, 2)): each for each in labels_of(tracking, number)}
+        labels = {tuple(np.round(own.location, 2)): own for own in labels_of(tracking, number)}
         for box in boxes:
             label = labels[tuple(np.round(box.location, 2))]
             assert box.class_name == class_of(label_of(label.class_name, {}))
@@ -168,13 +168,13 @@ def test_boxes_in_map_stand_whatever_their_stamp(frame, late_ms, tracking, tmp_p
         links = [(frame, 'base', map_t_velo(stamp) @ SENSOR_T_VELO.inverse())]
         moving.append(Published('/tf', stamp, encode_static(links, stamp), TF))
     static = encode_static([('base', 'velo_link', SENSOR_T_VELO)], 1)
-    found = []
+    published = []
     for number, stamp in stamps.items():
         late_ns = stamp + late_ms * MS
         made = detected(tracking, number, frame, map_t_velo(stamp), late_ns)
-        found.append(Published(TOPIC, late_ns, made))
+        published.append(Published(TOPIC, late_ns, made))
     path = write_bag(
-        tmp_path / 'bag.mcap', [*found, *moving, Published('/tf_static', 1, static, TF)]
+        tmp_path / 'bag.mcap', [*published, *moving, Published('/tf_static', 1, static, TF)]
     )
     results = read(path, tracking)
     assert results.boxes.keys() == stamps.keys()
@@ -193,12 +193,12 @@ def test_boxes_in_map_are_where_the_car_was_at_their_stamp(tracking, tmp_path):
         links = [('map', 'base', map_t_velo(stamp) @ SENSOR_T_VELO.inverse())]
         moving.append(Published('/tf', stamp, encode_static(links, stamp), TF))
     static = encode_static([('base', 'velo_link', SENSOR_T_VELO)], 1)
-    found = [
+    published = [
         Published(TOPIC, stamp, detected(tracking, number, 'map', map_t_velo(stamp)))
         for number, stamp in stamps.items()
     ]
     path = write_bag(
-        tmp_path / 'bag.mcap', [*found, *moving, Published('/tf_static', 1, static, TF)]
+        tmp_path / 'bag.mcap', [*published, *moving, Published('/tf_static', 1, static, TF)]
     )
     results = read(path, tracking)
     for number in stamps:
@@ -237,13 +237,13 @@ def replace_answer(truth, number, frame):
 
 def test_stamps_decide_and_what_fits_no_frame_is_counted(tracking, tmp_path):
     stamps = stamps_of(tracking)
-    found = [
+    published = [
         Published(TOPIC, stamps[0] + 1, detected(tracking, 0, stamp_ns=stamps[0] + 9 * MS)),
         Published(TOPIC, stamps[0] + 2, detected(tracking, 1, stamp_ns=stamps[0] - 4 * MS)),
         Published(TOPIC, stamps[0] + 3, detected(tracking, 2, stamp_ns=stamps[2])),
         Published(TOPIC, stamps[0] + 4, detected(tracking, 3, stamp_ns=stamps[3] + 10**12)),
     ]
-    results = read(write_bag(tmp_path / 'bag.mcap', found), tracking)
+    results = read(write_bag(tmp_path / 'bag.mcap', published), tracking)
     assert list(results.boxes) == [0, 2]
     assert len(results.boxes[0]) <= len(labels_of(tracking, 1))
     texts = [(loss.count, loss.text()) for loss in results.losses]
@@ -275,7 +275,7 @@ def test_without_stamps_of_the_recording_messages_belong_to_the_frame_of_the_clo
     wall = 1_790_000_000 * 10**9
     stamps = stamps_of(tracking)
     first = min(stamps.values())
-    found = [
+    published = [
         Published(
             TOPIC,
             wall + 2 * (stamp - first) + 80 * MS,  # half the rate, 40 ms late in its time
@@ -284,7 +284,7 @@ def test_without_stamps_of_the_recording_messages_belong_to_the_frame_of_the_clo
         for number, stamp in stamps.items()
     ]
     ticks = [clock(wall + 2 * n * MS, first + n * MS) for n in range(0, 600, 5)]
-    results = read(write_bag(tmp_path / 'bag.mcap', [*found, *ticks]), tracking)
+    results = read(write_bag(tmp_path / 'bag.mcap', [*published, *ticks]), tracking)
     assert_same_objects(results, tracking)
     assert not results.losses
     assert any('before its arrival' in note for note in results.notes)
@@ -292,8 +292,8 @@ def test_without_stamps_of_the_recording_messages_belong_to_the_frame_of_the_clo
 
 def test_stamps_of_another_time_are_an_error_with_both(tracking, tmp_path):
     late = 10**18
-    found = [Published(TOPIC, late, detected(tracking, number, stamp_ns=late)) for number in (0, 1)]
-    path = write_bag(tmp_path / 'bag.mcap', found)
+    sent = [Published(TOPIC, late, detected(tracking, number, stamp_ns=late)) for number in (0, 1)]
+    path = write_bag(tmp_path / 'bag.mcap', sent)
     with pytest.raises(BadBagError, match=r'begin at 2001-09-09 .*the frames at 2011-09-26') as one:
         read(path, tracking)
     assert '\n' not in str(one.value)
@@ -313,10 +313,10 @@ def test_classes_by_name_number_and_default(tracking, tmp_path):
     def classes(**class_map):
         results = read(path, tracking, class_map=class_map)
         texts = [loss.text() for loss in results.losses if 'classes' in loss.text()]
-        return [each.class_name for each in results.boxes[0]], texts
+        return [box.class_name for box in results.boxes[0]], texts
 
-    found, (text,) = classes(**{'3': 'Cyclist'})
-    assert found == ['Car', 'Cyclist', 'Van']
+    class_names, (text,) = classes(**{'3': 'Cyclist'})
+    assert class_names == ['Car', 'Cyclist', 'Van']
     assert "'robot' (2), 'bus' (1)" in text
     assert classes(**{'3': 'Cyclist', 'robot': '', '*': 'Misc'}) == (
         ['Car', 'Cyclist', 'Van', 'Misc'],

@@ -47,17 +47,17 @@ def run(capsys, *words):
 def test_json_has_exactly_the_documented_shape(folders, capsys):
     code, out, err = run(capsys, *folders, '--json')
     assert (code, err) == (0, '')
-    found = json.loads(out)
-    assert list(found) == ['detection', 'frames']
-    assert found['frames'] == 4
-    assert list(found['detection']) == ['car', 'pedestrian', 'cyclist']
-    for metrics in found['detection'].values():
+    values = json.loads(out)
+    assert list(values) == ['detection', 'frames']
+    assert values['frames'] == 4
+    assert list(values['detection']) == ['car', 'pedestrian', 'cyclist']
+    for metrics in values['detection'].values():
         assert sorted(metrics) == ['2d', '3d', 'aos', 'bev']
         for levels in metrics.values():
             assert list(levels) == LEVELS
             assert all(list(figures) == ['R40', 'R11'] for figures in levels.values())
-    assert found['detection']['car']['3d']['easy'] == {'R40': 5.0, 'R11': 9.0909}
-    assert found['detection']['pedestrian']['3d']['easy'] == {'R40': None, 'R11': None}
+    assert values['detection']['car']['3d']['easy'] == {'R40': 5.0, 'R11': 9.0909}
+    assert values['detection']['pedestrian']['3d']['easy'] == {'R40': None, 'R11': None}
 
 
 def test_labels_of_unknown_occlusion_are_counted(folders, capsys):
@@ -202,8 +202,8 @@ def test_losses_are_warnings_in_python(folders):
     labels, results = folders
     (results / '000009.txt').unlink()
     with pytest.warns(KittiRos2Warning, match='no file for frames 9'):
-        found = evaluation.evaluate_detection(labels, str(results))
-    assert (found.frames, found.losses[0].numbers) == (3, (9,))
+        scores = evaluation.evaluate_detection(labels, str(results))
+    assert (scores.frames, scores.losses[0].numbers) == (3, (9,))
     with pytest.raises(KittiRos2Error, match='did you mean'):
         evaluation.evaluate_detection(labels, results, clases='car')
 
@@ -212,8 +212,8 @@ def test_losses_are_warnings_in_python(folders):
     'classes', ['car,truck=0.5', ['car', 'truck=0.5'], {'car': None, 'truck': 0.5}]
 )
 def test_classes_in_python(classes, folders):
-    found = evaluation.evaluate_detection(*folders, classes=classes)
-    assert found.limits == {'car': 0.7, 'truck': 0.5}
+    scores = evaluation.evaluate_detection(*folders, classes=classes)
+    assert scores.limits == {'car': 0.7, 'truck': 0.5}
 
 
 def test_a_tracking_sequence_against_its_own_file(recordings, capsys):

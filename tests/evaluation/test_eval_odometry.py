@@ -71,8 +71,8 @@ def run(capsys):
 
     def call(*words):
         code = main(['eval', 'odometry', *map(str, words)])
-        found = capsys.readouterr()
-        return code, found.out, found.err
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
 
     return call
 
@@ -82,8 +82,8 @@ def scores_of(run):
     """A function that returns the figures of the only trajectory."""
 
     def call(*words, code=0):
-        found, out, err = run(*words, '--json')
-        assert found == code, err
+        exit_code, out, err = run(*words, '--json')
+        assert exit_code == code, err
         (scores,) = json.loads(out)['odometry'].values()
         return scores
 
@@ -146,9 +146,9 @@ def test_the_figures_do_not_depend_on_the_kind_of_file(root, tmp_path, scores_of
 
 
 def test_a_trajectory_against_itself_has_no_error(root, scores_of):
-    found = scores_of(root, gt(root), '--sequence', '07')
-    assert found.pop('segments') > 40
-    assert [*found.values()] == pytest.approx([0] * 4, abs=1e-6)
+    figures = scores_of(root, gt(root), '--sequence', '07')
+    assert figures.pop('segments') > 40
+    assert [*figures.values()] == pytest.approx([0] * 4, abs=1e-6)
 
 
 def test_a_result_that_begins_late_and_lacks_frames(root, tmp_path, run):
@@ -156,11 +156,11 @@ def test_a_result_that_begins_late_and_lacks_frames(root, tmp_path, run):
     late = np.linalg.inv(RESULT[20]) @ RESULT[numbers]
     path = write_poses(tmp_path / '09.txt', late, numbers)
     code, out, err = run(gt(root), path, '--json')
-    found = json.loads(out)['odometry']['07']
+    score = json.loads(out)['odometry']['07']
     whole = evaluate_odometry(gt(root), write_poses(tmp_path / 'all.txt', RESULT))
     kept = np.isin(whole.segments.first, numbers) & np.isin(whole.segments.last, numbers)
-    assert 0 < found['segments'] == kept.sum() < len(kept)
-    assert found['t_err_percent'] == pytest.approx(whole.segments.chosen(kept).t_err_percent, 1e-5)
+    assert 0 < score['segments'] == kept.sum() < len(kept)
+    assert score['t_err_percent'] == pytest.approx(whole.segments.chosen(kept).t_err_percent, 1e-5)
     assert code == 1
     assert err.splitlines()[0] == (
         f'skipped result (23): {path} (poses file with frame numbers): no pose of frames 0-19,'
@@ -269,8 +269,8 @@ def test_scaled_figures_are_those_of_the_result_times_the_scale(align, root, tmp
     small[:, :3, 3] *= 0.05
     scaled = scores_of(gt(root), write_poses(tmp_path / 'r.txt', small), '--align', align)
     if align == 'scale':
-        true, found = ((np.linalg.inv(each[0]) @ each)[:, :3, 3] for each in (TRUTH, small))
-        assert scaled['scale'] == pytest.approx((true * found).sum() / (found**2).sum())
+        true, estimate = ((np.linalg.inv(path[0]) @ path)[:, :3, 3] for path in (TRUTH, small))
+        assert scaled['scale'] == pytest.approx((true * estimate).sum() / (estimate**2).sum())
     small[:, :3, 3] *= scaled['scale']
     plain = scores_of(gt(root), write_poses(tmp_path / 's.txt', small), '--align', 'first')
     assert scaled['t_err_percent'] == pytest.approx(plain['t_err_percent'], rel=1e-4)
@@ -354,9 +354,9 @@ def test_every_kind_of_message_has_the_same_figures(root, tmp_path, scores_of):
         ('/path', times[200], path_of(times[:200], poses[:200])),
         ('/path', times[-1], path_of(times, poses)),
     )
-    found = [scores_of(root, bag, '--topic', topic) for topic in ('/odom', '/pose', '/path')]
-    found.append(scores_of(root, bag, '--tf', 'odom', 'base_link'))
-    assert found[1:] == [pytest.approx(found[0], rel=1e-6)] * 3
+    figures = [scores_of(root, bag, '--topic', topic) for topic in ('/odom', '/pose', '/path')]
+    figures.append(scores_of(root, bag, '--tf', 'odom', 'base_link'))
+    assert figures[1:] == [pytest.approx(figures[0], rel=1e-6)] * 3
 
 
 def test_a_frame_of_the_bag_is_resolved_by_its_static_transforms(root, tmp_path, scores_of):
@@ -389,9 +389,9 @@ def test_recordings_and_their_bags_agree(layout, recordings, tmp_path, run):
     convert_recording(source, bag, selection=SelectionOptions(streams), storage='mcap')
     code, out, _ = run(source, bag, '--topic', '/kitti/ground_truth/odometry', '--json')
     assert code == 0
-    (found,) = json.loads(out)['odometry'].items()
-    assert found[0] == open_recording(source).name
-    assert found[1]['ape_m'] == pytest.approx(0, abs=1e-5)
+    (named,) = json.loads(out)['odometry'].items()
+    assert named[0] == open_recording(source).name
+    assert named[1]['ape_m'] == pytest.approx(0, abs=1e-5)
     assert run(bag, bag, '--topic', '/kitti/ground_truth/odometry')[0] == 0
 
 
@@ -404,9 +404,9 @@ def test_a_bag_of_others_is_a_ground_truth(tmp_path, scores_of):
         *(('/gt', ns, odometry(ns, pose)) for ns, pose in zip(times, TRUTH, strict=True)),
         *(('/odom', ns, odometry(ns, pose)) for ns, pose in zip(times, RESULT, strict=True)),
     )
-    found = scores_of(bag, bag, '--gt-topic', '/gt', '--topic', '/odom')
-    assert found['segments'] > 40
-    assert found['t_err_percent'] > 0.1
+    figures = scores_of(bag, bag, '--gt-topic', '/gt', '--topic', '/odom')
+    assert figures['segments'] > 40
+    assert figures['t_err_percent'] > 0.1
     same = scores_of(bag, bag, '--gt-topic', '/gt', '--topic', '/gt')
     assert same['ape_m'] == pytest.approx(0, abs=1e-9)
 

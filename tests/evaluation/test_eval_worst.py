@@ -59,12 +59,12 @@ def run(capsys, *words):
 
 
 def listed(folder):
-    return sorted(each.name for each in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir())
 
 
 def entries(folder):
     """All entries of a folder, also hidden ones."""
-    return {each.name for each in folder.iterdir()}
+    return {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize('given', ['.', 'training', 'training/label_2'])
@@ -87,7 +87,7 @@ def test_pictures_show_the_errors(made, tmp_path, capsys):
     assert run(capsys, *made, '--worst', 2, '-o', out, '-q')[0] == 0
     pictures = [cv2.imread(str(out / name)).astype(int) for name in NAMES]
     shown = [
-        [bool((np.abs(each - rgb[::-1]) < 8).all(axis=2).any()) for each in pictures]
+        [bool((np.abs(picture - rgb[::-1]) < 8).all(axis=2).any()) for picture in pictures]
         for rgb in (VERDICT_COLORS['FN'], VERDICT_COLORS['FP'])
     ]
     assert shown == [[True, False], [True, True]]
@@ -96,9 +96,9 @@ def test_pictures_show_the_errors(made, tmp_path, capsys):
 def test_json_lists_the_frames(made, capsys):
     code, out, _ = run(capsys, *made, '--worst', 1, '--json')
     assert code == 0
-    found = json.loads(out)
-    assert list(found) == ['detection', 'frames', 'worst']
-    assert found['worst'] == [
+    values = json.loads(out)
+    assert list(values) == ['detection', 'frames', 'worst']
+    assert values['worst'] == [
         {
             'number': 10,
             'penalty': 2.75,
@@ -113,8 +113,8 @@ def test_classes_and_frames_that_are_scored_are_ranked(made, tmp_path, capsys):
     chosen = tmp_path / 'val.txt'
     chosen.write_text('000016\n000030\n')
     words = ['--worst', 5, '--json', '--frames', chosen, '--classes', 'truck=0.5']
-    found = json.loads(run(capsys, *made, *words)[1])
-    assert [(each['number'], each['penalty']) for each in found['worst']] == [(16, 2)]
+    values = json.loads(run(capsys, *made, *words)[1])
+    assert [(frame['number'], frame['penalty']) for frame in values['worst']] == [(16, 2)]
 
 
 def test_no_errors_make_an_empty_list_and_folder(made, tmp_path, capsys):
@@ -135,8 +135,8 @@ def test_curves_and_the_list_in_one_run(made, tmp_path, capsys):
 
 
 def test_in_python(made):
-    found = evaluation.evaluate_detection(*made, worst=1)
-    assert [each.number for each in found.worst] == [10]
+    scores = evaluation.evaluate_detection(*made, worst=1)
+    assert [frame.number for frame in scores.worst] == [10]
     assert evaluation.evaluate_detection(*made).worst is None
 
 
@@ -212,9 +212,9 @@ def test_a_sequence_and_its_label_file(given, recordings, tmp_path, capsys):
     words = [recordings[Layout.TRACKING] / given, tracks, '--worst', 2, '-o', out, '--json']
     code, printed, err = run(capsys, *words)
     assert (code, err) == (0, '')
-    found = json.loads(printed)['worst']
+    values = json.loads(printed)['worst']
     assert listed(out) == [
-        f'0{rank}_{each["number"]:06d}.png' for rank, each in enumerate(found, 1)
+        f'0{rank}_{frame["number"]:06d}.png' for rank, frame in enumerate(values, 1)
     ]
 
 

@@ -53,8 +53,8 @@ def run(recordings, monkeypatch):
     """Run a node on the synthetic drive."""
     scored = []
 
-    def score(task, source, bag, _, found, align):
-        scored.append((task, source, bag, found.topic))
+    def score(task, source, bag, _, live_run, align):
+        scored.append((task, source, bag, live_run.topic))
         assert align == 'first'
         return NoScores()
 
@@ -72,20 +72,20 @@ def run(recordings, monkeypatch):
 
 def test_every_frame_is_answered_and_recorded(run, tmp_path, recordings):
     out = tmp_path / 'boxes.mcap'
-    found, ((task, source, bag, topic),) = run('all', out=out, timeout=60)
+    scores, ((task, source, bag, topic),) = run('all', out=out, timeout=60)
     assert (task, source, bag, topic) == ('detection', recordings[Layout.RAW], out, TOPIC)
-    assert (found.frames, found.missing, found.stragglers) == (FRAMES, (), 0)
-    assert [*found.latencies_ns] == [0, 1, 2, 3, 4]
-    assert 0 < found.latency.median_ms <= found.latency.p95_ms <= found.latency.max_ms
-    assert found.losses == ()
-    assert found.notes == ()
+    assert (scores.frames, scores.missing, scores.stragglers) == (FRAMES, (), 0)
+    assert [*scores.latencies_ns] == [0, 1, 2, 3, 4]
+    assert 0 < scores.latency.median_ms <= scores.latency.p95_ms <= scores.latency.max_ms
+    assert scores.losses == ()
+    assert scores.notes == ()
     with open_messages(out, {TOPIC, '/tf_static'}) as messages:
         by_topic = {}
-        for each in messages:
-            by_topic.setdefault(each.topic, []).append(each)
+        for message in messages:
+            by_topic.setdefault(message.topic, []).append(message)
     scans = [frame.stamp_ns for frame in kitti_ros2.open(recordings[Layout.RAW])]
-    assert [peek_header(each.data)[0] for each in by_topic[TOPIC]] == scans
-    assert [each.stamp_ns for each in by_topic[TOPIC]] == scans
+    assert [peek_header(message.data)[0] for message in by_topic[TOPIC]] == scans
+    assert [message.stamp_ns for message in by_topic[TOPIC]] == scans
     (box,) = deserialize(by_topic[TOPIC][0].data, DETECTIONS_3D).detections
     assert box.results[0].hypothesis.class_id == 'Car'
     assert by_topic['/tf_static']
@@ -94,22 +94,22 @@ def test_every_frame_is_answered_and_recorded(run, tmp_path, recordings):
 
 def test_a_node_that_runs_already_is_noted(run):
     with NodeProcess(node('all'), lambda _: None):
-        found, _ = run('all', timeout=60, wait_for=2)
-    assert found.notes[0] == f'{TOPIC} has 2 publishers: their results are mixed'
+        scores, _ = run('all', timeout=60, wait_for=2)
+    assert scores.notes[0] == f'{TOPIC} has 2 publishers: their results are mixed'
 
 
 def test_a_node_that_answers_late_gets_the_next_frame(run):
-    found, _ = run('late')
-    assert found.missing == (FRAMES - 1,)
-    assert found.losses == (Loss(TOPIC, 1, 'no answer to frames {}', (FRAMES - 1,)),)
-    assert found.stragglers == 0
-    assert 'up to 2 frames were on their way at once' in found.notes[0]
+    scores, _ = run('late')
+    assert scores.missing == (FRAMES - 1,)
+    assert scores.losses == (Loss(TOPIC, 1, 'no answer to frames {}', (FRAMES - 1,)),)
+    assert scores.stragglers == 0
+    assert 'up to 2 frames were on their way at once' in scores.notes[0]
 
 
 def test_a_node_that_crashes_costs_the_frames_that_follow(run):
-    found, _ = run('crash', timeout=60)
-    assert [*found.latencies_ns] == [0, 1]
-    first, second = (loss.text() for loss in found.losses)
+    scores, _ = run('crash', timeout=60)
+    assert [*scores.latencies_ns] == [0, 1]
+    first, second = (loss.text() for loss in scores.losses)
     assert first == (
         'the node ended early: killed by SIGABRT; its last line: out of memory;'
         ' 3 of 5 frames were sent'

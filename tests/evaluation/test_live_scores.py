@@ -121,13 +121,13 @@ def test_a_bag_that_cannot_be_written_is_refused(
 
 def run_of(recording, played, answered):
     """A run in which some frames were sent, and some of these answered."""
-    found = Answers(10**12)
+    run_answers = Answers(10**12)
     for frame in recording:
         if frame.number in played:
-            found.sent(frame.number, frame.number, scan=True)
+            run_answers.sent(frame.number, frame.number, scan=True)
         if frame.number in answered:
-            found.received(frame.number)
-    return LiveRun(found, TOPIC, DETECTIONS_3D)
+            run_answers.received(frame.number)
+    return LiveRun(run_answers, TOPIC, DETECTIONS_3D)
 
 
 def test_frames_without_an_answer_are_lost_once_and_others_not(recordings, tmp_path):
@@ -137,9 +137,9 @@ def test_frames_without_an_answer_are_lost_once_and_others_not(recordings, tmp_p
     bag = write_bag(tmp_path / 'boxes.mcap', [messages[1], messages[3]])
     frames = [SimpleNamespace(number=number) for number in range(5)]
     run = run_of(frames, played={1, 2, 3}, answered={1, 3})
-    found = live.score_results('detection', source, bag, {}, run)
-    assert found.frames == 2
-    assert found.losses == ()
+    scores = live.score_results('detection', source, bag, {}, run)
+    assert scores.frames == 2
+    assert scores.losses == ()
     assert run.missing == (2,)
 
 
@@ -154,9 +154,9 @@ def test_a_result_in_an_unknown_frame_says_why_nothing_is_scored(recordings, tmp
 
 def test_tracks_of_frames_that_were_not_played_are_not_scored():
     every = [TrackBox('car', frame, 7, None) for frame in range(4)]
-    found = TrackBoxes(every, (Loss('tracks', 1, 'line 9'),), 3)
-    assert found.among(None) == found
-    assert found.among({1, 3}) == TrackBoxes([every[1], every[3]], found.losses, 3)
+    tracks = TrackBoxes(every, (Loss('tracks', 1, 'line 9'),), 3)
+    assert tracks.among(None) == tracks
+    assert tracks.among({1, 3}) == TrackBoxes([every[1], every[3]], tracks.losses, 3)
 
 
 def test_tracking_scores_the_frames_that_were_played(recordings, tmp_path):
@@ -166,9 +166,9 @@ def test_tracking_scores_the_frames_that_were_played(recordings, tmp_path):
     bag = write_bag(tmp_path / 'boxes.mcap', answers(recording)[1:4])
     frames = [SimpleNamespace(number=number) for number in range(5)]
     run = run_of(frames, played={1, 2, 3}, answered={1, 2, 3})
-    found = live.score_results('tracking', source, bag, {}, run)
-    assert (found.frames, found.losses) == (3, ())
-    assert found.classes['car']['MOTA'] == 100
+    scores = live.score_results('tracking', source, bag, {}, run)
+    assert (scores.frames, scores.losses) == (3, ())
+    assert scores.classes['car']['MOTA'] == 100
 
 
 def test_the_evaluation_is_known_from_the_task_or_the_type():

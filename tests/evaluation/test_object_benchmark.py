@@ -43,30 +43,28 @@ def repeated(score):
     return run
 
 
-def r40(found, metric, level='easy', class_name='car'):
-    return found.scores[class_name][metric][Difficulty(level)].r40
+def r40(scores, metric, level='easy', class_name='car'):
+    return scores.scores[class_name][metric][Difficulty(level)].r40
 
 
-def differences(found, expected):
+def differences(scores, expected):
     """Cells that differ by more than the figures are rounded by; the devkit's are 0 for None."""
-    plain = found.percent()['detection']
+    plain = scores.percent()['detection']
     return {
         (name, metric, level): (plain[name][metric][level], figures)
         for name, metrics in expected.items()
         for metric, levels in metrics.items()
         for level, figures in levels.items()
-        if any(
-            abs((plain[name][metric][level][each] or 0) - figures[each]) > 1e-4 for each in figures
-        )
+        if any(abs((plain[name][metric][level][key] or 0) - figures[key]) > 1e-4 for key in figures)
     }
 
 
 @pytest.mark.parametrize(('frames', 'seed'), [(300, 0), (120, 1), (40, 2), (5, 3), (1, 4)])
 def test_random_sets_are_scored_as_by_the_rules_one_by_one(frames, seed, score):
     labels, results = make_frames(frames, seed)
-    found = score(labels, results)
+    scores = score(labels, results)
     expected = evaluate(labels, results)
-    assert differences(found, expected) == {}
+    assert differences(scores, expected) == {}
     if frames == 300:
         assert all(
             5 < expected[name][metric][level]['R40'] < 95
@@ -79,27 +77,27 @@ def test_random_sets_are_scored_as_by_the_rules_one_by_one(frames, seed, score):
 def test_other_classes_and_limits_are_scored_by_the_same_rules(score):
     labels, results = make_frames(60, 7)
     classes = {'truck': 0.5, 'van': 0.25, 'car': 0.5}
-    found = score(labels, results, classes=classes)
-    assert differences(found, evaluate(labels, results, classes)) == {}
-    assert [*found.scores] == [*classes]
+    scores = score(labels, results, classes=classes)
+    assert differences(scores, evaluate(labels, results, classes)) == {}
+    assert [*scores.scores] == [*classes]
 
 
 def test_the_loose_table_changes_boxes_on_the_ground_and_in_space_only(score):
     labels, results = make_frames(60, 8)
     loose = {'car': 0.5, 'pedestrian': 0.25, 'cyclist': 0.25}
-    found = score(labels, results, loose=True)
+    scores = score(labels, results, loose=True)
     expected = evaluate(labels, results, loose)
-    plain = found.percent()
+    plain = scores.percent()
     for name, metrics in plain['loose'].items():
         assert set(metrics) == {'bev', '3d'}
         for metric, levels in metrics.items():
             for level, figures in levels.items():
                 assert figures == pytest.approx(expected[name][metric][level], abs=1e-4)
     assert (
-        found.scores['car']['bev'][Difficulty.HARD].r40
+        scores.scores['car']['bev'][Difficulty.HARD].r40
         < plain['loose']['car']['bev']['hard']['R40']
     )
-    assert differences(found, evaluate(labels, results)) == {}
+    assert differences(scores, evaluate(labels, results)) == {}
 
 
 def test_ground_truth_against_itself_is_100(score):
@@ -120,30 +118,30 @@ def test_ground_truth_against_itself_is_100(score):
             for left in range(0, 900, 60)
         ]
         labels.append(''.join([*made, dont_care((900, 100, 1000, 160))]))
-    found = score(labels, labels)
+    scores = score(labels, labels)
     assert {
         (curve.r40, curve.r11)
-        for metrics in found.scores.values()
+        for metrics in scores.scores.values()
         for levels in metrics.values()
         for curve in levels.values()
     } == {(100.0, 100.0)}
-    assert any('detections without a score' in note for note in found.notes)
+    assert any('detections without a score' in note for note in scores.notes)
 
 
 @pytest.mark.parametrize(
     ('turn', 'similarity'), [(0, 100), (math.pi / 3, 75), (math.pi / 2, 50), (math.pi, 0)]
 )
 def test_a_wrong_angle_costs_orientation_only(turn, similarity, repeated):
-    found = repeated(line(alpha=0.5), line(alpha=0.5 + turn, score=0.9))
-    assert [r40(found, metric) for metric in ('2d', 'bev', '3d', 'aos')] == pytest.approx(
+    scores = repeated(line(alpha=0.5), line(alpha=0.5 + turn, score=0.9))
+    assert [r40(scores, metric) for metric in ('2d', 'bev', '3d', 'aos')] == pytest.approx(
         [100, 100, 100, similarity]
     )
 
 
 def test_false_positives_have_similarity_0(repeated):
     wrong = line(area=(500, 100, 600, 200), place=(20, 1.7, 20), score=0.9)
-    found = repeated(line(), line(alpha=0.5 + math.pi / 3, score=0.9) + wrong)
-    assert (r40(found, '2d'), r40(found, 'aos')) == pytest.approx((50, 37.5))
+    scores = repeated(line(), line(alpha=0.5 + math.pi / 3, score=0.9) + wrong)
+    assert (r40(scores, '2d'), r40(scores, 'aos')) == pytest.approx((50, 37.5))
 
 
 def test_a_false_positive_of_a_lower_score_costs_nothing(repeated):
@@ -163,12 +161,12 @@ def test_the_curve_of_two_scores(score):
 
 @pytest.mark.parametrize(('objects', 'highest'), [(1, 0), (10, 22.5), (40, 97.5), (41, 100)])
 def test_few_objects_do_not_reach_100(objects, highest, score):
-    found = score([line()] * objects, [line(score=0.9)] * objects)
-    assert r40(found, '3d') == pytest.approx(highest)
-    curve = found.scores['car']['3d'][Difficulty.EASY]
+    scores = score([line()] * objects, [line(score=0.9)] * objects)
+    assert r40(scores, '3d') == pytest.approx(highest)
+    curve = scores.scores['car']['3d'][Difficulty.EASY]
     assert curve.highest_r40 == highest
     noted = f'car easy {objects} (at most {highest:.2f})'
-    assert any(noted in note for note in found.notes) == (objects < 41)
+    assert any(noted in note for note in scores.notes) == (objects < 41)
 
 
 @pytest.mark.parametrize(
@@ -180,18 +178,18 @@ def test_a_neighbour_class_is_ignored(kind, by, precision, repeated):
     other = {'area': (500, 100, 600, 200), 'place': (20, 1.7, 20)}
     labels = line(by) + line(kind, **other)
     results = line(by, score=0.9) + line(by, score=0.9, **other)
-    found = repeated(labels, results)
+    scores = repeated(labels, results)
     for metric in ('2d', 'aos', 'bev', '3d'):
-        assert r40(found, metric, class_name=by.lower()) == pytest.approx(precision)
+        assert r40(scores, metric, class_name=by.lower()) == pytest.approx(precision)
 
 
 @pytest.mark.parametrize(('covered', 'in_image'), [(100, 100), (71, 100), (70, 50), (0, 50)])
 def test_a_dont_care_region_excuses_in_the_image_only(covered, in_image, repeated):
     labels = line() + dont_care((500, 100, 500 + covered, 200))
     wrong = line(area=(500, 100, 600, 200), place=(20, 1.7, 20), score=0.9)
-    found = repeated(labels, line(score=0.9) + wrong)
-    assert [r40(found, metric) for metric in ('2d', 'aos')] == pytest.approx([in_image] * 2)
-    assert [r40(found, metric) for metric in ('bev', '3d')] == pytest.approx([50, 50])
+    scores = repeated(labels, line(score=0.9) + wrong)
+    assert [r40(scores, metric) for metric in ('2d', 'aos')] == pytest.approx([in_image] * 2)
+    assert [r40(scores, metric) for metric in ('bev', '3d')] == pytest.approx([50, 50])
 
 
 def test_a_dont_care_region_may_be_smaller_than_it_excuses(repeated):
@@ -220,23 +218,23 @@ def test_a_dont_care_region_may_be_smaller_than_it_excuses(repeated):
     ],
 )
 def test_limits_of_the_levels(limits, counts, score):
-    found = score([line(**limits)], [line(score=0.9)])
-    levels = found.scores['car']['3d']
+    scores = score([line(**limits)], [line(score=0.9)])
+    levels = scores.scores['car']['3d']
     assert tuple(levels[level].objects for level in Difficulty) == counts
 
 
 def test_labels_that_do_not_count_excuse_their_detections(repeated):
     hidden = {'area': (500, 100, 600, 200), 'place': (20, 1.7, 20)}
     labels = line() + line(occluded=2, **hidden)
-    found = repeated(labels, line(score=0.9) + line(score=0.9, **hidden))
-    assert [r40(found, '3d', level) for level in LEVELS] == pytest.approx([100, 100, 100])
-    assert [found.scores['car']['3d'][level].objects for level in Difficulty] == [41, 41, 82]
+    scores = repeated(labels, line(score=0.9) + line(score=0.9, **hidden))
+    assert [r40(scores, '3d', level) for level in LEVELS] == pytest.approx([100, 100, 100])
+    assert [scores.scores['car']['3d'][level].objects for level in Difficulty] == [41, 41, 82]
 
 
 def test_a_low_detection_takes_its_label_without_finding_it(repeated):
     """39.9 px are not enough at level easy, where the label of 41 px counts."""
-    found = repeated(line(area=(100, 100, 200, 141)), line(area=(100, 100, 200, 139.9), score=0.9))
-    assert [r40(found, '2d', level) for level in LEVELS] == pytest.approx([0, 100, 100])
+    scores = repeated(line(area=(100, 100, 200, 141)), line(area=(100, 100, 200, 139.9), score=0.9))
+    assert [r40(scores, '2d', level) for level in LEVELS] == pytest.approx([0, 100, 100])
 
 
 def test_a_low_detection_of_any_class_takes_the_label_of_a_lower_score(repeated):
@@ -263,8 +261,8 @@ def test_labels_choose_in_the_order_of_the_file(repeated):
     results = line(area=(100, 100, 200, 195), score=0.9) + line(
         area=(100, 120, 200, 205), score=0.9
     )
-    found = repeated(first + second, results)
-    curve = found.scores['car']['2d'][Difficulty.EASY]
+    scores = repeated(first + second, results)
+    curve = scores.scores['car']['2d'][Difficulty.EASY]
     assert curve.values.tolist() == pytest.approx([0.5] * 21 + [0.0] * 20)  # 41 of 82 labels
     assert r40(repeated(second + first, results), '2d') == pytest.approx(100)
 
@@ -281,44 +279,44 @@ def test_an_invalid_angle_switches_orientation_off_for_all_classes(repeated):
     labels = line() + line('Cyclist', (500, 100, 600, 200))
     results = line(score=0.9) + line('Cyclist', (500, 100, 600, 200), score=0.9)
     misc = line('Misc', (800, 100, 900, 200), score=0.1, alpha=-10)
-    found = repeated(labels, results + misc)
+    scores = repeated(labels, results + misc)
     for name in ('car', 'cyclist'):
-        assert set(found.scores[name]['aos'].values()) == {None}
-        assert r40(found, '2d', class_name=name) == pytest.approx(100)
-    assert found.percent()['detection']['car']['aos']['easy'] == {'R40': None, 'R11': None}
-    assert sum('alpha -10' in note for note in found.notes) == 3
+        assert set(scores.scores[name]['aos'].values()) == {None}
+        assert r40(scores, '2d', class_name=name) == pytest.approx(100)
+    assert scores.percent()['detection']['car']['aos']['easy'] == {'R40': None, 'R11': None}
+    assert sum('alpha -10' in note for note in scores.notes) == 3
     with_region = repeated(labels, results + dont_care((800, 100, 900, 200)))
     assert r40(with_region, 'aos') == pytest.approx(100)
 
 
 def test_a_space_without_boxes_is_not_evaluated(repeated):
     flat = {'size': (-1, -1, -1), 'place': (-1000, -1000, -1000), 'ry': -10}
-    found = repeated(line(), line(score=0.9, **flat))
-    assert set(found.scores['car']['3d'].values()) == {None}
-    assert set(found.scores['car']['bev'].values()) == {None}
-    assert r40(found, '2d') == pytest.approx(100)
+    scores = repeated(line(), line(score=0.9, **flat))
+    assert set(scores.scores['car']['3d'].values()) == {None}
+    assert set(scores.scores['car']['bev'].values()) == {None}
+    assert r40(scores, '2d') == pytest.approx(100)
 
 
 def test_boxes_in_space_without_one_in_the_image_are_ignored_and_noted(repeated):
-    found = repeated(line(), line(area=(-1, -1, -1, -1), score=0.9))
-    assert r40(found, '3d') == 0
-    assert any('project the 3D boxes into the image' in note for note in found.notes)
+    scores = repeated(line(), line(area=(-1, -1, -1, -1), score=0.9))
+    assert r40(scores, '3d') == 0
+    assert any('project the 3D boxes into the image' in note for note in scores.notes)
 
 
 def test_a_class_that_is_never_detected_scores_0(repeated):
-    found = repeated(line('Cyclist'), line(score=0.9))
-    assert r40(found, '3d', class_name='cyclist') == 0
-    assert any('no detection of this class' in note for note in found.notes)
+    scores = repeated(line('Cyclist'), line(score=0.9))
+    assert r40(scores, '3d', class_name='cyclist') == 0
+    assert any('no detection of this class' in note for note in scores.notes)
 
 
 def test_names_of_classes_are_compared_without_case(repeated):
-    found = repeated(line('CAR') + line('vAn', (500, 100, 600, 200)), line('cAr', score=0.9))
-    assert r40(found, '2d') == pytest.approx(100)
+    scores = repeated(line('CAR') + line('vAn', (500, 100, 600, 200)), line('cAr', score=0.9))
+    assert r40(scores, '2d') == pytest.approx(100)
 
 
 def test_numbers_of_any_size_are_scored(score):
     wild = line(place=(1e300, -1e300, 1e300), size=(1e-300, 1e200, 1e200), score=-1e300)
     inverted = line(area=(200, 200, 100, 100), size=(-1, -2, 3), score=1e300)
     labels = line() + line(place=(1e300, 0, 0), size=(0, 0, 0))
-    found = score([labels, ''], [wild + inverted, wild])
-    assert r40(found, '3d', 'hard') == 0
+    scores = score([labels, ''], [wild + inverted, wild])
+    assert r40(scores, '3d', 'hard') == 0

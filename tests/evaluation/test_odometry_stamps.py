@@ -41,13 +41,13 @@ def at_starts(source):
 def answers(recording, path, *, to_ns=1, at_end=False):
     """A stack's Odometry of every scan, with the stamp of the scan, and the pose of its frame."""
     scans = recording.streams[Stream.SCAN]
-    found = []
+    published = []
     for number, start in zip(scans.numbers.tolist(), scans.stamps_ns.tolist(), strict=True):
         pose = recording.read(Stream.POSE, number).world_T_imu.matrix()
         stamp = recording.turns[number].end_ns if at_end else start
         rounded = stamp // to_ns * to_ns
-        found.append(('/odom', rounded, odometry(rounded, pose, 'imu_link')))
-    return write_bag(path, *found)
+        published.append(('/odom', rounded, odometry(rounded, pose, 'imu_link')))
+    return write_bag(path, *published)
 
 
 @pytest.fixture(params=['folder', 'bag', 'bag of poses'])
@@ -93,8 +93,8 @@ FRAMES = 400
 
 def true_poses(times_s):
     """(N, 4, 4) poses along the synthetic street."""
-    found = [motion_at(time, Transform.identity()).map_T_imu.matrix() for time in times_s]
-    return np.array(found)
+    poses = [motion_at(time, Transform.identity()).map_T_imu.matrix() for time in times_s]
+    return np.array(poses)
 
 
 def test_a_pose_is_compared_with_the_truth_at_its_stamp(tmp_path):

@@ -30,8 +30,8 @@ def clipped(first, second):
 
 
 def area(first, second):
-    (found,) = intersect_rectangles(np.array([first], float), np.array([second], float))
-    return found
+    (shared,) = intersect_rectangles(np.array([first], float), np.array([second], float))
+    return shared
 
 
 @pytest.mark.parametrize('apart', [0.0, 1e-9, 0.3, 2.0])
@@ -86,13 +86,13 @@ def test_a_turn_is_from_x_towards_minus_z():
 @pytest.mark.parametrize('most', [1, 7, 1000])
 def test_pairs_are_all_of_the_same_frame(most):
     frames = [0, 0, 2, 2, 2, 5], [0, 1, 2, 2, 5, 5, 6]
-    tables = [SimpleTable(np.array(each)) for each in frames]
-    found = [
+    tables = [SimpleTable(np.array(frame)) for frame in frames]
+    pair_list = [
         pair
         for pairs in pairs_by_frame(*tables, most)
         for pair in zip(pairs.label.tolist(), pairs.detection.tolist(), strict=True)
     ]
-    assert found == [
+    assert pair_list == [
         (i, j)
         for i, one in enumerate(frames[0])
         for j, other in enumerate(frames[1])

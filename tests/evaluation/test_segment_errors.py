@@ -26,7 +26,7 @@ def brute_force(numbers, truth, result):
     for before, after in pairwise(truth):
         x, y, z = (np.float32(value) for value in after[:3, 3] - before[:3, 3])
         way.append(way[-1] + np.sqrt(x * x + y * y + z * z))
-    found = []
+    segments = []
     for first, number in enumerate(numbers):
         if (number - numbers[0]) % 10:
             continue
@@ -40,29 +40,29 @@ def brute_force(numbers, truth, result):
             error = np.linalg.solve(claimed, moved)
             half_sine = np.linalg.norm(error[:3, :3] - np.eye(3)) / math.sqrt(8)
             angle = 2 * math.asin(min(half_sine, 1.0))
-            found.append(
+            segments.append(
                 (first, last, length, np.linalg.norm(error[:3, 3]) / length, angle / length)
             )
-    return np.array(found).reshape(-1, 5)
+    return np.array(segments).reshape(-1, 5)
 
 
-def score(truth, result, numbers=None, known=None):
+def score(truth, result, numbers=None, posed=None):
     numbers = np.arange(len(truth)) if numbers is None else np.array(numbers)
-    known = np.ones(len(truth), bool) if known is None else known
-    return segment_errors(numbers, truth, result, known)
+    posed = np.ones(len(truth), bool) if posed is None else posed
+    return segment_errors(numbers, truth, result, posed)
 
 
-def compare(found, expected):
-    assert len(found) == len(expected) > 100
-    assert found.first.tolist() == expected[:, 0].tolist()
-    assert found.last.tolist() == expected[:, 1].tolist()
-    assert found.lengths_m.tolist() == expected[:, 2].tolist()
-    np.testing.assert_allclose(found.translations, expected[:, 3], rtol=2e-5, atol=1e-9)
+def compare(errors, expected):
+    assert len(errors) == len(expected) > 100
+    assert errors.first.tolist() == expected[:, 0].tolist()
+    assert errors.last.tolist() == expected[:, 1].tolist()
+    assert errors.lengths_m.tolist() == expected[:, 2].tolist()
+    np.testing.assert_allclose(errors.translations, expected[:, 3], rtol=2e-5, atol=1e-9)
     # The trace in float32 resolves angles to the root of 2^-22.
     resolution = 2.0**-22 / np.maximum(expected[:, 4] * expected[:, 2], 2.0**-11)
-    assert (np.abs(found.rotations - expected[:, 4]) * expected[:, 2] <= 2 * resolution).all()
-    assert found.t_err_percent == pytest.approx(100 * expected[:, 3].mean(), rel=1e-5)
-    assert found.r_err_deg_per_m == pytest.approx(np.degrees(expected[:, 4].mean()), rel=1e-4)
+    assert (np.abs(errors.rotations - expected[:, 4]) * expected[:, 2] <= 2 * resolution).all()
+    assert errors.t_err_percent == pytest.approx(100 * expected[:, 3].mean(), rel=1e-5)
+    assert errors.r_err_deg_per_m == pytest.approx(np.degrees(expected[:, 4].mean()), rel=1e-4)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -78,22 +78,22 @@ def test_holes_of_both_leave_out_their_segments_only():
     result = shaken(truth)
     numbers = np.setdiff1d(np.arange(1500), [*range(177, 181), 300, 905]) + 20
     truth, result = truth[numbers - 20], result[numbers - 20]
-    known = rng.random(len(numbers)) > 0.1
-    known[:35] = False
-    given = {n: pose for n, pose, has in zip(numbers, result, known, strict=True) if has}
+    posed = rng.random(len(numbers)) > 0.1
+    posed[:35] = False
+    given = {n: pose for n, pose, has in zip(numbers, result, posed, strict=True) if has}
     whole = brute_force(numbers, truth, dict(zip(numbers, result, strict=True)))
-    found = score(truth, np.where(known[:, None, None], result, np.eye(4)), numbers, known)
+    errors = score(truth, np.where(posed[:, None, None], result, np.eye(4)), numbers, posed)
     expected = brute_force(numbers, truth, given)
-    compare(found, expected)
-    assert found.left_out == len(whole) - len(expected) > 100
+    compare(errors, expected)
+    assert errors.left_out == len(whole) - len(expected) > 100
 
 
 def test_a_trajectory_has_no_error_against_itself_also_with_rounded_matrices():
     truth = drive(1200)
     for poses in (truth, np.round(truth, 4)):
-        found = score(poses, poses)
-        assert len(found) > 300
-        assert (found.t_err_percent, found.r_err_deg_per_m) == (pytest.approx(0, abs=1e-9), 0)
+        errors = score(poses, poses)
+        assert len(errors) > 300
+        assert (errors.t_err_percent, errors.r_err_deg_per_m) == (pytest.approx(0, abs=1e-9), 0)
 
 
 def test_the_fixed_frame_does_not_matter():
@@ -141,18 +141,18 @@ def shows_drift(truth):
     assert f'{aside.t_err_percent:.2f}' == '1.00'
     assert aside.r_err_deg_per_m == 0
     for turned in (drifted(truth, deg_per_m=0.01), drifted(truth, 0.01, 0.01)):
-        found = score(truth, turned)
-        assert found.r_err_deg_per_m == pytest.approx(0.01 * drift, rel=2e-5)
-        assert f'{found.r_err_deg_per_m:.4f}' == '0.0100'
+        errors = score(truth, turned)
+        assert errors.r_err_deg_per_m == pytest.approx(0.01 * drift, rel=2e-5)
+        assert f'{errors.r_err_deg_per_m:.4f}' == '0.0100'
     scaled = score(truth, scaled_by(truth, 1.01))
     assert scaled.t_err_percent == pytest.approx(scale, rel=2e-5)
     assert scaled.r_err_deg_per_m == 0
 
 
 def scaled_by(poses, factor):
-    found = poses.copy()
-    found[:, :3, 3] *= factor
-    return found
+    scaled = poses.copy()
+    scaled[:, :3, 3] *= factor
+    return scaled
 
 
 def agrees_with_devkit(truth, figures):
@@ -170,10 +170,10 @@ def agrees_with_devkit(truth, figures):
         'shaken': shaken(truth),
     }
     for name, (t_err, r_err, count) in figures.items():
-        found = score(truth, results[name])
-        assert len(found) == count
-        assert found.t_err_percent == pytest.approx(t_err, rel=2e-6, abs=1e-6), name
-        assert found.r_err_deg_per_m == pytest.approx(r_err, rel=2e-6, abs=1e-8), name
+        errors = score(truth, results[name])
+        assert len(errors) == count
+        assert errors.t_err_percent == pytest.approx(t_err, rel=2e-6, abs=1e-6), name
+        assert errors.r_err_deg_per_m == pytest.approx(r_err, rel=2e-6, abs=1e-8), name
 
 
 def test_a_known_drift_has_its_figures():
@@ -194,9 +194,9 @@ def test_figures_are_those_of_the_devkit():
 def test_a_scale_of_a_straight_way_is_its_error():
     """The chord of a straight segment is its way: 1 % and the part of a step beyond the length."""
     truth = drive(3000, bend=0)
-    found = score(truth, scaled_by(truth, 1.01))
-    assert f'{found.t_err_percent:.2f}' == '1.00'
-    assert found.r_err_deg_per_m == 0
+    errors = score(truth, scaled_by(truth, 1.01))
+    assert f'{errors.t_err_percent:.2f}' == '1.00'
+    assert errors.r_err_deg_per_m == 0
 
 
 @pytest.fixture
@@ -210,8 +210,8 @@ def poses_00(real_kitti):
 
 
 def test_a_known_drift_on_a_real_way_has_its_figures(poses_00):
-    found = score(poses_00, poses_00)
-    assert (f'{found.t_err_percent:.6f}', found.r_err_deg_per_m) == ('0.000000', 0)
+    errors = score(poses_00, poses_00)
+    assert (f'{errors.t_err_percent:.6f}', errors.r_err_deg_per_m) == ('0.000000', 0)
     shows_drift(poses_00)
     scaled = scaled_by(drifted(poses_00, deg_per_m=0.01), 1.01)
     compare(score(poses_00, scaled), brute_force(range(4541), poses_00, dict(enumerate(scaled))))
@@ -230,9 +230,9 @@ def test_figures_on_a_real_way_are_those_of_the_devkit(poses_00):
 
 @pytest.mark.parametrize('frames', [1, 2, 50])
 def test_a_short_way_has_no_segment(frames):
-    found = score(drive(frames, 1.0), drive(frames, 1.0))
-    assert (len(found), found.left_out) == (0, 0)
-    assert found.t_err_percent is found.r_err_deg_per_m is None
+    errors = score(drive(frames, 1.0), drive(frames, 1.0))
+    assert (len(errors), errors.left_out) == (0, 0)
+    assert errors.t_err_percent is errors.r_err_deg_per_m is None
 
 
 def test_a_hand_made_segment():
@@ -241,7 +241,7 @@ def test_a_hand_made_segment():
     truth[:, 2, 3] = np.arange(102)
     result = truth.copy()
     result[101, :3, 3] = [3, 0, 105]  # 3 m aside and 4 m too far
-    found = score(truth, result)
-    assert (found.first.tolist(), found.last.tolist()) == ([0], [101])
-    assert found.t_err_percent == pytest.approx(5.0)
-    assert found.speeds_m_s.tolist() == [pytest.approx(100 / 10.2)]
+    errors = score(truth, result)
+    assert (errors.first.tolist(), errors.last.tolist()) == ([0], [101])
+    assert errors.t_err_percent == pytest.approx(5.0)
+    assert errors.speeds_m_s.tolist() == [pytest.approx(100 / 10.2)]

@@ -83,8 +83,8 @@ def tracks(tmp_path):
 @needs_trackeval
 def test_a_track_that_changes_its_id_by_hand(truth, tracks):
     labels = [box(frame, 3, left=10 * frame) for frame in (0, 1, 4, 5)]
-    found = [replace(each, track_id=7 if each.frame < 2 else 8, score=0.5) for each in labels]
-    scores = evaluate_tracking(truth(labels), tracks(found))
+    detected = [replace(label, track_id=7 if label.frame < 2 else 8, score=0.5) for label in labels]
+    scores = evaluate_tracking(truth(labels), tracks(detected))
     car = scores.classes['car']
     assert car['MOTA'] == pytest.approx(75)
     assert car['MOTP'] == pytest.approx(100)
@@ -112,10 +112,10 @@ def test_a_track_that_changes_its_id_by_hand(truth, tracks):
     ],
 )
 def test_false_positives_by_the_rules_of_the_benchmark(label, track, expected, truth, tracks):
-    known = [box(0, 1), box(0, 1, 'Pedestrian', left=300)]
-    scores = evaluate_tracking(truth([*known, label]), tracks([*known, track]))
-    assert sum(each['CLR_FP'] for each in scores.classes.values()) == expected
-    assert [each['CLR_TP'] for each in scores.classes.values()] == [1, 1]
+    matched = [box(0, 1), box(0, 1, 'Pedestrian', left=300)]
+    scores = evaluate_tracking(truth([*matched, label]), tracks([*matched, track]))
+    assert sum(figures['CLR_FP'] for figures in scores.classes.values()) == expected
+    assert [figures['CLR_TP'] for figures in scores.classes.values()] == [1, 1]
 
 
 def random_tracks(rng: np.random.Generator, length: int) -> tuple[list[Box], list[Box]]:
@@ -141,14 +141,14 @@ def random_tracks(rng: np.random.Generator, length: int) -> tuple[list[Box], lis
                 )
             )
     regions = [box(n, -1, 'DontCare', rng.uniform(0, 1000), 200, 80) for n in range(0, length, 3)]
-    found = []
+    detected = []
     for label in labels:
         if rng.random() < 0.15 or label.class_name == 'Cyclist':
             continue
         four = np.array(label.box_2d) + rng.normal(0, 4, 4)
         kind = {'Van': 'Car', 'Truck': 'Car', 'Person': 'Pedestrian'}.get(label.class_name)
         track = label.track_id + 100 * (label.frame > 13 + label.track_id)
-        found.append(
+        detected.append(
             replace(
                 label,
                 class_name=kind or label.class_name,
@@ -161,8 +161,8 @@ def random_tracks(rng: np.random.Generator, length: int) -> tuple[list[Box], lis
         box(frame, 5000 + frame, str(rng.choice(['Car', 'Pedestrian'])), rng.uniform(0, 1000))
         for frame in rng.integers(0, length, length)
     ]
-    unique = {(each.frame, each.track_id): replace(each, score=0.1) for each in false}
-    return [*labels, *regions], [*found, *unique.values()]
+    unique = {(fake.frame, fake.track_id): replace(fake, score=0.1) for fake in false}
+    return [*labels, *regions], [*detected, *unique.values()]
 
 
 def own_figures(truth: Path, tracks: Path, out: Path) -> dict[str, dict[str, float]]:
@@ -187,15 +187,15 @@ def own_figures(truth: Path, tracks: Path, out: Path) -> dict[str, dict[str, flo
         results, _ = library.Evaluator(config).evaluate(
             [dataset], [metrics.HOTA(), metrics.CLEAR(quiet), metrics.Identity(quiet)]
         )
-    found = {}
+    score = {}
     for kind, values in results['Kitti2DBox']['mine']['COMBINED_SEQ'].items():
         hota, clear, identity = (values[name] for name in ('HOTA', 'CLEAR', 'Identity'))
-        found[kind] = {name: 100 * np.mean(hota[name]) for name in ('HOTA', 'DetA', 'AssA', 'LocA')}
-        found[kind] |= {name: 100 * clear[name] for name in ('MOTA', 'MOTP')}
-        found[kind] |= {name: 100 * identity[name] for name in ('IDF1', 'IDP', 'IDR')}
+        score[kind] = {name: 100 * np.mean(hota[name]) for name in ('HOTA', 'DetA', 'AssA', 'LocA')}
+        score[kind] |= {name: 100 * clear[name] for name in ('MOTA', 'MOTP')}
+        score[kind] |= {name: 100 * identity[name] for name in ('IDF1', 'IDP', 'IDR')}
         counts = ('IDSW', 'Frag', 'MT', 'PT', 'ML', 'CLR_TP', 'CLR_FN', 'CLR_FP')
-        found[kind] |= {name: clear[name] for name in counts}
-    return found
+        score[kind] |= {name: clear[name] for name in counts}
+    return score
 
 
 def write_seqmap(folder: Path, lengths: dict[str, int]) -> None:
@@ -207,9 +207,9 @@ def write_seqmap(folder: Path, lengths: dict[str, int]) -> None:
 def test_figures_are_those_of_trackeval_on_the_same_files(seed, tmp_path):
     rng = np.random.default_rng(seed)
     made = {name: random_tracks(rng, length) for name, length in LENGTHS.items()}
-    truth = write_tracks(tmp_path / 'gt', {n: each[0] for n, each in made.items()}, 'label_02')
+    truth = write_tracks(tmp_path / 'gt', {n: pair[0] for n, pair in made.items()}, 'label_02')
     write_seqmap(truth, LENGTHS)
-    tracks = write_tracks(tmp_path / 'tracks', {n: each[1] for n, each in made.items()})
+    tracks = write_tracks(tmp_path / 'tracks', {n: pair[1] for n, pair in made.items()})
     scores = evaluate_tracking(truth, tracks)
     assert scores.classes == own_figures(truth, tracks, tmp_path / 'own')
     assert 20 < scores.classes['car']['HOTA'] < 80
@@ -259,9 +259,9 @@ def test_the_length_is_that_of_the_list_of_this_split(files, frames, truth, trac
     folder = truth(labels)
     for name, lengths in files.items():
         (tmp_path / name).write_text(seqmap(lengths))
-    found = tracks([*labels, box(30, 2)])
+    results = tracks([*labels, box(30, 2)])
     for path in (folder, folder / 'label_02', folder / 'label_02' / '0000.txt'):
-        scores = evaluate_tracking(path, found)
+        scores = evaluate_tracking(path, results)
         assert scores.frames == frames
         (loss,) = scores.losses
         assert f'in frames 30; the sequence has {frames} frames' in loss.text()
@@ -272,10 +272,10 @@ def test_the_list_of_testing_is_for_labels_of_testing(tracks, tmp_path):
     labels = [box(frame, 1) for frame in range(2)]
     folder = write_tracks(tmp_path / 'testing', {'0000': labels}, 'label_02')
     (folder / 'evaluate_tracking.seqmap.training').write_text(seqmap({'0000': 5}))
-    found = tracks(labels)
-    assert evaluate_tracking(folder, found).frames == 2
+    results = tracks(labels)
+    assert evaluate_tracking(folder, results).frames == 2
     (folder / 'evaluate_tracking.seqmap.test').write_text(seqmap(_OF_TEST))
-    assert evaluate_tracking(folder, found).frames == 40
+    assert evaluate_tracking(folder, results).frames == 40
 
 
 @needs_trackeval
@@ -305,8 +305,8 @@ def test_a_class_without_objects_and_tracks_has_no_percentage(
 @needs_trackeval
 def test_labels_of_unknown_occlusion_are_counted(truth, tracks):
     labels = [box(frame, 1, occluded=3) for frame in range(3)]
-    found = tracks([replace(each, occluded=0) for each in labels])
-    scores = evaluate_tracking(truth([*labels, box(0, 2, 'Truck', occluded=3)]), found)
+    results = tracks([replace(label, occluded=0) for label in labels])
+    scores = evaluate_tracking(truth([*labels, box(0, 2, 'Truck', occluded=3)]), results)
     assert scores.classes['car']['MOTA'] is None
     assert '3 labels left out: occlusion 3, unknown; 0 counts as visible' in scores.notes
 
@@ -374,16 +374,16 @@ def test_frames_with_labels_and_no_track_are_named(truth, tracks):
 @needs_trackeval
 def test_detections_without_ids_are_noted(truth, tracks):
     labels = [box(frame, 1) for frame in range(3)]
-    found = [replace(each, track_id=each.frame) for each in labels]
-    (note,) = evaluate_tracking(truth(labels), tracks(found)).notes
+    detected = [replace(label, track_id=label.frame) for label in labels]
+    (note,) = evaluate_tracking(truth(labels), tracks(detected)).notes
     assert note == '0000: every track has one box; a tracker gives the boxes of an object one id'
 
 
 @needs_trackeval
 def test_lines_that_cannot_be_used_are_losses(truth, tracks):
     labels = [box(frame, 1) for frame in range(3)]
-    found = [*labels, box(0, -1, left=500), box(3, 4), box(1, 5, 'robot'), box(2, 6, 'robot')]
-    results = tracks(found)
+    detected = [*labels, box(0, -1, left=500), box(3, 4), box(1, 5, 'robot'), box(2, 6, 'robot')]
+    results = tracks(detected)
     with (results / '0000.txt').open('a') as file:
         file.write('2 9 Car 0 0\n')
     scores = evaluate_tracking(truth(labels), results)
@@ -473,18 +473,18 @@ def test_ground_truth_without_labels_is_an_error(recordings, tmp_path):
 
 
 def test_without_trackeval_the_error_says_what_to_install(truth, tracks, monkeypatch):
-    folder, found = truth([box(0, 1)]), tracks([box(0, 1)])
+    folder, results = truth([box(0, 1)]), tracks([box(0, 1)])
     monkeypatch.setattr('kitti_ros2.evaluation.track_metrics.find_spec', lambda _: None)
     with pytest.raises(UsageError, match=r"run pip install 'kitti_ros2\[eval\]'"):
-        evaluate_tracking(folder, found)
+        evaluate_tracking(folder, results)
 
 
 @needs_trackeval
 def test_the_command_prints_a_table_of_80_columns_and_losses(truth, tracks, capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     labels = [box(frame, 1) for frame in range(3)]
-    folder, found = truth(labels), tracks([*labels, box(0, -1)])
-    assert main(['eval', 'tracking', str(folder), str(found)]) == 1
+    folder, results = truth(labels), tracks([*labels, box(0, -1)])
+    assert main(['eval', 'tracking', str(folder), str(results)]) == 1
     out, err = capsys.readouterr()
     assert max(map(len, out.splitlines())) <= 80
     assert out.startswith('1 sequence (0000), 3 frames\n')
@@ -494,7 +494,7 @@ def test_the_command_prints_a_table_of_80_columns_and_losses(truth, tracks, caps
     assert rows[3] == ['pedestrian', *'-' * 11]
     assert out.endswith('\n- has no objects and no tracks\n')
     assert 'track id below 0' in err
-    assert main(['eval', 'tracking', str(folder), str(found), '-q']) == 1
+    assert main(['eval', 'tracking', str(folder), str(results), '-q']) == 1
     assert capsys.readouterr().out == ''
 
 
@@ -502,14 +502,14 @@ def test_the_command_prints_a_table_of_80_columns_and_losses(truth, tracks, caps
 def test_json_has_the_figures_by_class(truth, tracks, capsys):
     labels = [box(frame, 1) for frame in range(3)]
     assert main(['eval', 'tracking', str(truth(labels)), str(tracks(labels)), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [*found] == ['tracking', 'sequences', 'frames', 'losses']
-    assert [*found['tracking']] == ['car', 'pedestrian']
-    car = found['tracking']['car']
+    values = json.loads(capsys.readouterr().out)
+    assert [*values] == ['tracking', 'sequences', 'frames', 'losses']
+    assert [*values['tracking']] == ['car', 'pedestrian']
+    car = values['tracking']['car']
     assert (car['HOTA'], car['MOTA'], car['IDF1'], car['IDSW']) == (100, 100, 100, 0)
-    assert found['sequences']['0000']['car'] == car
-    assert found['frames'] == 3
-    nobody = found['tracking']['pedestrian']
+    assert values['sequences']['0000']['car'] == car
+    assert values['frames'] == 3
+    nobody = values['tracking']['pedestrian']
     assert (nobody['HOTA'], nobody['MOTA'], nobody['IDR'], nobody['CLR_FP']) == (
         None,
         None,

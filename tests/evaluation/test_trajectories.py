@@ -24,17 +24,17 @@ def write(tmp_path, *lines):
 
 def test_twelve_columns_are_frames_by_line(tmp_path):
     poses = drive(5)
-    found = read_trajectory(write_poses(tmp_path / '09.txt', poses))
-    assert (found.numbers.tolist(), found.stamps_ns, found.losses) == ([0, 1, 2, 3, 4], None, ())
-    np.testing.assert_allclose(found.poses, poses, atol=1e-8)
+    track = read_trajectory(write_poses(tmp_path / '09.txt', poses))
+    assert (track.numbers.tolist(), track.stamps_ns, track.losses) == ([0, 1, 2, 3, 4], None, ())
+    np.testing.assert_allclose(track.poses, poses, atol=1e-8)
 
 
 def test_thirteen_columns_begin_with_the_frame(tmp_path):
     poses = drive(5)
-    found = read_trajectory(write_poses(tmp_path / '09.txt', poses[[4, 1, 2]], [4, 1, 2]))
-    assert found.numbers.tolist() == [1, 2, 4]
-    np.testing.assert_allclose(found.poses, poses[[1, 2, 4]], atol=1e-8)
-    assert found.notes == (f'{tmp_path / "09.txt"}: frame numbers are not in order; sorted',)
+    track = read_trajectory(write_poses(tmp_path / '09.txt', poses[[4, 1, 2]], [4, 1, 2]))
+    assert track.numbers.tolist() == [1, 2, 4]
+    np.testing.assert_allclose(track.poses, poses[[1, 2, 4]], atol=1e-8)
+    assert track.notes == (f'{tmp_path / "09.txt"}: frame numbers are not in order; sorted',)
 
 
 def test_numbers_with_a_point_are_frame_numbers(tmp_path):
@@ -45,11 +45,11 @@ def test_numbers_with_a_point_are_frame_numbers(tmp_path):
 def test_tum_keeps_all_nanoseconds_and_is_sorted(tmp_path):
     poses = drive(4)
     stamps = [f'1317042145.{ns:09d}' for ns in (951199337, 2, 1, 500)]
-    found = read_trajectory(write_tum(tmp_path / 'a.tum', stamps, poses))
+    track = read_trajectory(write_tum(tmp_path / 'a.tum', stamps, poses))
     second = 1317042145 * 10**9
-    assert found.stamps_ns.tolist() == [second + 1, second + 2, second + 500, second + 951199337]
-    np.testing.assert_allclose(found.poses, poses[[2, 1, 3, 0]], atol=1e-9)
-    assert found.notes
+    assert track.stamps_ns.tolist() == [second + 1, second + 2, second + 500, second + 951199337]
+    np.testing.assert_allclose(track.poses, poses[[2, 1, 3, 0]], atol=1e-9)
+    assert track.notes
 
 
 @pytest.mark.parametrize(
@@ -69,17 +69,17 @@ def test_tum_keeps_all_nanoseconds_and_is_sorted(tmp_path):
 )
 def test_an_invalid_line_costs_its_frame(line, complaint, tmp_path):
     path = write(tmp_path, LINE.format(0), line, LINE.format(2))
-    found = read_trajectory(path)
-    assert found.numbers.tolist() == [0, 2]
-    (loss,) = found.losses
+    track = read_trajectory(path)
+    assert track.numbers.tolist() == [0, 2]
+    (loss,) = track.losses
     assert loss.text().startswith(f'{path}:2: {complaint}')
 
 
 def test_matrices_that_are_nearly_rotations_are_taken_with_a_note(tmp_path):
     lines = [LINE.format(0), '1.02' + LINE.format(1)[1:]]
-    found = read_trajectory(write(tmp_path, *lines))
-    assert (len(found), found.losses) == (2, ())
-    assert found.notes[0].endswith('no exact rotations, R^T R is off by up to 0.04')
+    track = read_trajectory(write(tmp_path, *lines))
+    assert (len(track), track.losses) == (2, ())
+    assert track.notes[0].endswith('no exact rotations, R^T R is off by up to 0.04')
 
 
 @pytest.mark.parametrize(
@@ -94,10 +94,10 @@ def test_matrices_that_are_nearly_rotations_are_taken_with_a_note(tmp_path):
 )
 def test_an_invalid_line_of_tum_costs_its_pose(line, complaint, tmp_path):
     path = write(tmp_path, '# a comment', '1 0 0 0 0 0 0 1', '', line, '3 0 0 0 0 0 0 1')
-    found = read_trajectory(path)
-    assert found.stamps_ns.tolist() == [10**9, 3 * 10**9]
-    assert complaint in found.losses[0].text()
-    assert found.losses[0].text().startswith(f'{path}:4: ')
+    track = read_trajectory(path)
+    assert track.stamps_ns.tolist() == [10**9, 3 * 10**9]
+    assert complaint in track.losses[0].text()
+    assert track.losses[0].text().startswith(f'{path}:4: ')
 
 
 @pytest.mark.parametrize('change', [b'\xef\xbb\xbf%s', b'# a comment\n\n%s', b'%s\n  \n'])
@@ -106,33 +106,33 @@ def test_marks_blank_lines_and_line_ends_change_nothing(change, end, tmp_path):
     path = tmp_path / '09.txt'
     lines = [LINE.format(x).encode() for x in range(3)]
     path.write_bytes(change % end.join(lines))
-    found = read_trajectory(path)
-    assert found.poses[:, 0, 3].tolist() == [0, 1, 2]
-    assert (found.losses, found.notes) == ((), ())
+    track = read_trajectory(path)
+    assert track.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert (track.losses, track.notes) == ((), ())
 
 
 def test_a_header_is_no_frame(tmp_path):
     path = write(tmp_path, 'r11 r12 r13 tx', *(LINE.format(x) for x in range(3)))
-    found = read_trajectory(path)
-    assert found.numbers.tolist() == found.poses[:, 0, 3].tolist() == [0, 1, 2]
-    assert found.losses == ()
-    assert found.notes == (f'{path}: the first line has no numbers; taken as a header',)
+    track = read_trajectory(path)
+    assert track.numbers.tolist() == track.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert track.losses == ()
+    assert track.notes == (f'{path}: the first line has no numbers; taken as a header',)
 
 
 def test_a_long_file_is_read_in_one_piece(tmp_path):
     lines = [f'{n * 0.01:.6f} {n} 0 0 0 0 0 1' for n in range(20_000)]
     lines[700] = lines[699]
-    found = read_trajectory(write(tmp_path, *lines))
-    assert (len(found), len(found.losses)) == (19_999, 1)
-    assert 'in lines 701' in found.losses[0].text()
+    track = read_trajectory(write(tmp_path, *lines))
+    assert (len(track), len(track.losses)) == (19_999, 1)
+    assert 'in lines 701' in track.losses[0].text()
 
 
 def test_the_first_of_two_poses_of_a_frame_is_used(tmp_path):
     path = write(tmp_path, *(f'{n} {LINE.format(x)}' for n, x in ((0, 0), (1, 1), (1, 5), (2, 2))))
-    found = read_trajectory(path)
-    assert found.poses[:, 0, 3].tolist() == [0, 1, 2]
-    assert [loss.count for loss in found.losses] == [1]
-    assert found.losses[0].text() == (
+    track = read_trajectory(path)
+    assert track.poses[:, 0, 3].tolist() == [0, 1, 2]
+    assert [loss.count for loss in track.losses] == [1]
+    assert track.losses[0].text() == (
         f'{path}: a second pose of the same frame number in lines 3; the first is used'
     )
 

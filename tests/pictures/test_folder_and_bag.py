@@ -69,7 +69,7 @@ def assert_same_report(there, here):
 def absent_in(report):
     """The frames of which a recording has no file, by stream, as its report names them."""
     losses = report.overview.losses
-    return {(each.stream, each.numbers, each.text().partition(': ')[2]) for each in losses}
+    return {(loss.stream, loss.numbers, loss.text().partition(': ')[2]) for loss in losses}
 
 
 @pytest.mark.one_in(3)
@@ -79,10 +79,10 @@ def test_a_bag_tells_which_frames_its_folder_has_no_files_of(bag, told):
 
 
 def test_a_bag_of_a_part_tells_what_is_absent_from_that_part(holed, told, tmp_path):
-    numbers = [number for _, found, _ in absent_in(told) for number in found]
+    numbers = [number for _, absent, _ in absent_in(told) for number in absent]
     last = SelectionOptions(end=Bound(frame=min(numbers)))
-    found = absent_in(gather(make_bag(holed, tmp_path / 'part', selection=last), ANY))
-    assert {number for _, few, _ in found for number in few} <= {min(numbers)}
+    losses = absent_in(gather(make_bag(holed, tmp_path / 'part', selection=last), ANY))
+    assert {number for _, few, _ in losses for number in few} <= {min(numbers)}
 
 
 @pytest.mark.one_in(3)
@@ -112,7 +112,7 @@ def assert_same_classes(there, here):
     assert (there is None) == (here is None)
     if here is None:
         return
-    counts = [(each.frames, each.labelled, each.dont_care, each.count) for each in (there, here)]
+    counts = [(side.frames, side.labelled, side.dont_care, side.count) for side in (there, here)]
     assert counts[0] == counts[1]
     for mine, own in zip(there.classes, here.classes, strict=True):
         np.testing.assert_allclose(mine.distances_m, own.distances_m, atol=1e-9)
@@ -202,7 +202,7 @@ def test_predictions_are_drawn_on_the_frame_of_their_number(object_bag, tmp_path
 def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys):
     assert main(['view', str(object_bag), '-o', str(tmp_path / 'out'), '--frames', '9:20']) == 1
     assert 'training/image_2: no image_2 for frames 16, which' in capsys.readouterr().err
-    assert sorted(each.name for each in (tmp_path / 'out').iterdir()) == [
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [
         '000010.png', '000015.png', '000016.png'
     ]  # fmt: skip
     assert main(['view', str(object_bag), '-o', str(tmp_path / 'b.png'), '--frame', '10']) == 0
@@ -213,7 +213,7 @@ def test_pictures_are_named_and_asked_for_by_number(object_bag, tmp_path, capsys
 
 def test_the_days_of_an_object_set_are_no_issues_in_its_bag(object_bag):
     report = gather(object_bag, ANY)
-    assert [(each.severity, each.where) for each in report.issues] == [(Severity.LOSS, 'image_2')]
+    assert [(loss.severity, loss.where) for loss in report.issues] == [(Severity.LOSS, 'image_2')]
     assert report.clock is Clock.NOMINAL
     assert [scene.number for scene in report.scenes][:2] == list(OBJECT_NUMBERS[:2])
 
@@ -222,7 +222,7 @@ def test_a_bag_of_others_says_that_its_frames_are_numbered_by_position(tmp_path,
     path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth())
     assert main(['view', str(path), '-o', str(tmp_path / 'a.png'), '--frame', '2']) == 0
     assert f'note: {BY_POSITION}' in capsys.readouterr().out
-    assert [each.text for each in gather(path, ANY).issues].count(BY_POSITION) == 1
+    assert [issue.text for issue in gather(path, ANY).issues].count(BY_POSITION) == 1
 
 
 def test_the_route_of_another_bag_is_whole_though_its_images_are_few(tmp_path):

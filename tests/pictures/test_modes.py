@@ -138,7 +138,7 @@ def test_a_camera_without_an_image_is_named():
     'changes',
     [
         {'objects': ()},
-        {'calibration': None, 'objects': [each for each in FRAME.objects if each.box_2d]},
+        {'calibration': None, 'objects': [label for label in FRAME.objects if label.box_2d]},
         {'points': np.empty((0, 4), np.float32)},
     ],
 )
@@ -151,24 +151,24 @@ def test_what_need_not_be_there(changes):
 
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
 def test_predictions_are_seen_and_seen_to_be_predictions(mode):
-    found = [replace(each, score=0.5, occluded=None) for each in FRAME.objects]
+    predicted = [replace(obj, score=0.5, occluded=None) for obj in FRAME.objects]
     draw = MODES[mode].draw
-    labels, predictions = make_frame(), make_frame(objects=(), predictions=found)
+    labels, predictions = make_frame(), make_frame(objects=(), predictions=predicted)
     neither = draw(make_frame(objects=()), ANY)
     assert (draw(predictions, ANY) != neither).any()
     assert (draw(predictions, ANY) != draw(labels, ANY)).any()
 
 
 def test_predictions_are_compared_with_labels():
-    car = next(each for each in FRAME.objects if each.class_name == 'Car')
-    cyclist = next(each for each in FRAME.objects if each.class_name == 'Cyclist')
-    found = [replace(car, score=0.9), replace(car, score=0.5)]
-    labels, predictions = compared([car, cyclist], found)
+    car = next(obj for obj in FRAME.objects if obj.class_name == 'Car')
+    cyclist = next(obj for obj in FRAME.objects if obj.class_name == 'Cyclist')
+    predicted = [replace(car, score=0.9), replace(car, score=0.5)]
+    labels, predictions = compared([car, cyclist], predicted)
     frame = make_frame(objects=labels, predictions=predictions)
     assert dict(facts_of(frame, ANY))['compared'] == '1 TP, 1 FP, 1 FN'
-    assert [each.match.verdict.value for each in frame.predictions] == ['TP', 'FP']
-    assert [each.match.verdict.value for each in frame.objects] == ['TP', 'FN']
-    assert 'compared' not in dict(facts_of(make_frame(predictions=found), ANY))
+    assert [prediction.match.verdict.value for prediction in frame.predictions] == ['TP', 'FP']
+    assert [obj.match.verdict.value for obj in frame.objects] == ['TP', 'FN']
+    assert 'compared' not in dict(facts_of(make_frame(predictions=predicted), ANY))
     assert (MODES['boxes'].draw(frame, ANY) != MODES['boxes'].draw(FRAME, ANY)).any()
 
 
@@ -188,14 +188,14 @@ def test_predictions_are_compared_where_there_are_labels(recordings, tmp_path, l
     predictions = Predictions(ResultFiles(tmp_path).read)
     frame = predictions.add_to(open_frames(root, ReadOptions()).frame(1))
     assert frame.predictions
-    found = {each.match.verdict.value if each.match else None for each in frame.predictions}
-    assert found == {'absent': {None}, 'empty': {'FP'}, 'there': {'TP'}}[labels]
+    verdicts = {box.match.verdict.value if box.match else None for box in frame.predictions}
+    assert verdicts == {'absent': {None}, 'empty': {'FP'}, 'there': {'TP'}}[labels]
 
 
 @pytest.mark.parametrize('mode', ['camera', 'boxes', 'bev', 'panel'])
 def test_only_the_classes_asked_for_are_drawn(mode):
     draw = MODES[mode].draw
-    cars = [each for each in FRAME.objects if each.class_name == 'Car']
+    cars = [obj for obj in FRAME.objects if obj.class_name == 'Car']
     assert 0 < len(cars) < len(FRAME.objects)
     chosen = draw(FRAME, PictureOptions(classes=('Car',)))
     np.testing.assert_array_equal(chosen, draw(make_frame(objects=cars), ANY))

@@ -73,9 +73,9 @@ def colored(image: np.ndarray) -> np.ndarray:
     return np.argwhere(spread > 40)[:, ::-1]
 
 
-def farthest(found: np.ndarray, places: np.ndarray) -> float:
+def farthest(drawn: np.ndarray, places: np.ndarray) -> float:
     """The greatest distance of a found pixel from the nearest of some places."""
-    apart = np.linalg.norm(found[:, None] - places[None], axis=2)
+    apart = np.linalg.norm(drawn[:, None] - places[None], axis=2)
     return float(max(apart.min(axis=1).max(), apart.min(axis=0).max()))
 
 
@@ -111,10 +111,10 @@ def test_a_plan_of_the_wrong_camera_frame_shows_it(write):
 
     drawn = preview(write(LABELS), change=wrong)
     for row, number in enumerate(drawn.numbers):
-        found = colored(tile(drawn.picture, row, 0))
+        pixels = colored(tile(drawn.picture, row, 0))
         places = seen(TRUTH[number], 2, Layout.OBJECT)
-        assert farthest(found, places) > 7  # a baseline of 0.12 m at 6 m is 10 pixels
-        assert farthest(found, places - [500.0 * foreign.BASELINE / 6.0, 0]) < 3
+        assert farthest(pixels, places) > 7  # a baseline of 0.12 m at 6 m is 10 pixels
+        assert farthest(pixels, places - [500.0 * foreign.BASELINE / 6.0, 0]) < 3
 
 
 def test_boxes_are_those_of_the_labels(write):
@@ -124,15 +124,15 @@ def test_boxes_are_those_of_the_labels(write):
     assert 'no scan in the plan' in with_boxes.missing
     number = with_boxes.numbers[0]
     assert not len(colored(tile(without.picture, 0, 0)))
-    found = colored(tile(with_boxes.picture, 0, 0))
+    colored_pixels = colored(tile(with_boxes.picture, 0, 0))
     half = np.array(TRUTH[number].cuboid.size_lwh) / 2
     signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3)
     corners = TRUTH[number].cuboid.velo_T_box.apply(signs * half)
     pixels = foreign.lidar_t_camera().inverse().apply(corners) @ foreign.K_RECT.T
     pixels = pixels[:, :2] / pixels[:, 2:]
     # A label is upright in the camera, which is tilted by 3 degrees: half a metre at 9 m.
-    assert np.abs(found.max(axis=0) - pixels.max(axis=0)).max() < 30
-    assert abs(found[:, 0].min() - pixels[:, 0].min()) < 30
+    assert np.abs(colored_pixels.max(axis=0) - pixels.max(axis=0)).max() < 30
+    assert abs(colored_pixels[:, 0].min() - pixels[:, 0].min()) < 30
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_boxes_are_those_of_the_labels(write):
 )
 def test_what_is_missing_is_named_and_the_rest_is_drawn(leave_out, missing, columns, write):
     drawn = preview(write(*leave_out, dots=False))
-    assert any(each.startswith(missing) for each in drawn.missing) == bool(missing)
+    assert any(reason.startswith(missing) for reason in drawn.missing) == bool(missing)
     bird = 600 if SCANS not in leave_out and missing else 0
     images = columns * (WIDTH + GAP) - GAP * (not bird)
     assert drawn.picture.shape[1] == images + bird

@@ -62,8 +62,8 @@ def test_a_bag_shows_what_its_folder_shows(recording_path, tmp_path, storage, im
         assert not here.missing
         assert there.stamp_ns == here.stamp_ns
         assert_same(there, here)
-        solid = sorted(each.class_name for each in here.objects if each.cuboid is not None)
-        assert sorted(each.class_name for each in there.objects if each.cuboid is not None) == solid
+        solid = sorted(obj.class_name for obj in here.objects if obj.cuboid is not None)
+        assert sorted(obj.class_name for obj in there.objects if obj.cuboid is not None) == solid
 
 
 def test_a_bag_of_others(tmp_path):
@@ -157,11 +157,11 @@ class TestPredictions:
         (tmp_path / below).mkdir(exist_ok=True)
         (tmp_path / below / '000001.txt').write_text(LINE * 2)
         source = open_frames(recordings[Layout.OBJECT], ANY)
-        found = Predictions(ResultFiles(tmp_path).read)
-        first, second = found.add_to(source.frame(1)).predictions
+        results = Predictions(ResultFiles(tmp_path).read)
+        first, second = results.add_to(source.frame(1)).predictions
         assert first.score == second.score == 0.91
         assert first.cuboid is not None
-        frame = found.add_to(source.frame(2))
+        frame = results.add_to(source.frame(2))
         assert not frame.predictions
         assert frame.missing['predictions'].endswith('no result file for frames {}')
 
@@ -171,7 +171,7 @@ class TestPredictions:
         source = open_frames(recordings[Layout.TRACKING], ANY)
         predictions = Predictions(ResultFiles(path).read)
         frames = [predictions.add_to(source.frame(number)) for number in range(4)]
-        ids = [[each.track_id for each in frame.predictions] for frame in frames]
+        ids = [[prediction.track_id for prediction in frame.predictions] for frame in frames]
         assert ids == [[], [7], [], [8]]
 
     def test_a_bad_line_costs_itself(self, recordings, tmp_path):
@@ -197,17 +197,17 @@ def test_a_cloud_of_a_depth_camera_has_z_forward(tmp_path):
         return message
 
     truth = foreign.make_truth()
-    found = {}
+    sources = {}
     for name, change in (('plain', lambda _topic, _place, message: message), ('z', in_a_camera)):
         path = tmp_path / f'{name}.mcap'
         foreign.write_foreign(path, truth, 'mcap', *ALL_BUT_POINTS, change=change)
-        found[name] = open_frames(path, ANY)
-    before, after = (found[name].frame(0).points for name in ('plain', 'z'))
+        sources[name] = open_frames(path, ANY)
+    before, after = (sources[name].frame(0).points for name in ('plain', 'z'))
     np.testing.assert_array_equal(after[:, 0], before[:, 2])
     np.testing.assert_array_equal(after[:, 1], -before[:, 0])
     np.testing.assert_array_equal(after[:, 2], -before[:, 1])
-    assert any('z axis is taken as forward' in each for each in found['z'].guess_notes)
-    assert found['plain'].guess_notes == [BY_POSITION]
+    assert any('z axis is taken as forward' in note for note in sources['z'].guess_notes)
+    assert sources['plain'].guess_notes == [BY_POSITION]
 
 
 @pytest.mark.parametrize(
@@ -227,5 +227,5 @@ def test_tracks_of_others_are_what_the_bag_says(tmp_path, names, expected):
     path = foreign.write_foreign(tmp_path / 'bag.mcap', foreign.make_truth(), change=named)
     source = open_frames(path, ANY)
     for number in (3, 0, 3):
-        assert [each.track_id for each in source.frame(number).objects] == expected
+        assert [obj.track_id for obj in source.frame(number).objects] == expected
     source.close()

@@ -161,23 +161,23 @@ def test_nothing_of_a_plot_is_cut_off(browser, page, width):
 
 @pytest.mark.parametrize('width', [DESK, PHONE])
 def test_pages_of_other_bags_fit_and_their_plots_are_whole(browser, others, width):
-    for each in others:
-        browser.open(each, width)
-        assert browser.page_width() <= width, each
-        assert browser.evaluate(CUT_OFF) == [], each
+    for page_url in others:
+        browser.open(page_url, width)
+        assert browser.page_width() <= width, page_url
+        assert browser.evaluate(CUT_OFF) == [], page_url
 
 
 def test_tables_have_room_on_a_desk(browser, pages, others):
-    for each in (*pages.values(), *others):
-        browser.open(each, DESK)
-        assert browser.evaluate(TOO_WIDE) == [], each
+    for page_url in (*pages.values(), *others):
+        browser.open(page_url, DESK)
+        assert browser.evaluate(TOO_WIDE) == [], page_url
 
 
 def test_topics_have_room_beside_their_columns(browser, others):
     """A name shorter than the column that holds it is on one line, and none is on more than two."""
-    for each in others:
-        browser.open(each, DESK)
+    for page_url in others:
+        browser.open(page_url, DESK)
         lines = dict(browser.evaluate(LINES))
         assert lines
-        assert max(lines.values()) <= 2, each
-        assert all(count == 1 for name, count in lines.items() if len(name) < 18), each
+        assert max(lines.values()) <= 2, page_url
+        assert all(count == 1 for name, count in lines.items() if len(name) < 18), page_url

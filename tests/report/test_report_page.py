@@ -51,7 +51,7 @@ def test_every_layout_becomes_a_sound_page(recording_path):
     assert page.faults == []
     assert page.words('h1') == [report.overview.name]
     assert report.sound
-    assert [each for each in report.issues if each.severity is Severity.WARNING] == []
+    assert [issue for issue in report.issues if issue.severity is Severity.WARNING] == []
     assert page.words('h2')[:3] == ['Findings', 'Frames', 'Streams']
     for stream in report.streams:
         assert stream.name in page.words('th')
@@ -74,10 +74,10 @@ def test_a_bag_tells_what_its_folder_tells(recordings, tmp_path, storage):
     assert there.sound
     assert there.frames == here.frames
     assert len(there.scenes) == len(here.scenes)
-    kinds = {each.class_name: each.count for each in here.classes.classes}
-    assert {each.class_name: each.count for each in there.classes.classes} == kinds
-    timings = {each.name: each.timing for each in there.streams}
-    scans = next(each for each in here.streams if each.name == 'scan')
+    kinds = {facts.class_name: facts.count for facts in here.classes.classes}
+    assert {facts.class_name: facts.count for facts in there.classes.classes} == kinds
+    timings = {stream.name: stream.timing for stream in there.streams}
+    scans = next(stream for stream in here.streams if stream.name == 'scan')
     assert timings['/kitti/velo/points'].stamps_ns.tolist() == scans.timing.stamps_ns.tolist()
 
 
@@ -120,10 +120,10 @@ def test_clocks(recordings):
 def test_frames_that_are_missing_are_losses_and_gaps(make_drive):
     drive = make_drive(20, 'velodyne_points:5-7', 'image_02:11-11')
     report = gather(drive, ANY)
-    losses = {each.where: each.text for each in report.issues if each.is_loss}
+    losses = {issue.where: issue.text for issue in report.issues if issue.is_loss}
     assert set(losses) == {'scan', 'image_2'}
     assert 'frames 5-7' in losses['scan']
-    gaps = {each.name: [gap.missing for gap in each.timing.gaps] for each in report.streams}
+    gaps = {stream.name: [gap.missing for gap in stream.timing.gaps] for stream in report.streams}
     assert gaps['scan'] == [3]
     assert gaps['image_2'] == [1]
     assert gaps['image_3'] == []
@@ -140,7 +140,7 @@ def test_damaged_files_are_named(drive):
     shutil.copy(drive / 'image_00' / 'data' / '0000000002.png', images)
     (scans / '0000000003.bin').write_bytes(b'short')
     (scans / '0000000004.bin').write_bytes(b'')
-    said = [each.text for each in gather(drive, ANY).issues if each.is_loss]
+    said = [issue.text for issue in gather(drive, ANY).issues if issue.is_loss]
     assert any('0000000001.png: the PNG is cut after' in text for text in said)
     assert any('0000000003.bin: 5 bytes, cut inside a point' in text for text in said)
     assert any('and 1 more scan' in text for text in said)
@@ -148,7 +148,7 @@ def test_damaged_files_are_named(drive):
 
 def test_images_of_another_size_are_named(drive):
     (drive / 'image_02' / 'data' / '0000000002.png').write_bytes(png_bytes(300, 90))
-    said = [each.text for each in gather(drive, ANY).issues if each.is_loss]
+    said = [issue.text for issue in gather(drive, ANY).issues if issue.is_loss]
     assert any('the image is 300x90; the others are 310x94' in text for text in said)
 
 
@@ -160,9 +160,9 @@ def test_stamps_out_of_order_and_shifted_frames_are_named(drive):
     lines = late.read_text().splitlines()
     late.write_text('\n'.join([*lines[1:], '2011-09-26 14:00:00.000000000']) + '\n')
     warned = [
-        f'{each.where}: {each.text}'
-        for each in gather(drive, ANY).issues
-        if each.severity is Severity.WARNING
+        f'{issue.where}: {issue.text}'
+        for issue in gather(drive, ANY).issues
+        if issue.severity is Severity.WARNING
     ]
     assert 'image_2: 1 sample stamped earlier than the one before' in warned
     assert any(
@@ -176,8 +176,8 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
         path.unlink()
     report = gather(drive, ANY)
     assert any(
-        each.severity is Severity.WARNING and each.where.startswith('calibration')
-        for each in report.issues
+        issue.severity is Severity.WARNING and issue.where.startswith('calibration')
+        for issue in report.issues
     )
     assert [scene.points for scene in report.scenes] == [None] * SMALL.frames
     assert all(scene.above for scene in report.scenes)
@@ -188,7 +188,7 @@ def test_a_drive_without_calibration_is_a_page_with_a_warning(drive):
 def test_points_in_the_image_of_the_middle_frame_are_drawn_once(recordings):
     report = gather(recordings[Layout.RAW], ANY)
     middle = report.scenes[len(report.scenes) // 2]
-    assert [each for each in report.projections if each is middle.points]
+    assert [picture for picture in report.projections if picture is middle.points]
     source = RecordingFrames(open_recording(recordings[Layout.RAW]))
     alone = draw_projections(source, source.numbers.tolist(), (), lambda _frame: None)
     assert alone == report.projections
@@ -198,7 +198,7 @@ def test_distances_are_drawn_in_the_colour_of_the_class(recordings):
     report = gather(recordings[Layout.TRACKING], ANY)
     source = make_page(report)
     plots = re.findall(r'<title id="distance-\d+-title">Distances of (\w+)<.*?</svg>', source)
-    assert plots == [each.class_name for each in report.classes.classes if len(each.distances_m)]
+    assert plots == [facts.class_name for facts in report.classes.classes if len(facts.distances_m)]
     assert len(plots) > 1
     for kind in plots:
         plot = re.search(f'>Distances of {kind}<.*?</svg>', source)[0]
@@ -283,7 +283,7 @@ def test_text_that_html_forbids_is_replaced(name, text):
     source = page_with(name, '/topic', f'a\0b\ud800\x1b{text}')
     assert Page(source).faults == []
     assert 'a\N{REPLACEMENT CHARACTER}b' in source
-    assert all(each.isprintable() or each in '\n\t' for each in source)
+    assert all(character.isprintable() or character in '\n\t' for character in source)
     source.encode()
 
 
@@ -294,10 +294,10 @@ def test_names_may_break_after_a_slash_and_before_a_capital():
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.integers(2, 8))
 def test_ticks_are_few_and_inside(low, span, most):
-    found = ticks(low, low + span, most)
-    assert len(found) <= most + 1
+    values = ticks(low, low + span, most)
+    assert len(values) <= most + 1
     slack = 1e-6 * max(abs(low), span)
-    assert all(low - slack <= value <= low + span + slack for value in found)
+    assert all(low - slack <= value <= low + span + slack for value in values)
 
 
 @given(st.floats(1e-3, 1e7))
@@ -334,11 +334,11 @@ def test_the_rig_is_put_together_along_its_links(recordings):
 
 @pytest.mark.parametrize(('frames', 'shown', 'rest'), [(199, 200, []), (1234, 200, ['1,035'])])
 def test_a_page_lists_the_first_frames_and_counts_the_others(frames, shown, rest):
-    links = [LinkSummary('base', f'f{each}', (1.0, 0.0, 0.0), (0.0,) * 3) for each in range(frames)]
+    links = [LinkSummary('base', f'f{i}', (1.0, 0.0, 0.0), (0.0,) * 3) for i in range(frames)]
     page = Page(page_with('bag', '', '', links))
     assert page.faults == []
     assert page.tags['tr'] == 1 + shown
-    assert [each for each in page.words('p') if each.endswith(' more')] == [
+    assert [words for words in page.words('p') if words.endswith(' more')] == [
         f'... and {count} more' for count in rest
     ]
     assert page.words('summary') == [f'{"The first" if rest else "All"} {shown} frames']
@@ -372,16 +372,16 @@ def test_delays_other_clocks_and_useless_stamps(tmp_path):
         },
     )
     report = gather(tmp_path / 'b.mcap', ANY)
-    streams = {each.name: each for each in report.streams}
+    streams = {stream.name: stream for stream in report.streams}
     assert streams['/late'].delay_ns == 7_000_000
     assert streams['/late'].clock_offset_ns == 0
     assert streams['/simulated'].clock_offset_ns == foreign.START_NS - 1
     assert streams['/zero'].delay_ns is None
     assert streams['/words'].delay_ns is None
-    warned = {each.where: each.text for each in report.issues}
+    warned = {issue.where: issue.text for issue in report.issues}
     assert 'header stamps are 0' in warned['/zero']
     assert report.frames is None
-    assert any('no frames to show' in each.text for each in report.issues)
+    assert any('no frames to show' in issue.text for issue in report.issues)
     page = Page(make_page(report))
     assert page.faults == []
     assert any('stamps of another clock' in words for words in page.words('span'))
@@ -424,7 +424,7 @@ def test_bad_labels_are_losses_told_once(recordings, tmp_path):
     shutil.copytree(recordings[Layout.OBJECT], root)
     for number in (1, 3):
         (next(root.rglob('label_2')) / f'{number:06d}.txt').write_text('Car nonsense\n')
-    losses = [each for each in gather(root, ANY).issues if each.is_loss]
-    assert [each.where for each in losses] == ['labels']
+    losses = [issue for issue in gather(root, ANY).issues if issue.is_loss]
+    assert [issue.where for issue in losses] == ['labels']
     assert '000001.txt:1: 2 columns' in losses[0].text
     assert losses[0].text.endswith('and more, frames 1, 3')

@@ -104,9 +104,9 @@ def test_class_statistics():
     tally.add([thing('Car', 3.0, 0, 0.0, 7), thing('Car', 8.0, 2, 0.4, 8), thing('DontCare')])
     tally.add([])
     tally.add([thing('Van'), thing('Car', 5.0, 0, 0.0, 7)])
-    found = tally.statistics()
-    assert (found.frames, found.labelled, found.dont_care, found.count) == (3, 2, 1, 4)
-    car, van = found.classes
+    facts = tally.statistics()
+    assert (facts.frames, facts.labelled, facts.dont_care, facts.count) == (3, 2, 1, 4)
+    car, van = facts.classes
     assert (car.class_name, car.count, car.frames, car.most, car.tracks) == ('Car', 3, 2, 2, 2)
     assert sorted(car.distances_m) == [3, 5, 8]  # over the ground: their height does not count
     assert car.occlusions == (2, 0, 1, 0)

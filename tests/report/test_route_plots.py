@@ -97,10 +97,10 @@ def test_a_page_has_the_plots_that_its_layout_has_data_for(recordings, layout):
         packets = [recording.read(Stream.OXTS, number) for number in index.numbers.tolist()]
         route = report.route
         altitudes = route.positions[:, 2] + route.altitude_m
-        np.testing.assert_allclose(altitudes, [each.alt for each in packets], atol=1e-6)
-        speeds = [np.linalg.norm([each.ve, each.vn, each.vu]) for each in packets]
+        np.testing.assert_allclose(altitudes, [packet.alt for packet in packets], atol=1e-6)
+        speeds = [np.linalg.norm([packet.ve, packet.vn, packet.vu]) for packet in packets]
         np.testing.assert_allclose(route.speeds_m_s, speeds, atol=1e-6)
-        yaws = [each.yaw for each in packets]
+        yaws = [packet.yaw for packet in packets]
         np.testing.assert_allclose(np.cos(route.yaws_rad - yaws), 1, atol=1e-9)
 
 
