@@ -53,7 +53,7 @@ def cached_listings() -> Iterator[None]:
 
 
 def cached_listing(names: Callable[[S, Path], list[str]]) -> Callable[[S, Path], list[str]]:
-    """Wrap the method that lists a folder, for listings_kept."""
+    """Wrap the method that lists a folder, for cached_listings."""
 
     @wraps(names)
     def listed(store: S, folder: Path) -> list[str]:

@@ -467,7 +467,7 @@ def _fields_of(message: PointCloud2, fields: dict[str, PointField]) -> npt.NDArr
 # Drivers agree neither on the field nor on its unit: t (Ouster, uint32 nanoseconds), time
 # (Velodyne, float32 seconds), timestamp (Hesai and RoboSense, float64 seconds since 1970; Livox,
 # nanoseconds), time_stamp (Autoware, uint32 nanoseconds), offset_time (Livox, uint32 nanoseconds),
-# offset_ns (Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values tells their
+# offset_ns (Argoverse 2). A turn lasts 0.05 to 0.2 s, so that the span of the values shows their
 # unit; once it is known, a part of a turn or several turns in one message have their times, too.
 # The points of a CustomMsg have nanoseconds from its timebase, which is its stamp; the packets of a
 # VelodyneScan each have a stamp; a LaserScan has that of its first ray, and seconds between rays.
@@ -557,7 +557,7 @@ def _timed_points(cloud: PointCloud2, unit_ns: int) -> tuple[int, tuple[int, int
 
     Args:
         cloud: Any.
-        unit_ns: Of the times, 0 where only a whole turn determines it.
+        unit_ns: Unit of the times, 0 where only a whole turn determines it.
     """
     limits = _least_and_greatest(cloud)
     if limits is None:

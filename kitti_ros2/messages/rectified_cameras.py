@@ -207,8 +207,8 @@ def _maps(camera: CameraModel, *, fixed: bool = True) -> tuple[npt.NDArray[Any],
 # - the right camera's own frame, a baseline away from the left one's: the tree has it, too.
 # - a frame not connected to the left camera: the pair's frame is the left camera's.
 #
-# Of two cameras that both have a fourth column (KITTI's 2 and 3, from camera 0), the difference of
-# the two is compared with the tree: where it is their distance, the tree has both baselines.
+# The difference of two cameras' fourth columns (KITTI's 2 and 3, from camera 0) is compared with
+# the tree: if it is their distance there, the tree has both baselines.
 #
 # Many drivers and kitti2bag name frames that are already rectified (RViz and image_geometry apply
 # no R). This is detected where the frames of two cameras are parallel and apart, and
