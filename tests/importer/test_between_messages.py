@@ -50,33 +50,33 @@ def rotation(message):
 @given(YAWS, st.floats(-3, 3), SHARES)
 def test_a_steady_turn_is_met(yaw, turn, share):
     first, last = imu(yaw, (0, 0, 1), (1, 2, 9)), imu(yaw + turn, (0, 0, 3), (2, 0, 10))
-    made = imu_between(first, last, share)
+    mixed = imu_between(first, last, share)
     expected = rotation_from_rpy(0, 0, share * turn) @ rotation(first)
-    np.testing.assert_allclose(rotation(made), expected, atol=1e-9)
-    np.testing.assert_allclose(vector_of(made.angular_velocity), [0, 0, 1 + 2 * share], atol=1e-12)
+    np.testing.assert_allclose(rotation(mixed), expected, atol=1e-9)
+    np.testing.assert_allclose(vector_of(mixed.angular_velocity), [0, 0, 1 + 2 * share], atol=1e-12)
     sensed = [1 + share, 2 - 2 * share, 9 + share]
-    np.testing.assert_allclose(vector_of(made.linear_acceleration), sensed, atol=1e-12)
+    np.testing.assert_allclose(vector_of(mixed.linear_acceleration), sensed, atol=1e-12)
 
 
 @given(SHARES)
 def test_what_one_does_not_tell_is_that_of_the_nearer(share):
     first = replace(imu(0.0), orientation_covariance=UNKNOWN)
     last = replace(imu(1.0, (np.nan, 0, 0)), linear_acceleration_covariance=UNKNOWN)
-    made, near = imu_between(first, last, share), last if share > 0.5 else first
-    assert made.orientation == last.orientation
-    assert made.orientation_covariance is last.orientation_covariance
-    assert made.angular_velocity is near.angular_velocity
-    assert made.linear_acceleration == near.linear_acceleration
+    mixed, near = imu_between(first, last, share), last if share > 0.5 else first
+    assert mixed.orientation == last.orientation
+    assert mixed.orientation_covariance is last.orientation_covariance
+    assert mixed.angular_velocity is near.angular_velocity
+    assert mixed.linear_acceleration == near.linear_acceleration
 
 
 @given(SHARES, st.floats(-80, 80), st.floats(-170, 170))
 def test_places_lie_on_the_line(share, latitude, longitude):
     assume(latitude or longitude)
     first, last = fix(latitude, longitude), fix(latitude + 0.01, longitude - 0.02, 110.0)
-    made = fix_between(first, last, share)
-    assert made.latitude == pytest.approx(latitude + 0.01 * share)
-    assert made.longitude == pytest.approx(longitude - 0.02 * share)
-    assert made.altitude == pytest.approx(100 + 10 * share)
+    mixed = fix_between(first, last, share)
+    assert mixed.latitude == pytest.approx(latitude + 0.01 * share)
+    assert mixed.longitude == pytest.approx(longitude - 0.02 * share)
+    assert mixed.altitude == pytest.approx(100 + 10 * share)
 
 
 @pytest.mark.parametrize(
@@ -107,8 +107,8 @@ def test_longitudes_are_mixed_the_short_way_round(first, last, share, longitude)
 @pytest.mark.parametrize('share', [0.2, 0.8])
 def test_an_altitude_that_one_has_alone_is_taken(share):
     for ends in ((np.nan, 110.0), (110.0, np.nan)):
-        made = fix_between(*(fix(1, 2, altitude) for altitude in ends), share)
-        assert made.altitude == 110
+        mixed = fix_between(*(fix(1, 2, altitude) for altitude in ends), share)
+        assert mixed.altitude == 110
 
 
 @given(SHARES)
@@ -117,9 +117,9 @@ def test_velocities_are_mixed(share):
         TwistStamped(make_header(0, 'imu'), Twist(make_vector3((x, 0, 1)), make_vector3((0, x, 0))))
         for x in (1.0, 3.0)
     )
-    made = velocity_between(slow, fast, share)
-    np.testing.assert_allclose(vector_of(made.twist.linear), [1 + 2 * share, 0, 1])
-    np.testing.assert_allclose(vector_of(made.twist.angular), [0, 1 + 2 * share, 0])
+    mixed = velocity_between(slow, fast, share)
+    np.testing.assert_allclose(vector_of(mixed.twist.linear), [1 + 2 * share, 0, 1])
+    np.testing.assert_allclose(vector_of(mixed.twist.angular), [0, 1 + 2 * share, 0])
 
 
 def converted(tmp_path, change):
@@ -129,7 +129,7 @@ def converted(tmp_path, change):
     plan = guess([bag], survey, options).plan
     report = convert_by_plan([bag], plan, survey, tmp_path / 'out', options)
     texts = sorted((tmp_path / 'out').rglob('oxts/data/*.txt'))
-    return report, {int(each.stem): parse_packet(each.read_text(), each) for each in texts}
+    return report, {int(text.stem): parse_packet(text.read_text(), text) for text in texts}
 
 
 def test_a_message_that_cannot_be_decoded_is_bridged(tmp_path):
@@ -153,7 +153,7 @@ def test_places_that_are_not_around_a_frame_are_told(tmp_path):
 
     report, packets = converted(tmp_path, change)
     assert len(packets) < foreign.FRAMES
-    (note,) = (each for each in report.notes if each.startswith('oxts: /gps/fix has no message'))
+    (note,) = (line for line in report.notes if line.startswith('oxts: /gps/fix has no message'))
     assert 'take the nearest: up to 0.' in note
-    (note,) = (each for each in report.notes if each.startswith('oxts: /gps/fix has no fix'))
+    (note,) = (line for line in report.notes if line.startswith('oxts: /gps/fix has no fix'))
     assert note.endswith(' m apart')

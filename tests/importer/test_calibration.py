@@ -88,10 +88,10 @@ def test_a_pinhole_that_is_turned_by_r_is_in_its_rectified_frame():
     links = [('left', 'lidar', LEFT_T_LIDAR)]
     camera = displaced('left', 0.06, k=K, r=rotation_from_rpy(0.01, 0.002, -0.01))
     true = project(np.column_stack([K, np.zeros(3)]), LEFT_T_LIDAR.apply(POINTS))
-    made, notes = make(links, {2: camera})
-    np.testing.assert_allclose(pixels_of(made, 2), true, rtol=1e-9)
+    calib, notes = make(links, {2: camera})
+    np.testing.assert_allclose(pixels_of(calib, 2), true, rtol=1e-9)
     assert 'D is 0 and K is that of P' in notes[0]
-    np.testing.assert_array_equal(made.r0_rect, camera.r)
+    np.testing.assert_array_equal(calib.r0_rect, camera.r)
     turned, _ = make(links, {2: replace(camera, turned=True)})
     assert np.abs(pixels_of(turned, 2) - true).max() > 1
 
@@ -126,23 +126,23 @@ def make(links, cameras, lidar='lidar', imu=None, *, rectified=True, **options):
 
 
 def test_a_model_has_the_message_s_numbers():
-    made = camera_model(message(d=np.arange(5.0), header=make_header(5, '/cam')))
-    assert (made.frame, made.size, made.model) == ('cam', SIZE, 'plumb_bob')
-    np.testing.assert_array_equal(made.k, K)
-    np.testing.assert_array_equal(made.d, np.arange(5.0))
-    np.testing.assert_array_equal(made.p, np.column_stack([K, [-60.0, 3.0, 0]]))
+    camera = camera_model(message(d=np.arange(5.0), header=make_header(5, '/cam')))
+    assert (camera.frame, camera.size, camera.model) == ('cam', SIZE, 'plumb_bob')
+    np.testing.assert_array_equal(camera.k, K)
+    np.testing.assert_array_equal(camera.d, np.arange(5.0))
+    np.testing.assert_array_equal(camera.p, np.column_stack([K, [-60.0, 3.0, 0]]))
 
 
 def test_lists_will_do_as_well_as_arrays():
-    made = camera_model(message(k=K.ravel().tolist(), d=[0.0] * 5, p=[0.0] * 12))
-    np.testing.assert_array_equal(made.p, np.column_stack([K, np.zeros(3)]))
+    camera = camera_model(message(k=K.ravel().tolist(), d=[0.0] * 5, p=[0.0] * 12))
+    np.testing.assert_array_equal(camera.p, np.column_stack([K, np.zeros(3)]))
 
 
 def test_zeros_are_what_was_never_told():
-    made = camera_model(message(r=np.zeros(9), p=np.zeros(12), distortion_model=''))
-    np.testing.assert_array_equal(made.r, np.eye(3))
-    np.testing.assert_array_equal(made.p, np.column_stack([K, np.zeros(3)]))
-    assert made.model == 'plumb_bob'
+    camera = camera_model(message(r=np.zeros(9), p=np.zeros(12), distortion_model=''))
+    np.testing.assert_array_equal(camera.r, np.eye(3))
+    np.testing.assert_array_equal(camera.p, np.column_stack([K, np.zeros(3)]))
+    assert camera.model == 'plumb_bob'
     np.testing.assert_array_equal(camera_model(message(k=np.zeros(9))).k, K)
 
 
@@ -179,16 +179,16 @@ def test_binning_and_region_bring_pixels_of_the_sensor_to_those_of_the_image(bx,
     width, height = (0, 0) if whole else (400, 300)
     x, y = (0, 0) if whole else (x, y)
     roi = RegionOfInterest(x, y, height, width, do_rectify=False)
-    made = camera_model(message(binning_x=bx, binning_y=by, roi=roi))
+    camera = camera_model(message(binning_x=bx, binning_y=by, roi=roi))
     bins = np.array([max(bx, 1), max(by, 1)])
     full = camera_model(message())
     places = POINTS @ OPTICAL.T
     expected = (project(full.p, places) - [x, y]) / bins
-    np.testing.assert_allclose(project(made.p, places), expected, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(project(camera.p, places), expected, rtol=1e-12, atol=1e-9)
     expected = (places @ full.k.T)[:, :2] / places[:, 2:]
-    seen = (places @ made.k.T)[:, :2] / places[:, 2:]
+    seen = (places @ camera.k.T)[:, :2] / places[:, 2:]
     np.testing.assert_allclose(seen, (expected - [x, y]) / bins, rtol=1e-12, atol=1e-9)
-    assert made.size == ((width or SIZE[0]) // bins[0], (height or SIZE[1]) // bins[1])
+    assert camera.size == ((width or SIZE[0]) // bins[0], (height or SIZE[1]) // bins[1])
 
 
 # Of our own bags.
@@ -254,21 +254,21 @@ def rigs(draw):
 
 @given(rigs())
 def test_a_rectified_rig_comes_back_from_its_messages(rig):
-    made, notes = through_messages(rig, rectified=True)
-    assert_same(made, rig, 1e-9)
+    calib, notes = through_messages(rig, rectified=True)
+    assert_same(calib, rig, 1e-9)
     assert notes == ()
-    assert made.rectified
-    assert made.nominal == ()
+    assert calib.rectified
+    assert calib.nominal == ()
 
 
 @given(rigs())
 def test_an_unrectified_rig_comes_back_from_its_messages(rig):
     rig = replace(rig, rectified=False)
-    made, notes = through_messages(rig, rectified=False)
-    assert_same(made, rig, 1e-9)
-    assert_same_lenses(made, rig, 1e-9)
+    calib, notes = through_messages(rig, rectified=False)
+    assert_same(calib, rig, 1e-9)
+    assert_same_lenses(calib, rig, 1e-9)
     assert notes == ()
-    assert not made.rectified
+    assert not calib.rectified
 
 
 # Rotations of seven digits are none to 1e-7, and quaternions are.
@@ -278,28 +278,28 @@ SEVEN_DIGITS = 1e-6
 @pytest.mark.parametrize('layout', list(Layout))
 def test_the_synthetic_rig_comes_back_from_its_messages(recordings, layout):
     rig = open_recording(recordings[layout]).calibration(0)
-    made, notes = through_messages(rig, rectified=True)
-    assert_same(made, rig, SEVEN_DIGITS)
+    calib, notes = through_messages(rig, rectified=True)
+    assert_same(calib, rig, SEVEN_DIGITS)
     assert notes == ()
 
 
 def test_the_synthetic_extract_comes_back_from_its_messages(recordings):
     rig = replace(open_recording(recordings[Layout.RAW]).calibration(0), rectified=False)
-    made, notes = through_messages(rig, rectified=False)
-    assert_same(made, rig, 1e-4)  # its P and its T have seven digits each
-    assert_same_lenses(made, rig, SEVEN_DIGITS)
+    calib, notes = through_messages(rig, rectified=False)
+    assert_same(calib, rig, 1e-4)  # its P and its T have seven digits each
+    assert_same_lenses(calib, rig, SEVEN_DIGITS)
     assert notes == ()
 
 
 @given(rigs(), st.sets(st.integers(0, 3)))
 def test_rectified_images_among_others_have_the_lens_of_their_pixels(rig, straightened):
     rig = replace(rig, rectified=False)
-    made, _ = through_messages(rig, rectified=False, straightened=straightened)
+    calib, _ = through_messages(rig, rectified=False, straightened=straightened)
     places = POINTS * [4, 4, 1] + [0, 0, 30]  # in front of every camera, in camera 0
     velo = rig.cam0_T_velo.inverse().apply(places)
-    for index, camera in made.cameras.items():
+    for index, camera in calib.cameras.items():
         true = rig.cameras[index]
-        seen = (camera.cam_T_cam0 @ made.cam0_T_velo).apply(velo)
+        seen = (camera.cam_T_cam0 @ calib.cam0_T_velo).apply(velo)
         if index in straightened:
             assert not camera.d.any()
             rect = Transform(true.r_rect, np.zeros(3)) @ true.cam_T_cam0 @ rig.cam0_T_velo
@@ -310,7 +310,7 @@ def test_rectified_images_among_others_have_the_lens_of_their_pixels(rig, straig
             expected = (true.cam_T_cam0 @ rig.cam0_T_velo).apply(velo)
             np.testing.assert_allclose(seen @ camera.k.T, expected @ true.k.T, rtol=1e-6, atol=1e-6)
     rect_t_velo = rect_from_velo(rig).matrix()
-    np.testing.assert_allclose(rect_from_velo(made).matrix(), rect_t_velo, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(rect_from_velo(calib).matrix(), rect_t_velo, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize('rectified', [True, False])
@@ -318,10 +318,10 @@ def test_the_real_raw_rig_comes_back_from_its_messages(real_kitti: Path, rectifi
     folder = real_kitti / 'raw' / '2011_09_26'
     texts = {path.name: path.read_text() for path in folder.glob('calib_*.txt')}
     rig = parse_raw_calibration(texts, folder, rectified=rectified)
-    made, notes = through_messages(rig, rectified=rectified)
-    assert_same(made, rig, SEVEN_DIGITS)
+    calib, notes = through_messages(rig, rectified=rectified)
+    assert_same(calib, rig, SEVEN_DIGITS)
     if not rectified:
-        assert_same_lenses(made, rig, SEVEN_DIGITS)
+        assert_same_lenses(calib, rig, SEVEN_DIGITS)
     assert notes == ()
 
 
@@ -336,25 +336,25 @@ def test_the_real_raw_rig_comes_back_from_its_messages(real_kitti: Path, rectifi
 def test_real_rigs_come_back_from_their_messages(real_kitti: Path, name):
     path = real_kitti / name
     rig = parse_calibration(path.read_text(), path, path.name)
-    made, notes = through_messages(rig, rectified=True)
-    assert_same(made, rig, SEVEN_DIGITS)
+    calib, notes = through_messages(rig, rectified=True)
+    assert_same(calib, rig, SEVEN_DIGITS)
     assert notes == ()
 
 
 @pytest.mark.parametrize('only', [(0, 1), (1,), (1, 2), (1, 3), (1, 2, 3), (2, 3), (3,)])
 def test_some_cameras_of_our_own_bag_see_what_they_saw(recordings, only):
     rig = open_recording(recordings[Layout.OBJECT]).calibration(0)
-    made, notes = through_messages(rig, rectified=True, only=only)
+    calib, notes = through_messages(rig, rectified=True, only=only)
     for index in only:
-        seen, true = pixels_of(made, index), pixels_of(rig, index)
+        seen, true = pixels_of(calib, index), pixels_of(rig, index)
         np.testing.assert_allclose(seen, true, rtol=1e-5, atol=1e-3)
     assert notes == ()
 
 
 def test_the_files_of_a_raw_drive_tell_the_same(recordings, tmp_path):
     rig = replace(open_recording(recordings[Layout.RAW]).calibration(0), rectified=False)
-    made, _ = through_messages(rig, rectified=False, only=(2, 3))
-    again = parse_raw_calibration(format_raw(made), tmp_path, rectified=False)
+    calib, _ = through_messages(rig, rectified=False, only=(2, 3))
+    again = parse_raw_calibration(format_raw(calib), tmp_path, rectified=False)
     assert again.missing == {}
     for index in (2, 3):
         np.testing.assert_allclose(pixels_of(again, index), pixels_of(rig, index), rtol=1e-4)
@@ -398,22 +398,22 @@ def stampings():
 def test_a_right_camera_counts_its_baseline_once(links, frame, indices):
     stereo = Stereo()
     cameras = {indices[0]: stereo.left, indices[1]: replace(stereo.right, frame=frame)}
-    made, notes = make(links, cameras)
-    np.testing.assert_allclose(pixels_of(made, indices[1]), stereo.true_pixels(), rtol=1e-6)
+    calib, notes = make(links, cameras)
+    np.testing.assert_allclose(pixels_of(calib, indices[1]), stereo.true_pixels(), rtol=1e-6)
     true = project(stereo.left.p, LEFT_T_LIDAR.apply(POINTS) @ stereo.left.r.T)
-    np.testing.assert_allclose(pixels_of(made, indices[0]), true, rtol=1e-6)
+    np.testing.assert_allclose(pixels_of(calib, indices[0]), true, rtol=1e-6)
     assert notes == ()
     k = stereo.right.p[:, :3]
-    np.testing.assert_allclose(made.cameras[indices[1]].p_rect[:, :3], k, atol=1e-9)
+    np.testing.assert_allclose(calib.cameras[indices[1]].p_rect[:, :3], k, atol=1e-9)
 
 
 @pytest.mark.parametrize(('links', 'frame'), stampings().values(), ids=stampings())
 def test_unrectified_pairs_stand_as_they_do(links, frame):
     stereo = Stereo()
     cameras = {0: stereo.left, 1: replace(stereo.right, frame=frame)}
-    made, _ = make(links, cameras, rectified=False)
-    right = made.cameras[1]
-    in_right = (right.cam_T_cam0 @ made.cam0_T_velo).apply(POINTS)
+    calib, _ = make(links, cameras, rectified=False)
+    right = calib.cameras[1]
+    in_right = (right.cam_T_cam0 @ calib.cam0_T_velo).apply(POINTS)
     true = (stereo.right_T_left @ LEFT_T_LIDAR).apply(POINTS)
     np.testing.assert_allclose(in_right, true, atol=1e-6)
     np.testing.assert_array_equal(right.k, stereo.right.k)
@@ -422,8 +422,8 @@ def test_unrectified_pairs_stand_as_they_do(links, frame):
 def test_a_right_camera_alone_finds_its_left_one_in_the_tree():
     stereo = Stereo()
     links = stampings()['its own frame'][0]
-    made, notes = make(links, {2: stereo.right})
-    np.testing.assert_allclose(pixels_of(made, 2), stereo.true_pixels(), rtol=1e-6)
+    calib, notes = make(links, {2: stereo.right})
+    np.testing.assert_allclose(pixels_of(calib, 2), stereo.true_pixels(), rtol=1e-6)
     assert notes == ()
 
 
@@ -431,23 +431,23 @@ def test_the_left_camera_is_looked_for_along_the_rectified_rows():
     r = rotation_from_rpy(0, 0, 0.4)
     place = Transform.from_translation(r.T @ [-BASELINE, 0, 0])
     right = right_model('right', r=r)
-    made, notes = make([('left', 'lidar', LEFT_T_LIDAR), ('right', 'left', place)], {2: right})
-    assert not made.cameras[2].p_rect[:, 3].any()
+    calib, notes = make([('left', 'lidar', LEFT_T_LIDAR), ('right', 'left', place)], {2: right})
+    assert not calib.cameras[2].p_rect[:, 3].any()
     assert notes == ()
 
 
 def test_a_baseline_of_little_more_than_nothing_is_not_mistaken_for_none():
     right = right_model('right', 0.015)
-    made, notes = make([('right', 'lidar', LEFT_T_LIDAR)], {2: right})
-    np.testing.assert_array_equal(made.cameras[2].p_rect, right.p)
+    calib, notes = make([('right', 'lidar', LEFT_T_LIDAR)], {2: right})
+    np.testing.assert_array_equal(calib.cameras[2].p_rect, right.p)
     assert 'baseline of 0.015 m' in notes[0]
 
 
 def test_a_right_camera_without_a_left_one_is_taken_as_it_is():
     links = [('right', 'lidar', LEFT_T_LIDAR)]
-    made, notes = make(links, {3: right_model('right')})
+    calib, notes = make(links, {3: right_model('right')})
     true = project(right_model('right').p, LEFT_T_LIDAR.apply(POINTS))
-    np.testing.assert_allclose(pixels_of(made, 3), true, rtol=1e-9)
+    np.testing.assert_allclose(pixels_of(calib, 3), true, rtol=1e-9)
     (note,) = notes
     assert 'camera 3: P has a baseline of 0.120 m, taken as from right' in note
 
@@ -459,22 +459,22 @@ def side_by_side(metres):
 
 @pytest.mark.parametrize('metres', [0.1, 0.125, 0.139])
 def test_a_tree_that_has_much_the_same_baseline_is_followed(metres):
-    made, notes = make(side_by_side(metres), {0: model(), 1: right_model('right')})
-    assert made.cameras[1].p_rect[0, 3] == pytest.approx(-500 * metres)
+    calib, notes = make(side_by_side(metres), {0: model(), 1: right_model('right')})
+    assert calib.cameras[1].p_rect[0, 3] == pytest.approx(-500 * metres)
     assert notes == ()
 
 
 @pytest.mark.parametrize('metres', [0.08, 0.17])
 def test_a_tree_with_another_baseline_is_not_and_both_are_named(metres):
-    made, notes = make(side_by_side(metres), {0: model(), 1: right_model('right')})
-    assert made.cameras[1].p_rect[0, 3] == pytest.approx(-500 * BASELINE)
+    calib, notes = make(side_by_side(metres), {0: model(), 1: right_model('right')})
+    assert calib.cameras[1].p_rect[0, 3] == pytest.approx(-500 * BASELINE)
     (note,) = notes
     assert f'baseline of 0.120 m but right is {metres:.3f} m from left' in note
 
 
 def test_a_tree_that_has_nothing_to_do_with_the_baseline_leaves_p_as_it_is():
-    made, notes = make(side_by_side(-0.8), {0: model(), 1: right_model('right')})
-    assert made.cameras[1].p_rect[0, 3] == pytest.approx(500 * (0.8 - BASELINE))
+    calib, notes = make(side_by_side(-0.8), {0: model(), 1: right_model('right')})
+    assert calib.cameras[1].p_rect[0, 3] == pytest.approx(500 * (0.8 - BASELINE))
     assert 'right is 0.800 m from left' in notes[0]
 
 
@@ -490,24 +490,24 @@ def test_cameras_of_any_rig_see_what_the_tree_and_their_info_say(base_t_lidar, m
     places = [np.array(place) for _, place, _ in mounted]
     # Parallel frames with different R are rectified frames, see messages/rectified_cameras.py.
     assume(all(abs(a - b).max() > 1e-3 for a, b in combinations(places, 2)))
-    made, _ = make(links, cameras)
-    for index, each in cameras.items():
+    calib, _ = make(links, cameras)
+    for index, camera in cameras.items():
         in_camera = POINTS @ OPTICAL.T
-        points = FrameTree(links).transform('lidar', each.frame).apply(in_camera)
-        rect = rect_from_velo(made).apply(points)
-        seen = np.column_stack([rect, np.ones(len(rect))]) @ made.cameras[index].p_rect.T
-        true = in_camera @ each.r.T @ each.p[:, :3].T
+        points = FrameTree(links).transform('lidar', camera.frame).apply(in_camera)
+        rect = rect_from_velo(calib).apply(points)
+        seen = np.column_stack([rect, np.ones(len(rect))]) @ calib.cameras[index].p_rect.T
+        true = in_camera @ camera.r.T @ camera.p[:, :3].T
         np.testing.assert_allclose(seen, true, rtol=1e-6, atol=1e-6)
 
 
 def test_a_turned_camera_is_named_and_folded_into_its_p():
     turn = Transform(rotation_from_rpy(0, np.radians(30), 0), np.array([0.3, 0, 0]))
     links = [('left', 'lidar', LEFT_T_LIDAR), ('side', 'left', turn)]
-    made, notes = make(links, {0: model(), 1: model('side')})
+    calib, notes = make(links, {0: model(), 1: model('side')})
     true = project(model().p, (turn @ LEFT_T_LIDAR).apply(POINTS))
-    np.testing.assert_allclose(pixels_of(made, 1), true, rtol=1e-9)
+    np.testing.assert_allclose(pixels_of(calib, 1), true, rtol=1e-9)
     assert any('camera 1 is turned by 30 degrees against camera 0' in note for note in notes)
-    np.testing.assert_array_equal(made.cameras[0].p_rect, model().p)
+    np.testing.assert_array_equal(calib.cameras[0].p_rect, model().p)
 
 
 def test_frames_that_are_rectified_already_are_not_rectified_again(recordings):
@@ -521,16 +521,16 @@ def test_frames_that_are_rectified_already_are_not_rectified_again(recordings):
         )
         for index, camera in rig.cameras.items()
     }
-    made, notes = make(links, cameras, frames.velo, frames.imu)
-    assert_same(made, rig, 1e-4)
-    assert_same_lenses(made, rig, SEVEN_DIGITS)
+    calib, notes = make(links, cameras, frames.velo, frames.imu)
+    assert_same(calib, rig, 1e-4)
+    assert_same_lenses(calib, rig, SEVEN_DIGITS)
     (note,) = notes
     assert note.startswith('camera_gray_left, camera_gray_right, camera_color_left, camera_color')
     for index, camera in cameras.items():
         alone, notes = make(
             links, {2: camera}, frames.velo, frames.imu, others=list(cameras.values())
         )
-        np.testing.assert_allclose(pixels_of(alone, 2), pixels_of(made, index), atol=1e-4)
+        np.testing.assert_allclose(pixels_of(alone, 2), pixels_of(calib, index), atol=1e-4)
         assert notes == (note.replace(note.partition(':')[0], camera.frame),)
 
 
@@ -540,16 +540,16 @@ def test_frames_that_are_rectified_already_are_not_rectified_again(recordings):
 def test_a_right_camera_alone_is_compared_with_others_of_its_rig(name):
     stereo = Stereo()
     links, frame = stampings()[name]
-    made, notes = make(links, {2: replace(stereo.right, frame=frame)}, others=[stereo.left])
-    np.testing.assert_allclose(pixels_of(made, 2), stereo.true_pixels(), rtol=1e-6)
+    calib, notes = make(links, {2: replace(stereo.right, frame=frame)}, others=[stereo.left])
+    np.testing.assert_allclose(pixels_of(calib, 2), stereo.true_pixels(), rtol=1e-6)
     assert notes == ()
 
 
 def test_a_camera_that_nothing_joins_is_no_left_one_unless_the_plan_takes_it():
     links = [('right', 'lidar', LEFT_T_LIDAR)]
-    made, notes = make(links, {2: right_model('right')}, others=[model('elsewhere')])
+    calib, notes = make(links, {2: right_model('right')}, others=[model('elsewhere')])
     true = project(right_model('right').p, LEFT_T_LIDAR.apply(POINTS))
-    np.testing.assert_allclose(pixels_of(made, 2), true, rtol=1e-9)
+    np.testing.assert_allclose(pixels_of(calib, 2), true, rtol=1e-9)
     assert 'taken as from right' in notes[0]
 
 
@@ -560,16 +560,16 @@ def displaced(frame, metres, **values):
 
 def test_two_baselines_from_a_camera_that_is_not_there_are_compared_with_each_other():
     cameras = {2: displaced('left', 0.06), 3: displaced('right', 0.06 - BASELINE)}
-    made, notes = make(side_by_side(BASELINE), cameras)
+    calib, notes = make(side_by_side(BASELINE), cameras)
     assert notes == ()
-    np.testing.assert_allclose(made.cameras[2].p_rect[:, 3], 0, atol=1e-9)
-    np.testing.assert_allclose(made.cameras[3].p_rect[:, 3], K @ [-BASELINE, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(calib.cameras[2].p_rect[:, 3], 0, atol=1e-9)
+    np.testing.assert_allclose(calib.cameras[3].p_rect[:, 3], K @ [-BASELINE, 0, 0], atol=1e-9)
 
 
 def test_two_baselines_of_one_frame_are_taken_from_it():
     cameras = {2: displaced('left', 0.06), 3: displaced('left', 0.06 - BASELINE)}
-    made, notes = make([('left', 'lidar', LEFT_T_LIDAR)], cameras)
-    offsets = [made.cameras[index].p_rect[0, 3] / 500 for index in (2, 3)]
+    calib, notes = make([('left', 'lidar', LEFT_T_LIDAR)], cameras)
+    offsets = [calib.cameras[index].p_rect[0, 3] / 500 for index in (2, 3)]
     np.testing.assert_allclose(offsets, [0.06, 0.06 - BASELINE])
     assert all('no left camera is there to compare with' in note for note in notes)
     assert len(notes) == len(cameras)
@@ -579,10 +579,10 @@ def test_two_baselines_of_one_frame_are_taken_from_it():
 def test_a_baseline_that_is_that_of_p_without_r_is_of_rectified_frames(first):
     r = rotation_from_rpy(0.004, 0.01, -0.02)
     cameras = {2: displaced('left', first, r=r), 3: displaced('right', first - BASELINE, r=r)}
-    made, notes = make(side_by_side(BASELINE), cameras)
+    calib, notes = make(side_by_side(BASELINE), cameras)
     for index, x in ((2, 0.0), (3, -BASELINE)):
         true = project(K @ np.eye(3, 4), LEFT_T_LIDAR.apply(POINTS) + np.array([x, 0, 0]))
-        np.testing.assert_allclose(pixels_of(made, index), true, rtol=1e-6)
+        np.testing.assert_allclose(pixels_of(calib, index), true, rtol=1e-6)
     (note,) = notes
     assert 'left, right: taken as rectified frames, for the baseline in them is that of P' in note
 
@@ -592,35 +592,35 @@ def test_equal_r_of_parallel_frames_is_applied():
     r = rotation_from_rpy(0.02, 0.01, 0)
     beside = Transform.from_translation(r.T @ [-BASELINE, 0, 0])
     links = [('left', 'lidar', LEFT_T_LIDAR), ('right', 'left', beside)]
-    made, notes = make(links, {0: model(r=r), 1: right_model('right', r=r)})
-    np.testing.assert_array_equal(made.r0_rect, r)
+    calib, notes = make(links, {0: model(r=r), 1: right_model('right', r=r)})
+    np.testing.assert_array_equal(calib.r0_rect, r)
     true = project(model().p, LEFT_T_LIDAR.apply(POINTS) @ r.T)
-    np.testing.assert_allclose(pixels_of(made, 0), true, rtol=1e-9)
+    np.testing.assert_allclose(pixels_of(calib, 0), true, rtol=1e-9)
     assert notes == ()
 
 
 def test_without_a_scanner_its_nominal_place_stands_for_it():
-    made, _ = make([('left', 'imu', Transform.identity())], {2: model()}, None, None)
-    assert made.cam0_T_velo is NOMINAL_CAM0_T_VELO
-    assert made.velo_T_imu is NOMINAL_VELO_T_IMU
-    assert made.nominal == ('cam0_T_velo', 'velo_T_imu')
+    calib, _ = make([('left', 'imu', Transform.identity())], {2: model()}, None, None)
+    assert calib.cam0_T_velo is NOMINAL_CAM0_T_VELO
+    assert calib.velo_T_imu is NOMINAL_VELO_T_IMU
+    assert calib.nominal == ('cam0_T_velo', 'velo_T_imu')
 
 
 def test_without_a_scanner_the_imu_is_still_where_it_is_to_the_camera():
     left_t_imu = LEFT_T_LIDAR @ LIDAR_T_IMU
-    made, _ = make([('left', 'imu', left_t_imu)], {2: model()}, None, 'imu')
-    cam_t_imu = made.cam0_T_velo @ made.velo_T_imu
+    calib, _ = make([('left', 'imu', left_t_imu)], {2: model()}, None, 'imu')
+    cam_t_imu = calib.cam0_T_velo @ calib.velo_T_imu
     np.testing.assert_allclose(cam_t_imu.matrix(), left_t_imu.matrix(), atol=1e-12)
-    assert made.nominal == ('cam0_T_velo',)
+    assert calib.nominal == ('cam0_T_velo',)
 
 
 def test_without_an_imu_the_nominal_one_stands_for_it():
-    made, _ = make(side_by_side(0.1), {0: model()})
-    assert made.nominal == ('velo_T_imu',)
+    calib, _ = make(side_by_side(0.1), {0: model()})
+    assert calib.nominal == ('velo_T_imu',)
     links = [*side_by_side(0.1), ('lidar', 'imu', LIDAR_T_IMU)]
-    made, _ = make(links, {0: model()}, 'lidar', 'imu')
-    np.testing.assert_array_equal(made.velo_T_imu.matrix(), LIDAR_T_IMU.matrix())
-    assert made.nominal == ()
+    calib, _ = make(links, {0: model()}, 'lidar', 'imu')
+    np.testing.assert_array_equal(calib.velo_T_imu.matrix(), LIDAR_T_IMU.matrix())
+    assert calib.nominal == ()
 
 
 @pytest.mark.parametrize('lidar', ['lidar', None])
@@ -630,9 +630,9 @@ def test_the_reference_is_where_the_calibration_says(lidar):
         cameras = {2: replace(stereo.right, frame=frame), 3: stereo.left}
         name, frame_t_rect = rect_in_frame(FrameTree(links), cameras)
         lidar_t_rect = FrameTree(links).transform('lidar', name) @ frame_t_rect
-        made, _ = make(links, cameras, lidar)
+        calib, _ = make(links, cameras, lidar)
         if lidar:
-            found = rect_from_velo(made).inverse().matrix()
+            found = rect_from_velo(calib).inverse().matrix()
             np.testing.assert_allclose(lidar_t_rect.matrix(), found, atol=1e-9)
 
 
@@ -654,9 +654,9 @@ def test_a_second_camera_that_is_not_joined_is_an_error_unless_p_places_it():
 
 
 def test_a_pair_without_any_transform_is_a_pair():
-    made, notes = make([], {2: model('l'), 3: right_model('r')}, None)
-    np.testing.assert_array_equal(made.cameras[2].p_rect, model().p)
-    np.testing.assert_allclose(made.cameras[3].p_rect, right_model('r').p, rtol=1e-12)
+    calib, notes = make([], {2: model('l'), 3: right_model('r')}, None)
+    np.testing.assert_array_equal(calib.cameras[2].p_rect, model().p)
+    np.testing.assert_allclose(calib.cameras[3].p_rect, right_model('r').p, rtol=1e-12)
     assert notes == ()
 
 
@@ -664,23 +664,23 @@ def test_each_of_two_pairs_without_transforms_of_right_cameras_has_its_own_left_
     grey_t_colour = Transform.from_translation((0.06, 0, 0))
     links = [('left', 'lidar', LEFT_T_LIDAR), ('left', 'colour', grey_t_colour)]
     cameras = {0: model(), 1: right_model('x'), 2: model('colour'), 3: right_model('y')}
-    made, _ = make(links, cameras)
-    offsets = [made.cameras[index].p_rect[0, 3] / -500 for index in range(4)]
+    calib, _ = make(links, cameras)
+    offsets = [calib.cameras[index].p_rect[0, 3] / -500 for index in range(4)]
     np.testing.assert_allclose(offsets, [0, 0.12, 0.06, 0.18], atol=1e-12)
 
 
 def test_distortion_of_fewer_numbers_is_filled_up():
     camera = model(d=np.array([0.1, 0.2, 0.3, 0.4]))
-    made, _ = make([], {0: camera}, None, rectified=False)
-    assert made.cameras[0].d.tolist() == [0.1, 0.2, 0.3, 0.4, 0]
-    made, _ = make([], {0: model(d=np.zeros(0))}, None, rectified=False)
-    assert made.cameras[0].d.tolist() == [0] * 5
+    calib, _ = make([], {0: camera}, None, rectified=False)
+    assert calib.cameras[0].d.tolist() == [0.1, 0.2, 0.3, 0.4, 0]
+    calib, _ = make([], {0: model(d=np.zeros(0))}, None, rectified=False)
+    assert calib.cameras[0].d.tolist() == [0] * 5
 
 
 def test_a_rational_polynomial_without_a_denominator_is_plumb_bob():
     d = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0, 0, 0])
-    made, _ = make([], {0: model(d=d, model='rational_polynomial')}, None, rectified=False)
-    assert made.cameras[0].d.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5]
+    calib, _ = make([], {0: model(d=d, model='rational_polynomial')}, None, rectified=False)
+    assert calib.cameras[0].d.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -693,6 +693,6 @@ def test_other_distortion_has_no_place_in_unrectified_files(name, d):
         MissingDataError, match=f'camera 0 is distorted by {name} of {len(d)} numbers'
     ):
         make([], {0: camera}, None, rectified=False)
-    made, _ = make([], {0: camera}, None, rectified=True)
-    assert made.cameras[0].k is None
-    assert made.cameras[0].d is None
+    calib, _ = make([], {0: camera}, None, rectified=True)
+    assert calib.cameras[0].k is None
+    assert calib.cameras[0].d is None

@@ -56,24 +56,24 @@ def test_the_world_is_the_same(recordings, bags, layout, target, tmp_path):
     report = convert_by_plan([bags[layout]], plan, survey, tmp_path / 'out', options)
     assert report.losses == ()
     source = open_recording(recordings[layout])
-    made = open_recording(tmp_path / 'out', ReadOptions(layout=target))
+    recording = open_recording(tmp_path / 'out', ReadOptions(layout=target))
     # The first frame of a raw drive comes before its first packet, so it has no pose.
     first = 1 if (layout, target) == (Layout.RAW, Layout.ODOMETRY) else 0
-    before, after = source.calibration(first), made.calibration(0)
+    before, after = source.calibration(first), recording.calibration(0)
     ahead = np.array([[8.0, 2.0, -0.5], [25.0, -6.0, 0.3], [60.0, 0.0, 1.0]])
-    for stream in made.streams:
-        number = made.streams[stream].numbers[0]
+    for stream in recording.streams:
+        number = recording.streams[stream].numbers[0]
         if stream.camera is not None:
-            assert made.read(stream, number).data == source.read(stream, number + first).data
+            assert recording.read(stream, number).data == source.read(stream, number + first).data
             moved = pixels(before, stream.camera, ahead) - pixels(after, stream.camera, ahead)
             assert np.abs(moved).max() < 0.01
-    scan = made.read(Stream.SCAN, 0).points
+    scan = recording.read(Stream.SCAN, 0).points
     assert scan.tobytes() == source.read(Stream.SCAN, first).points.tobytes()
     if {layout, target} <= LABELLED:
         true = cuboids_of(source.read(Stream.LABELS, 0), before)
-        found = cuboids_of(made.read(Stream.LABELS, 0), after)
-        assert found
-        for box in found:
+        cuboids = cuboids_of(recording.read(Stream.LABELS, 0), after)
+        assert cuboids
+        for box in cuboids:
             near = min(true, key=lambda each, box=box: distance(each, box))
             assert distance(near, box) < 2e-3
             assert near.class_name == box.class_name
@@ -94,12 +94,12 @@ def test_each_frame_keeps_the_calibration_of_its_day(recordings, tmp_path):
         plan = guess([bag], survey, options).plan
         out = tmp_path / target.value
         report = convert_by_plan([bag], plan, survey, out, options)
-        made = open_recording(out, ReadOptions(layout=target))
+        recording = open_recording(out, ReadOptions(layout=target))
         true = open_recording(source)
         for number in range(5):
             held = number if target is Layout.OBJECT else 0
             expected = true.calibration(held).cameras[2].p_rect
-            assert np.allclose(made.calibration(number).cameras[2].p_rect, expected)
+            assert np.allclose(recording.calibration(number).cameras[2].p_rect, expected)
         said = any('the calibration changes 3 times' in note for note in report.notes)
         assert said is (target is Layout.TRACKING)
 

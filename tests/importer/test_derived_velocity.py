@@ -19,9 +19,9 @@ def velocities(rate_hz, scatter_m, speed):
     places = np.column_stack([speed * times, 0 * times, 0 * times])
     places += np.random.default_rng(7).normal(0, scatter_m, places.shape)
     stamps = START_NS + (times * 1e9).astype(np.int64)
-    made = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
+    derived = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
     moments = range(START_NS, int(stamps[-1]) + 1, 100_000_000)
-    return np.array([made.at(moment)[:2] for moment in moments])
+    return np.array([derived.at(moment)[:2] for moment in moments])
 
 
 @pytest.mark.parametrize(
@@ -46,8 +46,8 @@ def test_a_place_far_off_its_neighbours_is_passed_over(speed):
     places[30, 1] += 300.0
     kept = [*range(60), *range(75, len(times))]
     stamps = START_NS + (times[kept] * 1e9).astype(np.int64)
-    made = DerivedVelocities(stamps, places[kept], MOST_NS, SLOWEST_FIX_M_S)
-    found = np.array([made.at(stamp)[:2] for stamp in stamps.tolist()])
+    derived = DerivedVelocities(stamps, places[kept], MOST_NS, SLOWEST_FIX_M_S)
+    found = np.array([derived.at(stamp)[:2] for stamp in stamps.tolist()])
     np.testing.assert_allclose(found, np.tile([speed, 0], (len(kept), 1)), atol=1e-6)
 
 
@@ -55,5 +55,5 @@ def test_a_place_far_off_its_neighbours_is_passed_over(speed):
 def test_few_places_tell_a_velocity_from_two_on(count, known):
     stamps = START_NS + np.arange(count) * 100_000_000
     places = np.arange(count)[:, None] * np.array([[0.8, 0.0, 0.0]])
-    made = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
-    assert (made.at(START_NS) is not None) == known
+    derived = DerivedVelocities(stamps, places, MOST_NS, SLOWEST_FIX_M_S)
+    assert (derived.at(START_NS) is not None) == known

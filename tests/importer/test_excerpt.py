@@ -11,7 +11,13 @@ from builders import files_of
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
-from kitti_ros2.importer.kitti_frames import Excerpt, Frames, choose_frames, frame_topics, numbered
+from kitti_ros2.importer.kitti_frames import (
+    Excerpt,
+    Frames,
+    choose_frames,
+    frame_topics,
+    with_indices,
+)
 from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.model.samples import NONE
@@ -92,7 +98,7 @@ def test_what_is_read_is_near_its_frames_and_in_its_place(bag):
     chosen = excerpt.of(choose_frames(plan, survey, None))
     with open_messages([bag], set(topics.values())) as messages:
         every = {
-            (message.topic, place): bytes(message.data) for place, message in numbered(messages)
+            (message.topic, place): bytes(message.data) for place, message in with_indices(messages)
         }
         read = {
             (message.topic, place): bytes(message.data)

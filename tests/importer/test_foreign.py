@@ -423,7 +423,7 @@ def test_an_extract_of_which_one_camera_is_rectified_has_the_lens_of_its_pixels(
 
 def test_an_extract_with_a_rectified_camera_needs_the_bags_own_calibration(bag, tmp_path):
     def change(plan):
-        cameras = {index: replace(each, rectify=True) for index, each in plan.cameras.items()}
+        cameras = {index: replace(camera, rectify=True) for index, camera in plan.cameras.items()}
         return replace(plan, cameras=cameras, calibration=str(tmp_path))
 
     with pytest.raises(UsageError, match='rectify: true'):

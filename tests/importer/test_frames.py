@@ -48,11 +48,11 @@ def plan(**changes):
 
 
 def test_frames_that_lack_a_sample_are_dropped_and_told():
-    found = choose_frames(plan(), survey(scan=[1000, 1100, 1200], left=[1001, 1199, 1230]), None)
-    assert found.stamps_ns.tolist() == [1000 * MS, 1200 * MS]
-    assert found.samples[Stream.SCAN].tolist() == [0, 2]
-    assert found.samples[Stream.IMAGE_2].tolist() == [0, 1]
-    matching, dropping = found.notes
+    frames = choose_frames(plan(), survey(scan=[1000, 1100, 1200], left=[1001, 1199, 1230]), None)
+    assert frames.stamps_ns.tolist() == [1000 * MS, 1200 * MS]
+    assert frames.samples[Stream.SCAN].tolist() == [0, 2]
+    assert frames.samples[Stream.IMAGE_2].tolist() == [0, 1]
+    matching, dropping = frames.notes
     assert matching.startswith('image_2 (/left): 2 of 3 frames, off by 1.0 ms in the mean, 1.0 ms')
     assert matching.endswith('1 samples not used')
     assert dropping == 'dropped 1 of 3 frames: no image_2 within tolerance'
@@ -60,47 +60,47 @@ def test_frames_that_lack_a_sample_are_dropped_and_told():
 
 def test_frames_that_lack_a_sample_are_kept_where_the_plan_says_so():
     keeping = plan(incomplete=Incomplete.KEEP)
-    found = choose_frames(keeping, survey(scan=[1000, 1100, 1200], left=[1001, 1199]), None)
-    assert found.samples[Stream.IMAGE_2].tolist() == [0, -1, 1]
+    frames = choose_frames(keeping, survey(scan=[1000, 1100, 1200], left=[1001, 1199]), None)
+    assert frames.samples[Stream.IMAGE_2].tolist() == [0, -1, 1]
 
 
 def test_labels_are_part_of_a_frame():
     labelled = plan(labels=LabelPlan('/boxes'))
     stamps = {'scan': [1000, 1100], 'left': [1000, 1100], 'boxes': [1100]}
-    found = choose_frames(labelled, survey(**stamps), None)
-    assert found.stamps_ns.tolist() == [1100 * MS]
-    assert found.samples[Stream.LABELS].tolist() == [0]
+    frames = choose_frames(labelled, survey(**stamps), None)
+    assert frames.stamps_ns.tolist() == [1100 * MS]
+    assert frames.samples[Stream.LABELS].tolist() == [0]
 
 
 def test_no_frame_is_made_outside_of_the_poses():
     stamps = {'scan': [1000, 1100, 1200], 'left': [1000, 1100, 1200]}
     poses = track(1050, 1150)
-    found = choose_frames(plan(), survey(**stamps), poses)
-    assert found.stamps_ns.tolist() == [1100 * MS]
+    frames = choose_frames(plan(), survey(**stamps), poses)
+    assert frames.stamps_ns.tolist() == [1100 * MS]
     where = f'1 before the first, at {1050 * MS}, 1 after the last, at {1150 * MS}'
-    assert f'dropped 2 of 3 frames: no pose around them ({where})' in found.notes
-    assert found.unposed_ns.tolist() == []
+    assert f'dropped 2 of 3 frames: no pose around them ({where})' in frames.notes
+    assert frames.unposed_ns.tolist() == []
 
 
 def test_poses_alone_are_frames_too():
     alone = plan(reference='pose', scan=None, cameras={}, pose=PosePlan('/odom', 'base_link'))
-    found = choose_frames(alone, survey(), track(1050, 1150))
-    assert found.stamps_ns.tolist() == [1050 * MS, 1150 * MS]
+    frames = choose_frames(alone, survey(), track(1050, 1150))
+    assert frames.stamps_ns.tolist() == [1050 * MS, 1150 * MS]
 
 
 def test_no_frame_is_made_in_a_gap_of_the_poses():
     stamps = {'scan': [1000, 3000, 5000], 'left': [1000, 3000, 5000]}
-    found = choose_frames(plan(), survey(**stamps), track(900, 1100, 4900, 5100))
-    assert found.stamps_ns.tolist() == [1000 * MS, 5000 * MS]
-    assert found.unposed_ns.tolist() == [3000 * MS]
+    frames = choose_frames(plan(), survey(**stamps), track(900, 1100, 4900, 5100))
+    assert frames.stamps_ns.tolist() == [1000 * MS, 5000 * MS]
+    assert frames.unposed_ns.tolist() == [3000 * MS]
     where = '1 between poses too far apart'
-    assert f'dropped 1 of 3 frames: no pose around them ({where})' in found.notes
+    assert f'dropped 1 of 3 frames: no pose around them ({where})' in frames.notes
 
 
 def test_stamps_of_0_give_way_to_log_time_and_that_is_told():
-    found = choose_frames(plan(), survey(scan=[1000, 1100], left=[0, 1100]), None)
-    assert found.stamps['/left'].tolist() == [5 * MS, 1105 * MS]
-    assert any(note.startswith('/left: 1 of 2 header stamps is 0') for note in found.notes)
+    frames = choose_frames(plan(), survey(scan=[1000, 1100], left=[0, 1100]), None)
+    assert frames.stamps['/left'].tolist() == [5 * MS, 1105 * MS]
+    assert any(note.startswith('/left: 1 of 2 header stamps is 0') for note in frames.notes)
 
 
 @pytest.mark.parametrize(

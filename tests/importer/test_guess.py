@@ -30,7 +30,7 @@ PATH = Path('bag.mcap')
 
 
 def guess(*topics, layout=Layout.OBJECT, static=(), moving=(), with_calibration=False):
-    survey = Survey({each.name: each for each in topics}, list(static), list(moving))
+    survey = Survey({one_topic.name: one_topic for one_topic in topics}, list(static), list(moving))
     return guess_plan(survey, layout, PATH, with_calibration=with_calibration)
 
 
@@ -61,9 +61,9 @@ def test_our_own_names_keep_their_numbers():
 def test_beyond_four_cameras_the_rest_is_named():
     topics = [image(f'/cam{number}/image_raw') for number in range(6)]
     infos = [info(f'/cam{number}/camera_info') for number in range(6)]
-    found = guess(*topics, *infos)
-    assert len(found.plan.cameras) == 4
-    assert sum('KITTI has four cameras' in note for note in found.notes) == 2
+    guessed = guess(*topics, *infos)
+    assert len(guessed.plan.cameras) == 4
+    assert sum('KITTI has four cameras' in note for note in guessed.notes) == 2
 
 
 @pytest.mark.parametrize(
@@ -89,9 +89,9 @@ def test_depth_images_are_no_pictures():
 
 
 def test_camera_info_is_found_by_its_frame_where_names_do_not_tell():
-    found = guess(image('/pictures', frame='eye'), info('/somewhere/else', frame='eye'))
-    assert found.plan.cameras[2].info == '/somewhere/else'
-    assert found.plan.calibration == TF
+    guessed = guess(image('/pictures', frame='eye'), info('/somewhere/else', frame='eye'))
+    assert guessed.plan.cameras[2].info == '/somewhere/else'
+    assert guessed.plan.calibration == TF
 
 
 @pytest.mark.parametrize(
@@ -101,10 +101,10 @@ def test_camera_info_is_found_by_its_frame_where_names_do_not_tell():
 def test_images_with_drawings_are_not_the_camera_whose_frame_they_have(camera, overlay):
     beside = camera.rpartition('/')[0] + '/camera_info'
     topics = image(camera, frame='lens'), image(overlay, frame='lens'), info(beside, 'lens')
-    found = guess(*topics)
-    assert {each.topic for each in found.plan.cameras.values()} == {camera}
+    guessed = guess(*topics)
+    assert {each.topic for each in guessed.plan.cameras.values()} == {camera}
     apart = camera.rpartition('/')[0] != overlay.rpartition('/')[0]
-    assert any(f'passed over: {overlay}' in note for note in found.notes) is apart
+    assert any(f'passed over: {overlay}' in note for note in guessed.notes) is apart
 
 
 def test_of_images_with_one_info_by_its_frame_one_is_the_camera():
@@ -113,9 +113,9 @@ def test_of_images_with_one_info_by_its_frame_one_is_the_camera():
 
 
 def test_without_camera_info_there_is_no_calibration_and_that_is_said():
-    found = guess(image('/c/image_raw'))
-    assert found.plan.calibration == NONE
-    assert any('calibration (no camera_info)' in note for note in found.notes)
+    guessed = guess(image('/c/image_raw'))
+    assert guessed.plan.calibration == NONE
+    assert any('calibration (no camera_info)' in note for note in guessed.notes)
 
 
 @pytest.mark.parametrize(
@@ -159,26 +159,26 @@ def test_a_lidar_goes_before_a_depth_cameras_cloud():
 def test_scans_go_before_what_a_mapper_made_of_them(name, frame, others):
     own = cloud(name, frame=frame)
     static = [('body', frame, Transform.identity())]
-    found = guess(*others, own, static=static, moving=[('camera_init', 'body')])
-    assert (found.plan.scan.topic, found.plan.scan.frame) == (name, frame)
-    assert f'passed over for scans: {others[0].name} ({others[0].count})' in found.notes
+    guessed = guess(*others, own, static=static, moving=[('camera_init', 'body')])
+    assert (guessed.plan.scan.topic, guessed.plan.scan.frame) == (name, frame)
+    assert f'passed over for scans: {others[0].name} ({others[0].count})' in guessed.notes
 
 
 def test_scans_alone_have_no_calibration_and_that_is_said():
-    found = guess(cloud('/velodyne_points'))
-    assert found.plan.calibration == NONE
-    assert 'missing: calibration (no camera); --calib FILE gives it' in found.notes
+    guessed = guess(cloud('/velodyne_points'))
+    assert guessed.plan.calibration == NONE
+    assert 'missing: calibration (no camera); --calib FILE gives it' in guessed.notes
 
 
 @pytest.mark.parametrize(('field', 'told'), [('rgb', True), ('Intensity', False)])
 def test_clouds_without_an_intensity_are_pointed_out(field, told):
-    found = guess(cloud('/points', field))
-    assert any('the reflectance of the scans is 0' in note for note in found.notes) is told
+    guessed = guess(cloud('/points', field))
+    assert any('the reflectance of the scans is 0' in note for note in guessed.notes) is told
 
 
 def test_points_of_an_optical_frame_are_pointed_out():
-    found = guess(cloud('/points', frame='camera_depth_optical_frame'))
-    assert any('z forward' in note for note in found.notes)
+    guessed = guess(cloud('/points', frame='camera_depth_optical_frame'))
+    assert any('z forward' in note for note in guessed.notes)
 
 
 def odometry(name, *along):
@@ -225,13 +225,13 @@ def test_ground_truth_goes_before_other_odometry():
 
 
 def test_a_moving_base_link_tells_poses_too():
-    found = guess(
+    guessed = guess(
         topic('/tf', 'tf2_msgs/msg/TFMessage'),
         layout=Layout.ODOMETRY,
         moving=[('odom', 'base_footprint'), ('wheel', 'rim')],
     )
-    assert (found.plan.pose.topic, found.plan.pose.body) == ('/tf', 'base_footprint')
-    assert found.plan.pose.world == 'odom'
+    assert (guessed.plan.pose.topic, guessed.plan.pose.body) == ('/tf', 'base_footprint')
+    assert guessed.plan.pose.world == 'odom'
 
 
 def test_an_imu_that_is_joined_gives_the_imu_frame_and_one_that_is_not_a_remark():
@@ -267,9 +267,9 @@ OPTICAL = Transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3)
 )
 def test_an_imu_is_turned_where_no_frame_is_called_the_body(scan_frame, static, taken, said):
     topics = cloud('/points', frame=scan_frame), topic('/imu', types.IMU, frame='imu')
-    found = guess(*topics, static=static, layout=Layout.RAW)
-    assert found.plan.imu_frame == taken
-    assert said in ' '.join(note for note in found.notes if note.startswith('the Imu is in'))
+    guessed = guess(*topics, static=static, layout=Layout.RAW)
+    assert guessed.plan.imu_frame == taken
+    assert said in ' '.join(note for note in guessed.notes if note.startswith('the Imu is in'))
 
 
 @pytest.mark.parametrize(
@@ -330,13 +330,13 @@ def test_labels_are_chosen_by_what_they_tell(layout, taken):
     detector.classes['Car'] = tracker.classes['Car'] = 10
     tracker.has_tracks = True
     camera = image('/c/image_raw'), info('/c/camera_info')
-    found = guess(clusters, detector, tracker, *camera, layout=layout)
-    assert found.plan.labels.topic == taken
+    guessed = guess(clusters, detector, tracker, *camera, layout=layout)
+    assert guessed.plan.labels.topic == taken
     objects = topic('/objects', types.TRACKED_OBJECTS)
     objects.has_tracks = True
     objects.classes['CAR'] = 10
-    found = guess(clusters, detector, objects, *camera, layout=layout)
-    assert found.plan.labels.topic == ('/objects' if layout is Layout.TRACKING else taken)
+    guessed = guess(clusters, detector, objects, *camera, layout=layout)
+    assert guessed.plan.labels.topic == ('/objects' if layout is Layout.TRACKING else taken)
 
 
 def namespace(**values):
@@ -414,9 +414,9 @@ def test_boxes_of_other_classes_are_labels_where_there_are_no_better_ones():
     roi = boxes_on('/debug/roi', types.MARKERS, 'roi', (60.0, 40.0, 4.0))
     forklifts = boxes_on('/forklifts', types.MARKERS, 'forklift', _CAR)
     assert guess(roi, forklifts, *camera).plan.labels.topic == '/forklifts'
-    found = guess(roi, *camera)
-    assert found.plan.labels.topic == '/debug/roi'
-    assert 'are they metres, and objects?' in ' '.join(found.notes)
+    guessed = guess(roi, *camera)
+    assert guessed.plan.labels.topic == '/debug/roi'
+    assert 'are they metres, and objects?' in ' '.join(guessed.notes)
     truth = boxes_on('/ground_truth/boxes', types.MARKERS, 'forklift', _CAR)
     cars = boxes_on('/boxes', types.MARKERS, 'car', _CAR)
     assert guess(cars, truth, *camera).plan.labels.topic == '/ground_truth/boxes'
@@ -430,12 +430,12 @@ def test_boxes_that_are_no_labels_are_named_with_the_reason():
         topic('/boxes_2d', types.DETECTIONS_2D, frame='lens'),
         topic('/lines', types.MARKERS, lines),
     ]
-    survey = Survey({each.name: each for each in topics}, [], [])
+    survey = Survey({one_topic.name: one_topic for one_topic in topics}, [], [])
     plan = guess(*topics).plan
     (alone,) = unused_notes(survey, plan)
     assert 'labels are of a camera with a camera_info, which the plan has not' in alone
     topics += [image('/c/image_raw', frame='c'), info('/c/camera_info', 'c')]
-    survey = Survey({each.name: each for each in topics}, [], [])
+    survey = Survey({one_topic.name: one_topic for one_topic in topics}, [], [])
     notes = unused_notes(survey, guess(*topics).plan)
     assert any('not used: /lines (5)' in note and 'without a cube' in note for note in notes)
     assert any('2D boxes whose frame is lens; those of camera 2 have c' in note for note in notes)
@@ -460,10 +460,10 @@ def test_a_unit_of_another_robot_is_passed_over(joined, prefix):
         topic('/odom', types.ODOMETRY, ODOMETRY, frame='odom'),
     ]
     topics.append(cloud('/points', frame='a/lidar'))
-    found = guess(*topics, layout=Layout.RAW, static=links)
+    guessed = guess(*topics, layout=Layout.RAW, static=links)
     apart = bool(prefix) and not joined
-    assert (found.plan.imu, found.plan.fix) == (('', '') if apart else ('/imu', '/fix'))
-    said = [note for note in found.notes if 'no transform joins its frame, b/base_link' in note]
+    assert (guessed.plan.imu, guessed.plan.fix) == (('', '') if apart else ('/imu', '/fix'))
+    said = [note for note in guessed.notes if 'no transform joins its frame, b/base_link' in note]
     assert len(said) == 2 * apart
 
 
@@ -476,5 +476,5 @@ def test_a_command_is_no_velocity():
 
 
 def test_a_calibration_that_is_given_is_not_missing():
-    found = guess(cloud('/velodyne_points'), with_calibration=True)
-    assert not any('calibration' in note for note in found.notes)
+    guessed = guess(cloud('/velodyne_points'), with_calibration=True)
+    assert not any('calibration' in note for note in guessed.notes)

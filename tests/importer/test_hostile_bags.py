@@ -367,7 +367,7 @@ def test_calib_stands_in_for_a_camera_that_was_never_calibrated(tmp_path):
     calib = tmp_path / 'sound/training/calib/000000.txt'
 
     def by_file(plan):
-        cameras = {index: replace(each, rectify=False) for index, each in plan.cameras.items()}
+        cameras = {index: replace(camera, rectify=False) for index, camera in plan.cameras.items()}
         return replace(plan, calibration=str(calib), cameras=cameras)
 
     report = convert(path, tmp_path / 'out', change=by_file)
@@ -457,7 +457,7 @@ def test_a_topic_of_any_name_is_data_and_nothing_more(name, tmp_path, capsys):
     assert main(['to-kitti', str(path), '--layout', 'odometry', '--plan']) == 0
     text = capsys.readouterr().out
     assert parse_plan(text, tmp_path).layout is Layout.ODOMETRY
-    assert sorted(each.name for each in tmp_path.iterdir()) == ['bag.mcap', 'out', 'plain.mcap']
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['bag.mcap', 'out', 'plain.mcap']
 
 
 def test_a_bag_that_is_given_twice_is_refused(tmp_path, capsys):
@@ -498,8 +498,8 @@ def test_a_fix_is_of_its_antenna_and_a_packet_of_the_imu(frame, tmp_path):
     path = hostile(tmp_path, '/gps/fix', None, of_its_antenna)
     report = convert(path, tmp_path / 'out', Layout.RAW)
     texts = sorted((tmp_path / 'out').rglob('oxts/data/*.txt'))
-    packets = [parse_packet(each.read_text(), each) for each in texts]
-    degrees = np.array([[each.lon, each.lat] for each in packets])
+    packets = [parse_packet(text.read_text(), text) for text in texts]
+    degrees = np.array([[packet.lon, packet.lat] for packet in packets])
     stamps = open_recording(texts[0].parents[2]).streams[Stream.OXTS].stamps_ns
     poses = [foreign.base_pose(at) @ foreign.BASE_T_IMU for at in stamps.tolist()]
     truth = np.array([pose.translation[:2] for pose in poses])

@@ -117,7 +117,7 @@ def in_sight(boxes):
     """Those that camera 2 sees, with room to tell."""
     assume(len({box.track_id for box in boxes}) == len(boxes))
     corners = [box_corners(box.location, box.size_hwl, box.rotation_y)[0] for box in boxes]
-    assume(all(abs(each[:, 2]).min() > 0.3 for each in corners))
+    assume(all(abs(corner[:, 2]).min() > 0.3 for corner in corners))
     assume(all(np.hypot(box.location[0], box.location[2]) > 0.5 for box in boxes))
     return [box for box in boxes if np.isfinite(truth(box)[0]).all()]
 
@@ -199,12 +199,12 @@ def test_a_box_of_other_axes_fills_the_same_space(turn):
     sides = np.abs(rotation.T @ np.array(cuboid().size_lwh))
     turned = Transform(rotation, np.zeros(3))
     other = cuboid(velo_T_box=cuboid().velo_T_box @ turned, size_lwh=tuple(sides))
-    (made,), _ = labels([other])
+    (box,), _ = labels([other])
     (plain,), _ = labels([cuboid()])
-    np.testing.assert_allclose(made.box_2d, plain.box_2d, atol=1e-6)
-    np.testing.assert_allclose(made.location, plain.location, atol=1e-9)
+    np.testing.assert_allclose(box.box_2d, plain.box_2d, atol=1e-6)
+    np.testing.assert_allclose(box.location, plain.location, atol=1e-9)
     corners = [
-        box_corners(each.location, each.size_hwl, each.rotation_y)[0] for each in (made, plain)
+        box_corners(each.location, each.size_hwl, each.rotation_y)[0] for each in (box, plain)
     ]
     gaps = np.linalg.norm(corners[0][:, None] - corners[1], axis=2)
     assert gaps.min(axis=1).max() < 1e-6
@@ -213,31 +213,31 @@ def test_a_box_of_other_axes_fills_the_same_space(turn):
 
 def test_the_heading_of_an_upside_down_box_is_kept():
     over = Transform(rotation_from_rpy(pi, 0, 0), np.zeros(3))
-    (made,), _ = labels([cuboid(velo_T_box=cuboid().velo_T_box @ over)])
-    assert made.rotation_y == pytest.approx(0.3, abs=1e-9)
+    (box,), _ = labels([cuboid(velo_T_box=cuboid().velo_T_box @ over)])
+    assert box.rotation_y == pytest.approx(0.3, abs=1e-9)
 
 
 def test_boxes_out_of_view_are_counted_or_kept_as_asked():
     behind, aside = car(location=(0, 1.6, -9.0)), car(location=(60.0, 1.6, 12.0))
     cuboids, _ = cuboids_of_detections(as_detections([behind, car(), aside]), HERE)
-    made, unseen = labels(cuboids)
-    assert (len(made), unseen) == (1, 2)
-    made, unseen = labels(cuboids, out_of_view=True)
-    assert (len(made), unseen) == (3, 0)
-    assert made[0].box_2d == (-1, -1, -1, -1)
-    assert [box.truncated for box in (made[0], made[2])] == [1, 1]
-    text = format_object_labels(made)
+    boxes, unseen = labels(cuboids)
+    assert (len(boxes), unseen) == (1, 2)
+    boxes, unseen = labels(cuboids, out_of_view=True)
+    assert (len(boxes), unseen) == (3, 0)
+    assert boxes[0].box_2d == (-1, -1, -1, -1)
+    assert [box.truncated for box in (boxes[0], boxes[2])] == [1, 1]
+    text = format_object_labels(boxes)
     assert [box.location for box in parse_boxes(text, 'x')] == [
-        tuple(round(value, 2) for value in box.location) for box in made
+        tuple(round(value, 2) for value in box.location) for box in boxes
     ]
 
 
 def test_a_box_half_out_of_the_image_is_half_truncated():
     depth = 12.0
     x = float(-depth * p_rect(2)[0, 2] / p_rect(2)[0, 0] - p_rect(2)[0, 3] / p_rect(2)[0, 0])
-    (made,), _ = labels([cuboid_of(car(location=(x, 1.6, depth), rotation_y=0), '', RECT_T_VELO)])
-    assert made.box_2d[0] == 0
-    assert 0.4 < made.truncated < 0.6
+    (box,), _ = labels([cuboid_of(car(location=(x, 1.6, depth), rotation_y=0), '', RECT_T_VELO)])
+    assert box.box_2d[0] == 0
+    assert 0.4 < box.truncated < 0.6
 
 
 def test_no_boxes_are_no_labels():
@@ -251,11 +251,11 @@ def test_cameras_with_extrinsics_of_their_own_see_with_them():
     pinhole = np.column_stack([p_rect(0)[:, :3], np.zeros(3)])
     camera = CameraCalibration(pinhole, SIZE, cam_T_velo=cam_t_velo)
     rig = replace(RIG, cameras={**RIG.cameras, 1: camera})
-    (made,), _ = labels([cuboid()], 1, rig)
+    (box,), _ = labels([cuboid()], 1, rig)
     corners = cuboid().velo_T_box.apply(unit_corners() * cuboid().size_lwh)
     bounds = project_corners(cam_t_velo.apply(corners)[None], pinhole)
-    np.testing.assert_allclose(made.box_2d, clip_bounds(bounds, SIZE)[0][0], atol=0.01)
-    np.testing.assert_allclose(made.location, car().location, atol=1e-6)
+    np.testing.assert_allclose(box.box_2d, clip_bounds(bounds, SIZE)[0][0], atol=0.01)
+    np.testing.assert_allclose(box.location, car().location, atol=1e-6)
 
 
 # Of detections.
@@ -278,14 +278,14 @@ def array(*detections, frame='velo_link'):
 
 def test_the_best_result_counts():
     results = [result('Van', 0.2), result('Car', 0.7), result('Bus', 0.1)]
-    (found,), _ = cuboids_of_detections(array(detection(results=results)), HERE)
-    assert (found.class_name, found.score) == ('Car', 0.7)
+    (box,), _ = cuboids_of_detections(array(detection(results=results)), HERE)
+    assert (box.class_name, box.score) == ('Car', 0.7)
 
 
 def test_a_detection_without_result_is_of_no_class():
-    (found,), _ = cuboids_of_detections(array(detection()), HERE, scores=True)
-    assert (found.class_name, found.score) == ('', None)
-    assert labels([found])[0][0].class_name == 'Misc'
+    (box,), _ = cuboids_of_detections(array(detection()), HERE, scores=True)
+    assert (box.class_name, box.score) == ('', None)
+    assert labels([box])[0][0].class_name == 'Misc'
 
 
 @pytest.mark.parametrize(
@@ -295,30 +295,30 @@ def test_a_detection_without_result_is_of_no_class():
 def test_scores_that_are_all_0_or_1_are_none(scores, predicted):
     message = array(*(detection(result('Car', score)) for score in scores))
     assert has_scores(message) == predicted
-    found, _ = cuboids_of_detections(message, HERE)
-    assert [each.score for each in found] == [score if predicted else None for score in scores]
+    cuboids, _ = cuboids_of_detections(message, HERE)
+    assert [each.score for each in cuboids] == [score if predicted else None for score in scores]
 
 
 def test_a_recording_with_scores_has_them_in_every_frame():
-    found, _ = cuboids_of_detections(array(detection(result('Car', 1.0))), HERE, scores=True)
-    assert found[0].score == 1.0
+    cuboids, _ = cuboids_of_detections(array(detection(result('Car', 1.0))), HERE, scores=True)
+    assert cuboids[0].score == 1.0
     assert not has_scores(Some(markers=[]))
 
 
 def test_the_definitions_of_older_distributions_are_understood():
     old = detection(Some(id=3, score=0.5))
     del old.id
-    (found,), _ = cuboids_of_detections(array(old), HERE)
-    assert (found.class_name, found.score, found.identity) == ('3', 0.5, '')
+    (box,), _ = cuboids_of_detections(array(old), HERE)
+    assert (box.class_name, box.score, box.identity) == ('3', 0.5, '')
     old = detection(Some(id='Car', score=0.5), tracking_id='9', id='')
-    (found,), _ = cuboids_of_detections(array(old), HERE)
-    assert (found.class_name, found.identity) == ('Car', '9')
+    (box,), _ = cuboids_of_detections(array(old), HERE)
+    assert (box.class_name, box.identity) == ('Car', '9')
 
 
 def test_the_array_s_frame_stands_in_for_an_empty_one():
     nameless = detection(header=make_header(5, ''))
-    found, _ = cuboids_of_detections(array(nameless, frame='/velo_link'), HERE)
-    assert len(found) == 1
+    cuboids, _ = cuboids_of_detections(array(nameless, frame='/velo_link'), HERE)
+    assert len(cuboids) == 1
 
 
 @pytest.mark.parametrize('read', [cuboids_of_detections, cuboids_of_markers])
@@ -368,8 +368,8 @@ def test_the_numbers_are_those_of_the_definition():
     ],
 )
 def test_the_class_of_a_cube_is_its_text_or_caption_or_namespace(ns, text, caption, expected):
-    found = kinds(marker(ns=ns, text=text), marker(TEXT, 'labels', text=caption))
-    assert found == [expected]
+    classes = kinds(marker(ns=ns, text=text), marker(TEXT, 'labels', text=caption))
+    assert classes == [expected]
 
 
 @pytest.mark.parametrize(
@@ -393,11 +393,11 @@ def test_a_caption_may_have_a_score(caption, score):
 
 
 def test_captions_go_with_the_cube_of_their_namespace():
-    found = kinds(
+    classes = kinds(
         marker(ns='a', number=0), marker(ns='b', number=0),
         marker(TEXT, 'a_text', 0, 'Bus'), marker(TEXT, 'b_text', 0, 'Tram'),
     )  # fmt: skip
-    assert found == ['Bus', 'Tram']
+    assert classes == ['Bus', 'Tram']
 
 
 @given(
@@ -468,8 +468,8 @@ def test_the_recording_car_is_no_object():
 
 def test_an_orientation_that_was_never_set_turns_nothing():
     pose = Pose(Point(12.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 0.0))
-    (found,), _ = cuboids_of_markers(Some(markers=[marker(pose=pose)]), HERE)
-    np.testing.assert_array_equal(found.velo_T_box.rotation, np.eye(3))
+    (box,), _ = cuboids_of_markers(Some(markers=[marker(pose=pose)]), HERE)
+    np.testing.assert_array_equal(box.velo_T_box.rotation, np.eye(3))
 
 
 @pytest.mark.filterwarnings('error')
@@ -478,11 +478,11 @@ def test_an_orientation_that_was_never_set_turns_nothing():
 def test_a_box_of_no_possible_size_or_place_costs_itself(side, place):
     pose = Pose(Point(place, 0.0, 0.0), Quaternion(0.0, place, 0.0, 1.0))
     size = Vector3(1.0, side, 1.0)
-    found, left_out = cuboids_of_markers(Some(markers=[marker(pose=pose, scale=size)]), HERE)
-    assert (found, left_out) == ([], [ABSURD])
+    cuboids, left_out = cuboids_of_markers(Some(markers=[marker(pose=pose, scale=size)]), HERE)
+    assert (cuboids, left_out) == ([], [ABSURD])
     odd = detection(bbox=Some(center=pose, size=size))
-    found, left_out = cuboids_of_detections(array(odd, detection()), HERE)
-    assert (len(found), left_out) == (1, [ABSURD])
+    cuboids, left_out = cuboids_of_detections(array(odd, detection()), HERE)
+    assert (len(cuboids), left_out) == (1, [ABSURD])
 
 
 def test_tracks_keep_their_numbers():

@@ -103,5 +103,5 @@ def test_a_unit_that_stands_says_nothing_of_its_heading():
 @pytest.mark.parametrize('drive', ['0001', '0005'])
 def test_kitti_s_own_packets_are_in_its_axes(drive, real_kitti):
     folder = real_kitti / f'raw/2011_09_26/2011_09_26_drive_{drive}_sync/oxts/data'
-    found = [parse_packet(each.read_text(), each) for each in sorted(folder.iterdir())]
-    assert notes_of(found, 0.1033) == []
+    parsed = [parse_packet(file.read_text(), file) for file in sorted(folder.iterdir())]
+    assert notes_of(parsed, 0.1033) == []

@@ -47,8 +47,8 @@ def turn(a, b):
 @given(TRACKS)
 def test_a_track_goes_through_its_poses(transforms):
     stamps = T0 + np.arange(len(transforms)) * STEP
-    found = PoseTrack(stamps, transforms).at(stamps)
-    assert all(close(*pair, 0) for pair in zip(found, transforms, strict=True))
+    poses = PoseTrack(stamps, transforms).at(stamps)
+    assert all(close(*pair, 0) for pair in zip(poses, transforms, strict=True))
 
 
 @given(TRANSFORMS, TRANSFORMS, SHARES)
@@ -88,7 +88,7 @@ def test_interpolating_elsewhere_is_interpolating_here(transforms, world_t_map):
     stamps = T0 + np.arange(len(transforms)) * STEP
     between = np.arange(T0, stamps[-1] + 1, STEP // 3)
     here = PoseTrack(stamps, transforms).at(between)
-    there = PoseTrack(stamps, [world_t_map @ each for each in transforms]).at(between)
+    there = PoseTrack(stamps, [world_t_map @ transform for transform in transforms]).at(between)
     for a, b in zip(here, there, strict=True):
         if all(turn(*pair) < 3.1 for pair in pairwise(transforms)):
             assert close(world_t_map @ a, b, 1e-6)
@@ -97,8 +97,8 @@ def test_interpolating_elsewhere_is_interpolating_here(transforms, world_t_map):
 def test_nothing_is_extrapolated():
     track = PoseTrack([T0, T0 + STEP], [at(0), at(1)])
     wanted = np.array([T0 - 1, T0, T0 + STEP // 4, T0 + STEP, T0 + STEP + 1])
-    found = track.at(wanted)
-    assert [pose and pose.translation[0] for pose in found] == [None, 0, 0.25, 1, None]
+    poses = track.at(wanted)
+    assert [pose and pose.translation[0] for pose in poses] == [None, 0, 0.25, 1, None]
 
 
 def test_poses_are_sorted_and_of_equal_stamps_the_first_counts():
@@ -111,8 +111,8 @@ def test_poses_are_sorted_and_of_equal_stamps_the_first_counts():
 def test_a_gap_is_not_bridged_but_its_ends_are_known():
     tenth = MAX_GAP_NS // 10
     track = PoseTrack([x * tenth for x in (0, 10, 21, 31)], [at(x) for x in (0, 10, 21, 31)])
-    found = track.at(np.array([5, 10, 11, 20, 21, 25]) * tenth)
-    assert [pose and pose.translation[0] for pose in found] == [5, 10, None, None, 21, 25]
+    poses = track.at(np.array([5, 10, 11, 20, 21, 25]) * tenth)
+    assert [pose and pose.translation[0] for pose in poses] == [5, 10, None, None, 21, 25]
     assert PoseTrack([0, MAX_GAP_NS + 1], [at(0), at(1)]).at(np.array([1])) == [None]
     assert PoseTrack([0, MAX_GAP_NS], [at(0), at(1)]).at(np.array([1])) != [None]
 
@@ -130,9 +130,9 @@ def test_a_stamp_without_a_pose_is_refused():
 @given(TRACKS, TRANSFORMS)
 def test_camera_poses_lead_back_to_the_body(transforms, body_t_cam0):
     stamps = T0 + np.arange(len(transforms)) * STEP
-    found = camera_poses(PoseTrack(stamps, transforms), stamps, body_t_cam0)
+    poses = camera_poses(PoseTrack(stamps, transforms), stamps, body_t_cam0)
     start = transforms[0] @ body_t_cam0
-    for pose, map_t_body in zip(found, transforms, strict=True):
+    for pose, map_t_body in zip(poses, transforms, strict=True):
         assert pose.shape == (3, 4)
         first_cam0_t_cam0 = Transform.from_matrix(pose)
         assert close(start @ first_cam0_t_cam0 @ body_t_cam0.inverse(), map_t_body, 1e-8)

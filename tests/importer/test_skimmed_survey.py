@@ -13,8 +13,8 @@ from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 
 COMPARED = (
-    *('name', 'msgtype', 'log_ns', 'header_ns', 'frames', 'failures', 'failure', 'headless'),
-    *('size_bytes', 'markers_ns', 'forward_ns', 'classes', 'spans_ns', 'places', 'moves'),
+    *('name', 'msgtype', 'log_ns', 'header_ns', 'frame_ids', 'failures', 'failure', 'headless'),
+    *('size_bytes', 'markers_ns', 'forward_ns', 'classes', 'spans_ns', 'positions', 'moves'),
 )
 
 
@@ -45,6 +45,8 @@ def test_a_survey_that_skims_finds_the_same(bag, monkeypatch):
         assert [getattr(other, each) for each in COMPARED] == [
             getattr(topic, each) for each in COMPARED
         ]
-        assert [str(each) for each in other.samples] == [str(each) for each in topic.samples]
+        assert [str(sample) for sample in other.samples] == [
+            str(sample) for sample in topic.samples
+        ]
     assert skimmed.losses == whole.losses
     assert skimmed.notes == whole.notes

@@ -114,10 +114,10 @@ class Robot:
     swinging: tuple[str, ...] = ()
 
     def camera(self, folder: str) -> Camera:
-        return next(each for each in self.cameras if each.folder == folder)
+        return next(camera for camera in self.cameras if camera.folder == folder)
 
     def without(self, *folders: str) -> Robot:
-        kept = tuple(each for each in self.cameras if each.folder not in folders)
+        kept = tuple(camera for camera in self.cameras if camera.folder not in folders)
         return replace(self, cameras=kept)
 
 

@@ -123,7 +123,7 @@ def _moment(number: int) -> Moment:
 
 def around(moments: Iterable[Moment], pose: Callable[[int], np.ndarray]) -> tuple[Moment, ...]:
     """The moments with the poses of another fixed frame."""
-    return tuple(replace(each, world_T_body=pose(each.stamp_ns)) for each in moments)
+    return tuple(replace(moment, world_T_body=pose(moment.stamp_ns)) for moment in moments)
 
 
 # Messages as plain values.

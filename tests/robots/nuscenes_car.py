@@ -18,6 +18,6 @@ def nuscenes_car() -> Robot:
         Camera(f'/{name}', name, looking(yaw, (1.5, yaw / 200, 1.5)), 'image_rect_compressed')
         for name, yaw in YAWS.items()
     ]
-    links = [('base_link', each.frame, each.base_T_camera) for each in cameras]
+    links = [('base_link', camera.frame, camera.base_T_camera) for camera in cameras]
     links.append(('base_link', 'LIDAR_TOP', base_T_lidar))
     return Robot(tuple(cameras), tuple(links), 'LIDAR_TOP', base_T_lidar, lidar_topic='/LIDAR_TOP')

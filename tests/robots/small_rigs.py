@@ -14,7 +14,7 @@ LIDAR = pose(turned(3.0, 1.0), (0.3, 0.0, 1.2))
 
 def joined(*cameras: Camera, root: str = 'base_link', **options: object) -> Robot:
     """A robot of which all sensors are joined to one frame."""
-    links = [(root, each.frame, each.base_T_camera) for each in cameras]
+    links = [(root, camera.frame, camera.base_T_camera) for camera in cameras]
     return Robot(cameras, ((root, 'lidar', LIDAR), *links), 'lidar', LIDAR, **options)
 
 

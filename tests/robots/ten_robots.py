@@ -109,10 +109,10 @@ def rig_said(robot: camera_rigs.Robot, moments: Moments) -> list[Said]:
     said = [drives.static(drives.START_NS - 10**9, robot.links)]
     for moment in moments:
         said.append(scan_of(moment, robot.lidar_topic, robot.lidar, robot.base_T_lidar))
-        for each in robot.cameras:
-            info = f'{each.folder}/{each.info}'
-            p = np.column_stack([each.k, each.k @ [each.offset_m, 0, 0]])
-            said += drives.seen(each.topic, info, each.frame, moment, k=each.k, p=p)
+        for camera in robot.cameras:
+            info = f'{camera.folder}/{camera.info}'
+            p = np.column_stack([camera.k, camera.k @ [camera.offset_m, 0, 0]])
+            said += drives.seen(camera.topic, info, camera.frame, moment, k=camera.k, p=p)
     return said
 
 
@@ -305,7 +305,7 @@ def velodyne_truth() -> Truth:
         if count > 50 and solid.holds(points, 0.005).sum() == solid.holds(points, -0.005).sum():
             break
     moments = drives.around(drives.drive(), wanderer.odom_t_base)
-    moments = tuple(replace(each, points=points, solids=(solid,)) for each in moments)
+    moments = tuple(replace(moment, points=points, solids=(solid,)) for moment in moments)
     return Truth(moments, PUCK_IN_BASE, {2: PUCK_EYE}, ordered=False)
 
 
@@ -340,7 +340,8 @@ LIVOX_EYE = Eye(camera_rigs.looking(0.5, (0.2, 0.0, 0.5)), LIVOX_K)
 def livox_truth() -> Truth:
     moments = drives.around(drives.drive(), wanderer.odom_t_base)
     ahead = tuple(
-        replace(each, points=each.points[each.points[:, 0] > 1], solids=()) for each in moments
+        replace(moment, points=moment.points[moment.points[:, 0] > 1], solids=())
+        for moment in moments
     )
     return Truth(ahead, LIVOX_IN_BASE, {2: LIVOX_EYE}, labelled=False)
 
@@ -394,19 +395,19 @@ def write_foxglove(folder: Path) -> list[Path]:
             points[axis] = column
         boxes = tuple(
             foxglove_robot.Box(
-                tuple(each.place[:3, 3]),
-                float(np.arctan2(each.place[1, 0], each.place[0, 0])),
-                each.size,
-                each.name.lower(),
-                str(each.track),
+                tuple(solid.place[:3, 3]),
+                float(np.arctan2(solid.place[1, 0], solid.place[0, 0])),
+                solid.size,
+                solid.name.lower(),
+                str(solid.track),
             )
-            for each in moment.solids
+            for solid in moment.solids
         )
         dots = np.array([[8.0, 0.3, 0.4]])
         frame = foxglove_robot.Frame(moment.stamp_ns, points, dots, boxes, moment.world_T_body)
         world.append(frame)
     # Its position never changes, other than that of the transforms.
-    found = [each for each in foxglove_robot.records(world) if each[0] != '/gps']
+    found = [record for record in foxglove_robot.records(world) if record[0] != '/gps']
     return [foxglove_robot.write_protobuf(folder / 'foxglove.mcap', found)]
 
 

@@ -124,7 +124,7 @@ def test_a_camera_that_nothing_joins_is_passed_over_by_name(tmp_path, capsys):
     assert main(['to-kitti', str(path), str(out), '--layout', 'object', '--all-cameras']) == 0
     told = 'passed over: /Left/image_rect_color; no static transform joins Left_eye to lidar'
     assert told in capsys.readouterr().out
-    assert sorted(each.name for each in out.glob('training*')) == [
+    assert sorted(file.name for file in out.glob('training*')) == [
         'training_front',
         'training_rear',
     ]

@@ -33,9 +33,9 @@ def converted(bag, out, layout=Layout.OBJECT, change=lambda plan: plan):
     """(guess, report, recording)."""
     options = ImportOptions(layout=layout)
     survey = survey_bags([bag])
-    found = guess([bag], survey, options)
-    report = convert_by_plan([bag], change(found.plan), survey, out, options)
-    return found, report, open_recording(out, ReadOptions(layout=layout))
+    guessed = guess([bag], survey, options)
+    report = convert_by_plan([bag], change(guessed.plan), survey, out, options)
+    return guessed, report, open_recording(out, ReadOptions(layout=layout))
 
 
 def pairs(recording):
@@ -113,8 +113,8 @@ def test_images_are_those_of_the_scans_whatever_the_clocks(name, tmp_path):
     assert pairs(recording) == true_pairs()
     assert offsets(found.plan) == pytest.approx(expected, abs=0.06)
     assert report.losses == ()
-    told = [note for note in found.notes if 'its clock is' in note]
-    assert len(told) == len(expected)
+    notes = [note for note in found.notes if 'its clock is' in note]
+    assert len(notes) == len(expected)
     assert parse_plan(format_plan(found.plan), tmp_path) == found.plan
 
 
@@ -242,8 +242,8 @@ def test_scans_are_paired_in_the_middle_of_their_turn(name, lag_ns, tmp_path):
     first = pairs(recording)[0][0]
     assert pairs(recording) == true_pairs(first, first + report.frames)
     assert report.frames >= robots.FRAMES - 1
-    told = [note for note in report.notes if 'in the middle' in note]
-    assert len(told) == (name != 'middle')
+    notes = [note for note in report.notes if 'in the middle' in note]
+    assert len(notes) == (name != 'middle')
 
 
 def test_poses_are_those_of_the_middle_of_the_turn(tmp_path):

@@ -27,8 +27,8 @@ def convert(bags, out, change=lambda plan: plan, **options):
     """The object set of bags by the plan that is guessed, changed."""
     chosen = ImportOptions(layout=Layout.OBJECT, **options)
     survey = survey_bags(bags)
-    found = guess(bags, survey, chosen)
-    return convert_by_plan(bags, change(found.plan), survey, out, chosen), found
+    guessed = guess(bags, survey, chosen)
+    return convert_by_plan(bags, change(guessed.plan), survey, out, chosen), guessed
 
 
 def calibration(out, number):
@@ -78,7 +78,7 @@ def nuscenes_bag(tmp_path_factory):
 
 def front_only(plan):
     """The front camera, and the tolerance of the page."""
-    front = next(each for each in plan.cameras.values() if '/cam_front/' in each.topic)
+    front = next(camera for camera in plan.cameras.values() if '/cam_front/' in camera.topic)
     return replace(plan, tolerance_s=0.04, cameras={2: front}, labels=None)
 
 
@@ -142,11 +142,11 @@ def test_nuscenes_boxes_are_true(nuscenes_bag, tmp_path):
     assert report.losses == ()
     assert report.frames == nuscenes_mcap.KEYFRAMES
     for number in range(report.frames):
-        found = labels(tmp_path / 'out', number)
-        assert len(found) == len(nuscenes_mcap.CUBES)
+        boxes = labels(tmp_path / 'out', number)
+        assert len(boxes) == len(nuscenes_mcap.CUBES)
         stamp_ns = nuscenes_mcap.START_NS + number * nuscenes_mcap.KEYFRAME_NS
         base_t_map = np.linalg.inv(nuscenes_mcap.map_t_base(stamp_ns))
-        for (_, values), (_, _, size, place, yaw) in zip(found, nuscenes_mcap.CUBES, strict=True):
+        for (_, values), (_, _, size, place, yaw) in zip(boxes, nuscenes_mcap.CUBES, strict=True):
             middle = base_t_map @ nuscenes_mcap.cube_in_map(place, yaw)
             camera = np.linalg.inv(nuscenes_mcap.CAMERAS['cam_front']) @ middle
             np.testing.assert_allclose(values[:3], [size[2], size[1], size[0]], atol=1e-4)

@@ -55,15 +55,15 @@ class Test2D:
         assert report.losses == ()
         flat = [box for _, _, box in robot.flat_boxes()]
         for number in range(robot.FRAMES):
-            found = labels(tmp_path / 'out', number)
-            assert [box.class_name for box in found] == ['Car', 'Car', 'Pedestrian', 'Cyclist']
+            boxes = labels(tmp_path / 'out', number)
+            assert [box.class_name for box in boxes] == ['Car', 'Car', 'Pedestrian', 'Cyclist']
             true = [flat[0], flat[1], robot.projected(*robot.SOLID[2][2:]), flat[2]]
-            assert np.abs(np.array([box.box_2d for box in found]) - true).max() < 1e-3
-            alone = found[3]
+            assert np.abs(np.array([box.box_2d for box in boxes]) - true).max() < 1e-3
+            alone = boxes[3]
             assert alone.size_hwl == (-1, -1, -1)
             assert alone.location == (-1000, -1000, -1000)
             assert (alone.alpha, alone.rotation_y) == (-10, -10)
-            assert [box.size_hwl[0] for box in found[:3]] == [1.5, 1.4, 1.8]
+            assert [box.size_hwl[0] for box in boxes[:3]] == [1.5, 1.4, 1.8]
 
     def test_the_offset_of_labels_is_that_of_their_2d_boxes(self, tmp_path):
         """The detectors' clock is 5 s behind; without 2D boxes labels have no Cyclist."""
@@ -86,11 +86,11 @@ class Test2D:
         plan, report = convert(bag, tmp_path / 'out')
         assert (plan.labels.topic, plan.labels.boxes_2d) == ('/boxes_2d', '')
         assert report.losses == ()
-        found = labels(tmp_path / 'out', 1)
-        assert [box.class_name for box in found] == ['Car', 'Car', 'Cyclist']
+        boxes = labels(tmp_path / 'out', 1)
+        assert [box.class_name for box in boxes] == ['Car', 'Car', 'Cyclist']
         true = [box for _, _, box in robot.flat_boxes()]
-        assert np.abs(np.array([box.box_2d for box in found]) - true).max() < 1e-3
-        assert all(box.location == (-1000, -1000, -1000) for box in found)
+        assert np.abs(np.array([box.box_2d for box in boxes]) - true).max() < 1e-3
+        assert all(box.location == (-1000, -1000, -1000) for box in boxes)
 
     @pytest.mark.parametrize('kinds', [{'flat'}, {'solid', 'flat'}])
     def test_a_frame_at_the_place_of_the_camera_is_the_cameras(self, kinds, tmp_path):
@@ -99,8 +99,8 @@ class Test2D:
         assert '/boxes_2d' in {plan.labels.topic, plan.labels.boxes_2d}
         assert report.losses == ()
         assert not any('another camera' in note for note in report.notes)
-        found = labels(tmp_path / 'out', 1)
-        assert [box.class_name for box in found if box.size_hwl[0] == -1][-1] == 'Cyclist'
+        boxes = labels(tmp_path / 'out', 1)
+        assert [box.class_name for box in boxes if box.size_hwl[0] == -1][-1] == 'Cyclist'
 
     @pytest.mark.parametrize(
         ('kinds', 'layout', 'frame', 'said'),
@@ -125,7 +125,7 @@ class Test2D:
     ):
         bag = bags.write(tmp_path / 'bag', robot.said(kinds, flat_frame=frame))
         notes = guess([bag], survey_bags([bag]), ImportOptions(layout=layout)).notes
-        (note,) = (each for each in notes if 'not used: /boxes_2d' in each)
+        (note,) = (line for line in notes if 'not used: /boxes_2d' in line)
         assert said in note
 
     def test_raw_says_that_tracklets_have_no_2d_boxes(self, tmp_path):
@@ -197,11 +197,11 @@ def test_objects_of_autoware_become_labels(tmp_path, kind):
     plan, report = convert(bag, tmp_path / 'out')
     assert (plan.labels.topic, plan.labels.boxes_2d) == ('/objects', '/boxes_2d')
     assert report.losses == ()
-    found = labels(tmp_path / 'out', 2)
-    assert [box.class_name for box in found[:3]] == ['Car', 'Car', 'Pedestrian']
-    assert [box.size_hwl[0] for box in found[:3]] == pytest.approx([1.5, 1.4, 1.8])
+    boxes = labels(tmp_path / 'out', 2)
+    assert [box.class_name for box in boxes[:3]] == ['Car', 'Car', 'Pedestrian']
+    assert [box.size_hwl[0] for box in boxes[:3]] == pytest.approx([1.5, 1.4, 1.8])
     second = robot.flat_boxes()[1][2]
-    assert np.abs(np.array(found[1].box_2d) - second).max() < 1e-3
+    assert np.abs(np.array(boxes[1].box_2d) - second).max() < 1e-3
 
 
 def divided(said, *topics, second_frame='', again=False):
@@ -265,8 +265,8 @@ class TestArraysOfOneStamp:
         assert report.losses == ()
         for number in range(robot.FRAMES):
             assert labels(tmp_path / 'out', number) == labels(tmp_path / 'true', number)
-        told = [note for note in report.notes if 'another message of their stamp has' in note]
-        assert [note.split()[0] for note in told] == [str(each * robot.FRAMES)] * again
+        notes = [note for note in report.notes if 'another message of their stamp has' in note]
+        assert [note.split()[0] for note in notes] == [str(each * robot.FRAMES)] * again
         assert not any('each is a sample of its own' in note for note in report.notes)
 
     def test_one_in_a_frame_that_nothing_joins_costs_its_boxes(self, tmp_path):

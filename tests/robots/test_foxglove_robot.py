@@ -149,7 +149,10 @@ def test_a_message_without_a_time_has_its_log_time(tmp_path):
 def read(bag):
     """All messages, decoded."""
     with open_messages(bag) as messages:
-        return [messages.typestore.deserialize_cdr(each.data, each.msgtype) for each in messages]
+        return [
+            messages.typestore.deserialize_cdr(message.data, message.msgtype)
+            for message in messages
+        ]
 
 
 def one(tmp_path, schema, fields, write=robot.write_protobuf):
@@ -210,7 +213,7 @@ def test_poses_and_odometry(tmp_path, write):
     assert made.twist.twist.linear.x == 4.0
     made = one(tmp_path, 'PosesInFrame', {'frame_id': 'map', 'poses': [place, place]}, write)
     assert made.__msgtype__ == 'geometry_msgs/msg/PoseArray'
-    assert [each.position.x for each in made.poses] == [1.0, 1.0]
+    assert [pose.position.x for pose in made.poses] == [1.0, 1.0]
 
 
 def test_a_quaternion_of_zeros_is_no_turn(tmp_path):
@@ -353,10 +356,10 @@ def test_the_plan_gives_one_reason_for_them(tmp_path):
     found = [*RECORDS, ('/video', robot.START_NS, 'CompressedVideo', {'format': 'h264'})]
     path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
     notes = propose_plan([open_bag_source(path)], ImportOptions(layout=Layout.OBJECT)).notes
-    told = [note for note in notes if '/video' in note]
-    assert len(told) == 2
-    assert 'single images of a video cannot be read' in ' '.join(told)
-    assert 'definition' not in ' '.join(told)
+    lines = [note for note in notes if '/video' in note]
+    assert len(lines) == 2
+    assert 'single images of a video cannot be read' in ' '.join(lines)
+    assert 'definition' not in ' '.join(lines)
 
 
 def test_a_copy_keeps_the_messages_as_stored(tmp_path):

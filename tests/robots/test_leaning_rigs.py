@@ -53,7 +53,7 @@ def converted(robot, tmp_path, layout):
 
 
 def assert_boxes_hold_their_points(written):
-    truth = [inside(world(), each) for each in boxes()]
+    truth = [inside(world(), box) for box in boxes()]
     held = written.labels(0)
     assert held
     for each in held:
@@ -80,8 +80,8 @@ def test_scans_of_a_scanner_that_leans_are_level(name, layout, tmp_path):
 
 def test_scans_of_a_scanner_that_leans_a_little_stay_as_they_are(tmp_path):
     bag = camera_rigs.write(rig(AHEAD, turned(5.0, 2.0)), tmp_path / 'bag')
-    found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
-    assert found.plan.scan.forward == ''
+    guessed = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
+    assert guessed.plan.scan.forward == ''
 
 
 @pytest.mark.parametrize('name', ['portrait', 'down'])

@@ -103,7 +103,7 @@ def test_a_marker_without_a_frame_costs_itself_alone(tmp_path, monkeypatch, caps
     assert f'skipped /boxes ({frames}): /boxes: boxes in a frame that nothing joins' in said
     labels = sorted((out / 'training/label_2').iterdir())
     assert len(labels) == frames
-    assert all(len(each.read_text().splitlines()) == 1 for each in labels)
+    assert all(len(label.read_text().splitlines()) == 1 for label in labels)
 
 
 @pytest.mark.parametrize('layout', ['object', 'raw'])
@@ -151,5 +151,5 @@ def test_classes_of_the_plan_that_match_no_box_are_noted(tmp_path):
         return replace(plan, labels=replace(plan.labels, classes=classes))
 
     report = converted(bag, tmp_path / 'out', change)
-    (note,) = [each for each in report.notes if 'labels.classes' in each]
+    (note,) = [line for line in report.notes if 'labels.classes' in line]
     assert note == '/detections: no box is of these labels.classes of the plan: vehicel.car'

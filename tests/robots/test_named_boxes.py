@@ -55,11 +55,11 @@ FAMILIES = {
 def converted(bag, out, change=lambda plan: plan, layout=Layout.OBJECT):
     options = ImportOptions(layout=layout)
     survey = survey_bags([bag])
-    found = guess([bag], survey, options)
-    plan = change(parse_plan(format_plan(found.plan, found.notes), Path('plan.yaml')))
-    assert plan == change(found.plan)
+    guessed = guess([bag], survey, options)
+    plan = change(parse_plan(format_plan(guessed.plan, guessed.notes), Path('plan.yaml')))
+    assert plan == change(guessed.plan)
     report = convert_by_plan([bag], plan, survey, out, options)
-    return found, report, open_recording(out, ReadOptions(layout=layout))
+    return guessed, report, open_recording(out, ReadOptions(layout=layout))
 
 
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
@@ -69,8 +69,8 @@ def test_boxes_of_one_id_are_all_written(layout, tmp_path):
     stream = recording.streams[Stream.LABELS]
     labels = [recording.read(Stream.LABELS, int(number)) for number in stream.numbers]
     count = report.counts['labels']
-    assert sorted(len(each.boxes or each.cuboids) for each in labels) == [2] * (count - 1) + [3]
-    assert all(len({box.track_id for box in each.boxes}) == len(each.boxes) for each in labels)
+    assert sorted(len(label.boxes or label.cuboids) for label in labels) == [2] * (count - 1) + [3]
+    assert all(len({box.track_id for box in label.boxes}) == len(label.boxes) for label in labels)
     assert f'{count + 1} boxes have the id of another one of their message' in ' '.join(
         report.notes
     )

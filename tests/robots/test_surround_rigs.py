@@ -199,7 +199,7 @@ def test_a_camera_that_is_not_calibrated_matters_where_it_is_taken(broken, code,
     assert main([*words, '--all-cameras']) == 0
     assert f'passed over: /{broken}/image_rect_color; its camera_info' in capsys.readouterr().out
     (split,) = (tmp_path / 'sets').glob('training_*')
-    assert_true(split, next(each for each in robot.cameras if each.folder != f'/{broken}'))
+    assert_true(split, next(camera for camera in robot.cameras if camera.folder != f'/{broken}'))
 
 
 def test_a_camera_info_without_a_frame_is_of_the_image_s_frame(tmp_path):
@@ -276,8 +276,8 @@ def test_without_transforms_front_goes_before_left_and_that_is_said(convert):
 def test_topics_of_one_folder_with_several_frames_are_several_cameras(convert):
     robot = small_rigs.sides('left', 'front')
     cameras = tuple(
-        replace(each, folder='/cams', image=each.folder[1:], info=f'{each.folder[1:]}_info')
-        for each in robot.cameras
+        replace(camera, folder='/cams', image=camera.folder[1:], info=f'{camera.folder[1:]}_info')
+        for camera in robot.cameras
     )
     bare = replace(robot, cameras=cameras)
     plan, _, split = convert(bare)

@@ -186,11 +186,11 @@ def test_boxes_hold_exactly_their_points(robot, written):
         points = order_of(truth, written, number)
         shown = [each for each in moment.solids if truth.eyes[2].sees(each)]
         labels = written.labels(number)
-        assert sorted(each.name for each in labels) == sorted(each.name for each in shown)
+        assert sorted(label.name for label in labels) == sorted(each.name for each in shown)
         assert shown
         for solid in shown:
             most, least = solid.holds(points, margin), solid.holds(points, -margin)
-            held = [each.points for each in labels if each.name == solid.name]
+            held = [label.points for label in labels if label.name == solid.name]
             assert least.sum() > 20
             assert any((least <= each).all() and (each <= most).all() for each in held)
 
@@ -198,7 +198,7 @@ def test_boxes_hold_exactly_their_points(robot, written):
 def true_ways(truth):
     """(N, 4, 4) poses of camera 2, which is camera 0, from the first."""
     camera = truth.eyes[2].base_T_camera
-    poses = np.array([each.world_T_body @ camera for each in truth.moments])
+    poses = np.array([moment.world_T_body @ camera for moment in truth.moments])
     return np.linalg.inv(poses[0]) @ poses
 
 
@@ -313,7 +313,7 @@ def test_a_damaged_scan_is_told_and_costs_itself_alone(made, tmp_path, monkeypat
     assert f'skipped {topic} (1): {topic} at ' in capsys.readouterr().err
     written = WrittenSet(tmp_path / 'out', 'odometry')
     assert written.frames == len(truth.moments) - 1
-    kept = [each for number, each in enumerate(truth.moments) if number != SPOILT]
+    kept = [moment for number, moment in enumerate(truth.moments) if number != SPOILT]
     assert len(order_of(replace(truth, moments=tuple(kept)), written, SPOILT)) > 0
 
 
@@ -350,7 +350,7 @@ def test_loaders_count_the_points_of_each_box(robot, write, forward, tmp_path, c
         assert main([*words, str(out), '--plan-file', str(file)]) == 0
     counts = points_in_labels(out)
     for number, moment in enumerate(truth.moments):
-        shown = [each for each in moment.solids if truth.eyes[2].sees(each)]
+        shown = [solid for solid in moment.solids if truth.eyes[2].sees(solid)]
         seen = np.isfinite(truth.eyes[2].pixels(moment.points)[:, 0])
         true = [int((each.holds(moment.points) & seen).sum()) for each in shown]
         found = counts[f'{number:06d}']

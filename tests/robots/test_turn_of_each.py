@@ -86,7 +86,7 @@ def test_each_scan_is_stamped_in_the_middle_of_its_own_turn(kind, container, tmp
     assert report.frames == len(TURNS_MS)
     true = np.array([[at, at - turn, at + turn] for at, turn in middles()])
     assert np.abs(found - true).max() < 0.02 * MS
-    notes = [each for each in report.notes if 'paired and stamped in the middle' in each]
+    notes = [note for note in report.notes if 'paired and stamped in the middle' in note]
     if kind is cloud_stamped_in_the_middle:
         assert not notes
     else:
@@ -110,14 +110,14 @@ def test_images_are_paired_with_the_turn_that_they_were_exposed_in(kind, tmp_pat
     bag = bags.write(tmp_path / 'bag', sorted(said, key=lambda each: each.log_ns))
     report, _ = converted(bag)
     assert (report.frames, report.counts['image_2']) == (len(TURNS_MS), len(TURNS_MS))
-    (note,) = (each for each in report.notes if each.startswith('image_2 (/image):'))
+    (note,) = (line for line in report.notes if line.startswith('image_2 (/image):'))
     assert 'off by 0.0 ms in the mean, 0.' in note
 
 
 def test_turns_that_are_alike_are_told_as_before(tmp_path):
     said = [ring(at, 130) for at in range(START_NS, START_NS + 10**9, 130 * MS)]
     report, found = converted(bags.write(tmp_path / 'bag', said))
-    (note,) = (each for each in report.notes if 'paired and stamped in the middle' in each)
+    (note,) = (line for line in report.notes if 'paired and stamped in the middle' in line)
     assert note.endswith('65.0 ms from it')
     assert {int(b - a) // MS for a, b in pairwise(found[:, 0])} == {130}
 

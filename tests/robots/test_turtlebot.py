@@ -143,9 +143,9 @@ def test_depth_images_without_a_camera_info_are_told(tmp_path):
         for each in said
     ]
     bag = bags.write(tmp_path / 'bag', said)
-    found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
-    assert found.plan.scan is None
-    assert any('a depth image without a camera_info' in note for note in found.notes)
+    guessed = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
+    assert guessed.plan.scan is None
+    assert any('a depth image without a camera_info' in note for note in guessed.notes)
 
 
 def test_the_plan_may_choose_depth(tmp_path):

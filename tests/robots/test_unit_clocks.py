@@ -45,7 +45,7 @@ def imu(time_ns, stamp_ns):
 
 
 def recorded(path, fix_ns=0, imu_ns=0):
-    found = [each for each in robots.messages(robots.Robot()) if each[0] != '/odom']
+    found = [message for message in robots.messages(robots.Robot()) if message[0] != '/odom']
     for place in range(-50, 10 * robots.FRAMES + 50):
         at = robots.START_NS + place * 10_000_000
         found.append(('/imu', at + 1_000_000, imu(at, at + imu_ns)))

@@ -150,7 +150,7 @@ def convert(path, *said, layout=Layout.RAW, container='mcap'):
         rows = enumerate(text.read_text().splitlines())
     else:
         files = (path / 'out').rglob('oxts/data/*.txt')
-        rows = sorted((int(each.stem), each.read_text()) for each in files)
+        rows = sorted((int(file.stem), file.read_text()) for file in files)
     packets = {int(SCANS_NS[number]): parse_packet(line, path) for number, line in rows}
     return [*guessed.notes, *report.notes], report.losses, packets
 
@@ -206,7 +206,7 @@ def test_a_packet_without_fix_lies_between_those_around_it(layout, container, tm
     assert losses == ()
     assert len(packets) == len(SCANS_NS)
     assert off_m(packets).max() < 0.11  # of the parabola's chord in 0.65 s
-    (note,) = (each for each in notes if 'no fix beside' in each)
+    (note,) = (line for line in notes if 'no fix beside' in line)
     assert note == (
         'oxts: /fix has no fix beside 9 frames, whose places lie between fixes that are up to'
         ' 0.65 s and 1.44 m apart'
@@ -218,14 +218,14 @@ def test_gaps_are_bridged_and_told_in_metres(name, tmp_path):
     notes, _, packets = convert(tmp_path, every(10, imu), every(50, lost(*GAPS[name])))
     assert len(packets) == len(SCANS_NS)
     assert off_m(packets).max() < 0.25
-    (note,) = (each for each in notes if 'no fix beside' in each)
+    (note,) = (line for line in notes if 'no fix beside' in line)
     assert note.endswith(' m apart')
 
 
 def test_attitudes_are_those_of_the_frames(tmp_path):
     _, _, packets = convert(tmp_path, every(70, imu), every(50, lost((3000, 3300))))
     expected = [yaw(since(stamp_ns)) for stamp_ns in packets]
-    np.testing.assert_allclose([each.yaw for each in packets.values()], expected, atol=3e-3)
+    np.testing.assert_allclose([packet.yaw for packet in packets.values()], expected, atol=3e-3)
 
 
 def test_an_attitude_that_one_message_does_not_have_is_that_of_the_other(tmp_path):
@@ -237,7 +237,7 @@ def test_an_attitude_that_one_message_does_not_have_is_that_of_the_other(tmp_pat
 
     _, _, packets = convert(tmp_path, every(20, alternating), every(50, fix))
     expected = [yaw(since(stamp_ns)) for stamp_ns in packets]
-    np.testing.assert_allclose([each.yaw for each in packets.values()], expected, atol=7e-3)
+    np.testing.assert_allclose([packet.yaw for packet in packets.values()], expected, atol=7e-3)
 
 
 def test_in_a_longer_gap_there_is_no_packet(tmp_path):
@@ -256,7 +256,7 @@ def test_before_the_first_and_after_the_last_fix_places_are_carried_a_little(tmp
     assert min(packets) < first - 80 * MS
     assert max(packets) > last + 80 * MS
     assert off_m(packets).max() < 0.06
-    (note,) = (each for each in notes if 'take the nearest' in each)
+    (note,) = (line for line in notes if 'take the nearest' in line)
     assert note.startswith('oxts: /fix has no message within the tolerance of ')
     assert ' s away, and are carried on by up to ' in note
     assert note.endswith(' m, by the velocity there')
@@ -311,9 +311,9 @@ def test_velocities_are_derived_from_the_places_and_said(name, tmp_path):
     assert off[times > 2.6].max() < (0.25 if 'lost' in name else 0.05)
     standing = [packets[stamp] for stamp in packets if since(stamp) < 1.6]
     assert {(each.vn, each.ve, each.vf, each.vl, each.vu) for each in standing} == {(0.0,) * 5}
-    told = [note for note in notes if 'are derived from the places of' in note]
-    assert len(told) == 1
-    assert ('(all are 0)' in told[0]) == ('zeros' in name)
+    lines = [note for note in notes if 'are derived from the places of' in note]
+    assert len(lines) == 1
+    assert ('(all are 0)' in lines[0]) == ('zeros' in name)
     assert not any('are its axes others' in note for note in notes)
 
 
@@ -343,8 +343,8 @@ def test_a_standing_vehicle_stays_at_0(period_ms, size, zeros, tmp_path, monkeyp
     said = every(period_ms, lambda at: fix(at, noise=noise)), every(10, imu)
     notes, _, packets = convert(tmp_path, *said, *([every(20, twist)] if zeros else []))
     assert len(packets) == len(SCANS_NS)
-    for each in packets.values():
-        assert (each.vn, each.ve, each.vf, each.vl, each.vu) == (0.0,) * 5
+    for packet in packets.values():
+        assert (packet.vn, packet.ve, packet.vf, packet.vl, packet.vu) == (0.0,) * 5
     assert not any('derived from the places of' in note for note in notes)
 
 
@@ -362,7 +362,7 @@ def test_velocities_that_stop_go_on_by_the_places(tmp_path):
     assert len(packets) == len(SCANS_NS)
     times = np.array([since(stamp_ns) for stamp_ns in packets])
     assert off_m_s(packets)[times > 2.6].max() < 0.12  # the twist is along a leaning body
-    (note,) = (each for each in notes if 'derived from the places of' in each)
+    (note,) = (line for line in notes if 'derived from the places of' in line)
     assert note.startswith('oxts: the velocities of 29 packets')
 
 
@@ -377,10 +377,12 @@ def test_an_orientation_that_comes_late_is_said_by_its_frames(known_s, where, tm
     notes, _, packets = convert(tmp_path, every(50, fix), every(10, late))
     told = f'/imu: no orientation{where} roll, pitch and yaw are 0, and the places those of /fix'
     assert told in notes
-    assert sum(each.yaw == 0 for each in packets.values()) == (4 if known_s < 1 else len(packets))
+    assert sum(packet.yaw == 0 for packet in packets.values()) == (
+        4 if known_s < 1 else len(packets)
+    )
 
 
 def test_an_imu_alone_has_no_velocity(tmp_path):
     notes, _, packets = convert(tmp_path, every(10, imu))
-    assert all(each.ve == each.vn == 0 for each in packets.values())
+    assert all(packet.ve == packet.vn == 0 for packet in packets.values())
     assert any('missing: velocity (TwistStamped); its columns of oxts are 0' in n for n in notes)

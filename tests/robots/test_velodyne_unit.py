@@ -117,8 +117,8 @@ class TestHdl64:
 
     def test_without_it_the_plan_says_so(self, tmp_path, unit):
         bag, _, _ = unit
-        found = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
-        assert any('HDL-64E' in note and 'scan.calibration' in note for note in found.notes)
+        guessed = guess([bag], survey_bags([bag]), ImportOptions(layout=Layout.OBJECT))
+        assert any('HDL-64E' in note and 'scan.calibration' in note for note in guessed.notes)
         with pytest.raises(UsageError, match=r'scan\.calibration'):
             convert(bag, tmp_path / 'out')
 

@@ -324,9 +324,9 @@ def test_messages_that_were_delivered_late_are_taken_by_their_stamps(late, tmp_p
     for layout in (Layout.ODOMETRY, Layout.OBJECT):
         _, report = convert(tmp_path / 'bag', tmp_path / layout.value, layout)
         assert report.losses == ()
-        notes += [each for each in report.notes if 'in the order of their stamps' in each]
+        notes += [note for note in report.notes if 'in the order of their stamps' in note]
     assert notes
-    assert all(each.startswith(f'{late}: messages whose stamps are before') for each in notes)
+    assert all(note.startswith(f'{late}: messages whose stamps are before') for note in notes)
     check_boxes(tmp_path / 'object', frames, range(len(frames)))
     found = numbers(tmp_path / 'odometry' / 'poses' / '00.txt').reshape(-1, 3, 4)
     true = relative(wanderer.odom_t_base, frames, BASE_T_CAMERA)[:, :3]
@@ -397,7 +397,7 @@ def test_a_gap_costs_the_samples_in_it_alone(tmp_path):
     assert f'/objects at {first}: no transform from map to lidar' in loss.text()
     assert 'map -> odom has none before and after it' in loss.text()
     labels = sorted((tmp_path / 'out/training/label_2').iterdir())
-    assert [int(each.stem) for each in labels] == [*range(7), *range(25, 30)]
+    assert [int(label.stem) for label in labels] == [*range(7), *range(25, 30)]
 
 
 def test_a_gap_costs_the_clouds_in_it_which_are_named_by_their_stamp(tmp_path):
@@ -761,8 +761,8 @@ def test_what_the_poses_are_of_is_said_where_no_calibration_tells(layout, change
     wanderer.write(tmp_path / 'bag', robot)
     change = lambda plan: replace(plan, **changes)  # noqa: E731
     _, report = convert(tmp_path / 'bag', tmp_path / 'out', layout, change)
-    found = [each for each in report.notes if each.endswith(', since there is no calibration')]
-    assert found == ([f'{said}, since there is no calibration'] if said else [])
+    notes = [note for note in report.notes if note.endswith(', since there is no calibration')]
+    assert notes == ([f'{said}, since there is no calibration'] if said else [])
 
 
 def test_a_plan_may_say_what_the_body_of_odometry_is(tmp_path):

@@ -160,7 +160,7 @@ def records(*, optical: bool) -> list[tuple[str, int, str, dict[str, Any]]]:
             messages.append((f'/camera/{name}/compressed', 'CompressedImage', image))
             messages.append((f'/camera/{name}/calibration', 'CameraCalibration', calibration))
             messages.append((f'/camera/{name}/annotations', 'ImageAnnotations', {}))
-        found += [(topic, stamp_ns, schema, each) for topic, schema, each in messages]
+        found += [(topic, stamp_ns, schema, message) for topic, schema, message in messages]
     return found
 
 

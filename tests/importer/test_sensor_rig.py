@@ -54,7 +54,7 @@ def test_each_frame_has_its_own(source, tmp_path, capsys, suffix, topics, incomp
     assert '2 calibrations, each frame has the one valid at its stamp' in capsys.readouterr().out
     for stream in ('image_2', 'velodyne', 'calib', 'label_2'):
         names = [
-            {each.name for each in (root / f'training/{stream}').iterdir()}
+            {file.name for file in (root / f'training/{stream}').iterdir()}
             for root in (out, source)
         ]
         assert names[0] == names[1]
