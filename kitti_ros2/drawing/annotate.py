@@ -94,11 +94,11 @@ def draw_boxes_2d(
             _shade(picture, cut[index])
             continue
         color, seen = box_color(obj, predicted=predicted), tuple(cut[index].tolist())
-        mine = sides[sides_at[index]]
+        own_sides = sides[sides_at[index]]
         if predicted:
-            draw_segments(picture, dashes(mine, scale), color)
+            draw_segments(picture, dashes(own_sides, scale), color)
         else:
-            draw_segments(picture, mine, color, line_width(obj, seen, scale))
+            draw_segments(picture, own_sides, color, line_width(obj, seen, scale))
         tags.append(Tag(caption_2d(obj), seen, color, predicted))
     if named:
         draw_tags(picture, tags[::-1], TEXT_SCALE * scale)
@@ -209,20 +209,20 @@ def draw_wireframes(
     wires_at = slices_of(wires // len(_WIRES), len(shown))
     tags = []
     for index in reversed(range(len(shown))):
-        mine = wires_at[index]
-        if not len(parts[mine]):
+        own_wires = wires_at[index]
+        if not len(parts[own_wires]):
             continue
         obj, predicted = shown[index]
         color = box_color(obj, predicted=predicted)
         if not predicted:
             front = sides[fronts_at[index]].reshape(-1, 2)
             tint_polygon(picture, front, color, _FRONT_ALPHA)
-        cross = wires[mine] % len(_WIRES) >= len(EDGES)
+        cross = wires[own_wires] % len(_WIRES) >= len(EDGES)
         left, top, right, bottom = bounds[index].tolist()
         seen = None if math.isnan(left) else (left, top, right, bottom)
         edge_width = 1 if predicted else line_width(obj, seen, scale)
         for chosen, width in ((cross, 1), (~cross, edge_width)):
-            drawn = parts[mine][chosen]
+            drawn = parts[own_wires][chosen]
             draw_segments(picture, dashes(drawn, scale) if predicted else drawn, color, width)
         if seen is not None:
             tags.append(Tag(caption_3d(obj), seen, color, predicted))
@@ -451,7 +451,7 @@ def annotate(
         )
         return
     flat, flat_predictions = (
-        [obj for obj in some if obj.cuboid is None] for some in (objects, predictions)
+        [obj for obj in group if obj.cuboid is None] for group in (objects, predictions)
     )
     draw_boxes_2d(picture, flat, predictions=flat_predictions, labelled=labelled, named=named)
     draw_wireframes(picture, objects, projection, predictions, named=named)
@@ -523,15 +523,15 @@ def image_boxes(
         camera: KITTI index of the camera.
         size: (width, height) of the image.
     """
-    both = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
-    both.sort(key=lambda pair: -distance_of(pair[0]))
+    drawn = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
+    drawn.sort(key=lambda pair: -distance_of(pair[0]))
     projection = projection_of(calibration, camera)
     labelled = is_labelled(calibration, camera)
-    bounds = object_bounds([obj for obj, _ in both], projection, size, labelled=labelled)
+    bounds = object_bounds([obj for obj, _ in drawn], projection, size, labelled=labelled)
     scale = scale_for(size)
     return [
         _style(obj, four, scale, predicted=predicted)
-        for (obj, predicted), four in zip(both, bounds, strict=True)
+        for (obj, predicted), four in zip(drawn, bounds, strict=True)
         if np.isfinite(four).all()
     ]
 

@@ -117,8 +117,8 @@ def compared(
     """
     matches = match(labels, predictions, overlaps)
     with_labels, with_predictions = (
-        [replace(obj, match=obj_match) for obj, obj_match in zip(some, of_some, strict=True)]
-        for some, of_some in zip((labels, predictions), matches, strict=True)
+        [replace(obj, match=obj_match) for obj, obj_match in zip(objects, of_some, strict=True)]
+        for objects, of_some in zip((labels, predictions), matches, strict=True)
     )
     return with_labels, with_predictions
 

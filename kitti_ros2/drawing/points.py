@@ -416,7 +416,7 @@ def _span(elevation: Float32Array) -> tuple[np.float32, np.float32]:
     """Return lowest and highest elevation of the rows, radians, at least a degree apart."""
     if not len(elevation):
         return np.float32(-_STEP), np.float32(_STEP)
-    some = elevation[:: max(len(elevation) // _SAMPLE, 1)]
-    low, high = np.percentile(some, [_OUTLIERS, 100 - _OUTLIERS])
+    sample = elevation[:: max(len(elevation) // _SAMPLE, 1)]
+    low, high = np.percentile(sample, [_OUTLIERS, 100 - _OUTLIERS])
     middle, half = (low + high) / 2, max((high - low) / 2, _STEP / 2)
     return np.float32(middle - half), np.float32(middle + half)

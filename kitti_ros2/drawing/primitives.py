@@ -462,8 +462,8 @@ def objects_to_draw(
     """
     if not has_pixels(picture):
         return []
-    both = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
-    return sorted(both, key=lambda pair: distance_of(pair[0]))
+    drawn = [(obj, False) for obj in objects] + [(obj, True) for obj in predictions]
+    return sorted(drawn, key=lambda pair: distance_of(pair[0]))
 
 
 def corners_of(shown: Sequence[tuple[LabelledObject, bool]]) -> Float64Array:

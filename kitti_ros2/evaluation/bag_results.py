@@ -130,7 +130,7 @@ class ResultBoxes:
 
     def notes(self, topic: str) -> tuple[str, ...]:
         """Return the notes on the boxes so far."""
-        notes = [f'{topic}: {count} boxes {what}' for what, count in self._counts.items()]
+        notes = [f'{topic}: {count} boxes {reason}' for reason, count in self._counts.items()]
         if self._nominal:
             width, height = NOMINAL_SIZE
             notes.append(f'{self._nominal}; 2D boxes are clipped to {width}x{height}')

@@ -128,10 +128,10 @@ def read_poses(bag: OpenBag, survey: Survey, plan: PosePlan) -> CameraTrajectory
     reason = topic.stamps()[1] if topic.msgtype in _SINGLE_POSE else None
     notes = [f'{plan.topic}: {reason}'] if reason else []
     is_link = topic.msgtype in types.TF_TYPES
-    what = f'{plan.world} -> {plan.body}' if is_link else plan.topic
+    name = f'{plan.world} -> {plan.body}' if is_link else plan.topic
     poses = [pose.matrix() for pose in track.at(track.stamps_ns) if pose is not None]
     return CameraTrajectory(
-        f'{bag.path} ({what})',
+        f'{bag.path} ({name})',
         np.array(poses),
         stamps_ns=track.stamps_ns,
         frame=plan.body,

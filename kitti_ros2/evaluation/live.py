@@ -198,12 +198,12 @@ def describe_no_answer(run: LiveRun, problem: str) -> str:
     """Describe why no frame was answered; problem is the reason of an early end, or empty."""
     answers = run.answers
     frames = format_count(len(answers.frames()), 'frame')
-    said = f'{run.topic}: no frame was answered ({frames} sent)'
+    text = f'{run.topic}: no frame was answered ({frames} sent)'
     if problem:
-        said += f'; {problem}'
+        text += f'; {problem}'
     if answers.between:
-        said += f'; {format_count(answers.between, "message")} with a stamp between two frames'
-    return f'{said}; {_describe_strays(answers)}' if answers.strays else said
+        text += f'; {format_count(answers.between, "message")} with a stamp between two frames'
+    return f'{text}; {_describe_strays(answers)}' if answers.strays else text
 
 
 def add_losses(run: LiveRun, problem: str, total: int) -> None:
@@ -311,8 +311,8 @@ class NodeProcess:
             return ''
         self._reader.join(_LAST_OUTPUT_S)  # other processes of the group may keep the pipe open
         how = f'exit code {code}' if code >= 0 else f'killed by {signal.Signals(-code).name}'
-        said = one_line(self._last_line.decode(errors='replace').strip())
-        return f'{how}; its last line: {said}' if said else how
+        line = one_line(self._last_line.decode(errors='replace').strip())
+        return f'{how}; its last line: {line}' if line else how
 
     def stop(self) -> None:
         """Stop all processes of the group: SIGINT, then SIGTERM, then SIGKILL."""
@@ -393,15 +393,15 @@ def record_run(
         open_live_player(source, played, options.wait_for, answers) as player,
         nullcontext() if options.node is None else NodeProcess(options.node, show) as node,
     ):
-        stage = _LiveSession(player, node, options, writer, answers, accept)
+        session = _LiveSession(player, node, options, writer, answers, accept)
         try:
-            stage.wait_until_ready()
-            stage.play(progress)
+            session.wait_until_ready()
+            session.play(progress)
         finally:
-            stage.end_recording()
+            session.end_recording()
     if node is not None and node.killed:
-        stage.run.notes.append('the node was killed: it ended neither by SIGINT nor by SIGTERM')
-    return stage.run
+        session.run.notes.append('the node was killed: it ended neither by SIGINT nor by SIGTERM')
+    return session.run
 
 
 class _LiveSession:

@@ -536,8 +536,8 @@ def left_out_note(count: int) -> tuple[str, ...]:
     """Return the note on labels of the scored classes whose occlusion is unknown."""
     if not count:
         return ()
-    what = f'{format_count(count, "label")} left out: occlusion {UNKNOWN_OCCLUSION}, unknown'
-    return (f'{what}; 0 counts as visible',)
+    text = f'{format_count(count, "label")} left out: occlusion {UNKNOWN_OCCLUSION}, unknown'
+    return (f'{text}; 0 counts as visible',)
 
 
 def notes_on(
@@ -585,10 +585,10 @@ def _invalid_boxes(results: FrameBoxes, detections: ObjectTable) -> Iterator[str
         ),
         'height, width or length below 0': ((sizes < 0) & (sizes != _NO_SIZE)).any(axis=1),
     }
-    for what, invalid in counts.items():
+    for fault, invalid in counts.items():
         count = int(np.count_nonzero(invalid))
         if count:
-            yield f'{results.source}: {format_count(count, "detection")} with a {what}'
+            yield f'{results.source}: {format_count(count, "detection")} with a {fault}'
 
 
 def _notes_on_class(class_name: str, results: FrameBoxes, detections: ObjectTable) -> Iterator[str]:

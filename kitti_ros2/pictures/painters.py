@@ -136,10 +136,10 @@ def of_classes(frame: FrameData, options: PictureOptions) -> FrameData:
     )
 
 
-def _missing(frame: FrameData, what: str, stream: str) -> MissingDataError:
+def _missing(frame: FrameData, part: str, stream: str) -> MissingDataError:
     """Make the error for a missing part of a frame, with the reason if known."""
     reason = _reason(frame, stream)
-    return MissingDataError(f'{name_of(frame)}: no {what}' + (f': {reason}' if reason else ''))
+    return MissingDataError(f'{name_of(frame)}: no {part}' + (f': {reason}' if reason else ''))
 
 
 def _reason(frame: FrameData, stream: str) -> str:

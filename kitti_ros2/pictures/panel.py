@@ -192,7 +192,7 @@ def _compared(frame: FrameData) -> list[tuple[str, str]]:
         [label.match for label in frame.objects],
         [prediction.match for prediction in frame.predictions],
     )
-    missed, predicted = (Counter(match.verdict for match in some if match) for some in matches)
+    missed, predicted = (Counter(match.verdict for match in group if match) for group in matches)
     if not missed and not predicted:
         return []
     right, wrong = predicted[Verdict.TRUE_POSITIVE], predicted[Verdict.FALSE_POSITIVE]

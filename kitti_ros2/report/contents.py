@@ -454,10 +454,10 @@ def shifted_numbers(stream: StreamIndex, reference: StreamIndex) -> tuple[list[i
         common ones. A sample is nearer to another if it is more than half a period of the reference
         away from its own: this detects files renumbered without their stamps.
     """
-    common, mine, theirs = np.intersect1d(
+    common, rows, reference_rows = np.intersect1d(
         stream.numbers, reference.numbers, assume_unique=True, return_indices=True
     )
-    offsets = stream.stamps_ns[mine] - reference.stamps_ns[theirs]
+    offsets = stream.stamps_ns[rows] - reference.stamps_ns[reference_rows]
     period = timing_of(reference.stamps_ns).period_ns
     shifted = common[np.abs(offsets) > period / 2] if period else []
     return [int(number) for number in shifted], len(common)
