@@ -125,11 +125,11 @@ def to_kitti(
     """
     paths = [as_path(bag)] if isinstance(bag, (str, PathLike)) else [as_path(path) for path in bag]
     target = as_path(out)
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         opened = []
         for path in paths:
             refuse_inside(require(path), target)
-            opened.append(stack.enter_context(open_bag_source(path)))
+            opened.append(exit_stack.enter_context(open_bag_source(path)))
         if not opened:
             raise UsageError('no bag; expected at least one')
         chosen = make_import_options(by_name(options, TO_KITTI))

@@ -293,7 +293,7 @@ def recordings_at(root: Path, base: Path, layout: Layout | None, search: FolderS
         root: The folder.
         base: What names are relative to.
         layout: Only recordings of this layout; None takes all.
-        search: As in find_units.
+        search: As in find_jobs.
     """
     top = absolute(root)
     jobs: list[Job] = []

@@ -93,7 +93,7 @@ _LEAST_SUSPICIOUS_BYTES = 100_000_000
 _LEAST_DICTIONARY_BYTES = 1 << 26
 DECOMPRESSION_ERRORS = (zlib.error, lzma.LZMAError, OSError)
 """bz2 and gzip raise OSError."""
-PIECE_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 20
 """Read at a time."""
 _UNTRUSTED = 'download it from a source that you trust'
 
@@ -143,9 +143,9 @@ class Packed(Protocol):
         ...
 
     def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
-        """Yield some members with the pieces of their content, in the order of the archive.
+        """Yield some members with the chunks of their content, in the order of the archive.
 
-        The pieces of a member that cannot be read raise BadMemberError.
+        The chunks of a member that cannot be read raise BadMemberError.
         """
         ...
 
@@ -243,10 +243,10 @@ class _XzReader(io.RawIOBase):
 
     def readinto(self, buffer: Buffer) -> int:
         view = memoryview(buffer).cast('B')
-        piece = self._decompressed(len(view))
-        view[: len(piece)] = piece
-        self._position += len(piece)
-        return len(piece)
+        chunk = self._decompressed(len(view))
+        view[: len(chunk)] = chunk
+        self._position += len(chunk)
+        return len(chunk)
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         if whence == io.SEEK_CUR:
@@ -272,30 +272,30 @@ class _XzReader(io.RawIOBase):
 
     def _decompressed(self, most: int) -> bytes:
         while True:
-            piece = b''
+            chunk = b''
             if self._stream.eof:
-                piece = self._next_stream()
-                if not piece:
+                chunk = self._next_stream()
+                if not chunk:
                     return b''
             elif self._stream.needs_input:
-                piece = self._file.read(_READ_BYTES)
-                if not piece:
+                chunk = self._file.read(_READ_BYTES)
+                if not chunk:
                     raise EOFError('the compressed stream has no end')
-            if content := self._inflated(piece, most):
+            if content := self._inflated(chunk, most):
                 return content
 
     def _next_stream(self) -> bytes:
         """Begin a stream with the bytes behind padding that it returns; none at the end."""
-        piece = self._stream.unused_data.lstrip(b'\0')
-        while not piece and (read := self._file.read(_READ_BYTES)):
-            piece = read.lstrip(b'\0')
-        if piece:
+        chunk = self._stream.unused_data.lstrip(b'\0')
+        while not chunk and (read := self._file.read(_READ_BYTES)):
+            chunk = read.lstrip(b'\0')
+        if chunk:
             self._begin_stream()
-        return piece
+        return chunk
 
-    def _inflated(self, piece: bytes, most: int) -> bytes:
+    def _inflated(self, chunk: bytes, most: int) -> bytes:
         try:
-            return self._stream.decompress(piece, most)
+            return self._stream.decompress(chunk, most)
         except LZMAError as error:
             if 'limit' not in str(error):
                 raise
@@ -394,15 +394,15 @@ class TarArchive:
         if len(forward.last) < tarfile.BLOCKSIZE or any(forward.last):
             raise self._damaged('its end is missing')
         left = _MOST_PADDING
-        while left > 0 and (piece := file.read(1 << 16)):
-            left -= len(piece)
+        while left > 0 and (chunk := file.read(1 << 16)):
+            left -= len(chunk)
 
     def _damaged(self, reason: str) -> BadArchiveError:
         text = f'is a truncated or damaged tar archive ({reason})'
         return BadArchiveError(self.path, text, 'download it again')
 
     def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
-        """Yield some members with the pieces of their content, by a pass over the archive."""
+        """Yield some members with the chunks of their content, by a pass over the archive."""
         left = {member.info.offset: member for member in wanted}
         try:
             with self._open(self.path) as file:
@@ -426,8 +426,8 @@ def _forget(archive: TarFile) -> None:
 def _pieces(archive: TarFile, info: TarInfo) -> Iterator[bytes]:
     try:
         stream = archive.extractfile(info)
-        while stream is not None and (piece := stream.read(PIECE_BYTES)):
-            yield piece
+        while stream is not None and (chunk := stream.read(CHUNK_BYTES)):
+            yield chunk
     except _ERRORS as error:
         raise BadMemberError(error) from error
 
@@ -522,7 +522,7 @@ class ZipArchive:
             )
 
     def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
-        """Yield some members with the pieces of their content."""
+        """Yield some members with the chunks of their content."""
         for member in wanted:
             yield member, self._pieces(member.info)
 
@@ -531,8 +531,8 @@ class ZipArchive:
             if info.compress_type == _LZMA:
                 self._check_dictionary(info)
             with self._zip.open(info) as stream:
-                while piece := stream.read(PIECE_BYTES):
-                    yield piece
+                while chunk := stream.read(CHUNK_BYTES):
+                    yield chunk
         except (BadZipFile, EOFError, RuntimeError, ValueError, *DECOMPRESSION_ERRORS) as error:
             raise BadMemberError(error) from error
 

@@ -164,7 +164,7 @@ def _shut_down(connection: socket.socket) -> None:
 
 # Where archives are downloaded from: HTTP servers and folders, with a beginning anywhere.
 
-_PIECE_BYTES = 1 << 18
+_CHUNK_BYTES = 1 << 18
 _MISSING = {403, 404, 410}
 """S3 replies 403 for a file that does not exist."""
 _COUNT = '[0-9]{1,18}'
@@ -204,16 +204,16 @@ class Opened:
     """A file being read.
 
     Attributes:
-        start: The first byte that the pieces have: the requested one, or 0 for the whole file.
+        start: The first byte that the chunks have: the requested one, or 0 for the whole file.
         size: Bytes of the whole file; None if they are not known.
         validator: Changes when the file does; empty if nothing does.
-        pieces: The content from start on.
+        chunks: The content from start on.
     """
 
     start: int
     size: int | None
     validator: str
-    pieces: Iterator[bytes]
+    chunks: Iterator[bytes]
 
 
 class ArchiveSource(Protocol):
@@ -224,7 +224,7 @@ class ArchiveSource(Protocol):
 
         Raises:
             DownloadError: The file is missing or forbidden.
-            BrokenTransferError: Trying again may help; also from the pieces.
+            BrokenTransferError: Trying again may help; also from the chunks.
         """
         ...
 
@@ -280,8 +280,8 @@ class FolderSource:
             current = f'{state.st_size} {state.st_mtime_ns}'
             start = start if validator == current else 0
             file.seek(start)
-            pieces = iter(lambda: file.read(_PIECE_BYTES), b'')
-            yield Opened(start, state.st_size, current, pieces)
+            chunks = iter(lambda: file.read(_CHUNK_BYTES), b'')
+            yield Opened(start, state.st_size, current, chunks)
 
     def size(self, url: str) -> int | None:
         """Return the size of a file; see ArchiveSource."""
@@ -289,7 +289,7 @@ class FolderSource:
         return path.stat().st_size if path.is_file() else None
 
     def close(self) -> None:
-        """Nothing is open between two pieces."""
+        """Nothing is open between two chunks."""
 
 
 class HttpSource:

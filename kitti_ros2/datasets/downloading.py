@@ -291,10 +291,10 @@ def download_all(
     checksums = {entry.name: entry.sha256 for entry in entries if entry.sha256}
     if options.checksums is not None:
         checksums |= read_checksums(options.checksums)
-    with removed_if_empty(root / ARCHIVES, root), ExitStack() as stack:
+    with removed_if_empty(root / ARCHIVES, root), ExitStack() as exit_stack:
         source = make_source(base_url, options.timeout_ns / NS_PER_S)
-        stack.callback(source.close)
-        stack.enter_context(locked_folder(root / ARCHIVES))
+        exit_stack.callback(source.close)
+        exit_stack.enter_context(locked_folder(root / ARCHIVES))
         run = _Download(root, options, extraction, progress)
         pending = run.leave_out_finished(entries)
         sizes = archive_sizes(pending, source, base_url)

@@ -22,7 +22,7 @@ from ..kitti.archives import is_archive, is_kitti, is_part_of_set, is_top, paths
 from ..model.errors import KittiRos2Error, Loss, MissingPathError, UsageError, format_count
 from ..options.datasets import make_extract_options
 from .archive_formats import (
-    PIECE_BYTES,
+    CHUNK_BYTES,
     BadArchiveError,
     BadMemberError,
     Limits,
@@ -183,15 +183,15 @@ class Tree:
         self._folders: dict[Path, str] = {}
 
     def put(
-        self, member: Member, place: str, pieces: Iterator[bytes], advance: Callable[[int], None]
+        self, member: Member, place: str, chunks: Iterator[bytes], advance: Callable[[int], None]
     ) -> Outcome:
         """Write a file, unless it exists with the same content; settle gives it its name.
 
         Args:
             member: The file as the archive lists it.
             place: Where it goes below the root.
-            pieces: Its content; read only if needed.
-            advance: Called with the bytes of each piece.
+            chunks: Its content; read only if needed.
+            advance: Called with the bytes of each chunk.
 
         Raises:
             BadMemberError: The content is damaged, or the place is taken.
@@ -212,7 +212,7 @@ class Tree:
             raise BadMemberError(_DIFFERS)
         part = target.with_name(f'.{target.name}.part')
         try:
-            crc = _write(part, member, pieces, advance)
+            crc = _write(part, member, chunks, advance)
             outcome = Outcome.WRITTEN
             if exists:
                 outcome = self._compare(target, part, member.size, crc)
@@ -282,20 +282,20 @@ class Tree:
 
 
 def _write(
-    part: Path, member: Member, pieces: Iterator[bytes], advance: Callable[[int], None]
+    part: Path, member: Member, chunks: Iterator[bytes], advance: Callable[[int], None]
 ) -> int:
     """Write the content of a member to a file and return its CRC-32."""
     crc = written = 0
     with open(os.open(part, _FLAGS, 0o666), 'wb', buffering=0) as file:  # noqa: PTH123
-        for piece in pieces:
-            written += len(piece)
+        for chunk in chunks:
+            written += len(chunk)
             if written > member.size:
                 break
-            crc = crc32(piece, crc)
-            left = memoryview(piece)
+            crc = crc32(chunk, crc)
+            left = memoryview(chunk)
             while left:  # a disk that fills up takes less than it is given
                 left = left[file.write(left) :]
-            advance(len(piece))
+            advance(len(chunk))
         start_writing_out(file.fileno())
     if written != member.size:
         raise BadMemberError(
@@ -311,8 +311,8 @@ def _equals(path: Path, size: int, crc: int) -> bool:
         return False
     actual_crc = 0
     with path.open('rb') as file:
-        while piece := file.read(PIECE_BYTES):
-            actual_crc = crc32(piece, actual_crc)
+        while chunk := file.read(CHUNK_BYTES):
+            actual_crc = crc32(chunk, actual_crc)
     return actual_crc == crc
 
 
@@ -325,7 +325,7 @@ def _may_differ(path: Path) -> bool:
 
 
 def _has_scanner(path: Path) -> bool:
-    return b'\nTr' in b'\n' + path.read_bytes()[:PIECE_BYTES]
+    return b'\nTr' in b'\n' + path.read_bytes()[:CHUNK_BYTES]
 
 
 # Which files of an archive are extracted, and to which places; nothing is written here.
@@ -533,11 +533,11 @@ class _Extraction:
             if member.locked:
                 skipped[member.locked].append(place)
         with open_archive(placement.path) as packed:
-            for member, pieces in packed.contents(readable):
+            for member, chunks in packed.contents(readable):
                 place = readable[member]
                 try:
                     with stopping(self._root / place):
-                        outcome = self._tree.put(member, place, pieces, self._advance)
+                        outcome = self._tree.put(member, place, chunks, self._advance)
                 except BadMemberError as error:
                     skipped[str(error)].append(place)
                     continue

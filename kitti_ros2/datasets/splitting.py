@@ -98,23 +98,23 @@ class ListPair:
 
 
 def compare_lists(
-    lists: Mapping[str, Sequence[str]], units: Mapping[str, Unit]
+    lists: Mapping[str, Sequence[str]], parts: Mapping[str, Part]
 ) -> tuple[ListPair, ...]:
     """Compare each list with each.
 
     Args:
         lists: Entries by name of the list.
-        units: By entry; entries without one are compared by name only.
+        parts: By entry; entries without one are compared by name only.
     """
-    return tuple(_pair(*both, units) for both in combinations(lists.items(), 2))
+    return tuple(_pair(*both, parts) for both in combinations(lists.items(), 2))
 
 
 def _pair(
-    one: tuple[str, Sequence[str]], other: tuple[str, Sequence[str]], units: Mapping[str, Unit]
+    one: tuple[str, Sequence[str]], other: tuple[str, Sequence[str]], parts: Mapping[str, Part]
 ) -> ListPair:
     overlap = sorted({*one[1]}.intersection(other[1]))
     both = frozenset(overlap)
-    sides = [_by_drive([n for n in names if n not in both], units) for _, names in (one, other)]
+    sides = [_by_drive([n for n in names if n not in both], parts) for _, names in (one, other)]
     drives = sorted(sides[0].keys() & sides[1].keys())
     nearest = _nearest([(sides[0][drive], sides[1][drive]) for drive in drives])
     frames = None if nearest is None else nearest[0]
@@ -134,38 +134,38 @@ def _pair(
     )
 
 
-def _by_drive(entries: Iterable[str], units: Mapping[str, Unit]) -> dict[str, list[Unit]]:
-    units_by_drive: dict[str, list[Unit]] = {}
+def _by_drive(entries: Iterable[str], parts: Mapping[str, Part]) -> dict[str, list[Part]]:
+    parts_by_drive: dict[str, list[Part]] = {}
     for name in entries:
-        unit = units.get(name)
-        if unit is not None and unit.drive is not None:
-            units_by_drive.setdefault(unit.drive, []).append(unit)
-    return units_by_drive
+        part = parts.get(name)
+        if part is not None and part.drive is not None:
+            parts_by_drive.setdefault(part.drive, []).append(part)
+    return parts_by_drive
 
 
 def _nearest(
-    sides: Iterable[tuple[Sequence[Unit], Sequence[Unit]]],
+    sides: Iterable[tuple[Sequence[Part], Sequence[Part]]],
 ) -> tuple[int, tuple[str, str]] | None:
-    """Return the least distance in frames of units of one drive on both sides, and their names."""
+    """Return the least distance in frames of parts of one drive on both sides, and their names."""
     best: tuple[int, tuple[str, str]] | None = None
     for first, second in sides:
-        numbered = sorted((unit.number, unit.name) for unit in second if unit.number is not None)
-        for unit in first:
-            if unit.number is None or not numbered:
+        numbered = sorted((part.number, part.name) for part in second if part.number is not None)
+        for part in first:
+            if part.number is None or not numbered:
                 continue
-            place = bisect_left(numbered, (unit.number, ''))
+            place = bisect_left(numbered, (part.number, ''))
             for number, name in numbered[max(0, place - 1) : place + 1]:
-                candidate = abs(number - unit.number), (unit.name, name)
+                candidate = abs(number - part.number), (part.name, name)
                 best = candidate if best is None else min(best, candidate)
     return best
 
 
-# Division of units of different sizes by shares: random by a seed, the same on every machine.
+# Division of parts of different sizes by shares: random by a seed, the same on every machine.
 #
-# The random order is that of the SHA-256 of the text `SEED NAME` (UTF-8) of each unit, such as `0
-# 000123`; so it depends on no random generator, and a unit keeps its place among the others when
-# some are added or removed. Each list takes the units in this order, and passes over those with
-# which it could not get as close to its share as the units allow: single frames are taken one by
+# The random order is that of the SHA-256 of the text `SEED NAME` (UTF-8) of each part, such as `0
+# 000123`; so it depends on no random generator, and a part keeps its place among the others when
+# some are added or removed. Each list takes the parts in this order, and passes over those with
+# which it could not get as close to its share as the parts allow: single frames are taken one by
 # one.
 
 
@@ -177,7 +177,7 @@ def seeded_order(names: Sequence[str], seed: int) -> list[str]:
 def divide(
     sizes: Mapping[str, int], shares: Sequence[Fraction], seed: int
 ) -> list[list[str]] | None:
-    """Divide units into lists whose sizes are as close to the shares as whole units allow.
+    """Divide parts into lists whose sizes are as close to the shares as whole parts allow.
 
     Args:
         sizes: Units with their sizes, 1 or more.
@@ -185,7 +185,7 @@ def divide(
         seed: Of the random order.
 
     Returns:
-        The units of each list, one at least, in their random order; None if there are too few.
+        The parts of each list, one at least, in their random order; None if there are too few.
     """
     rest = seeded_order([*sizes], seed)
     total, done, cumulated = sum(sizes.values()), 0, Fraction(0)
@@ -206,19 +206,19 @@ def divide(
 def _take(
     order: Sequence[str], sizes: Mapping[str, int], target: int, leave: int
 ) -> list[str] | None:
-    """Return units whose sizes add up as close to a target as possible, the first that do.
+    """Return parts whose sizes add up as close to a target as possible, the first that do.
 
     Args:
-        order: The units.
+        order: The parts.
         sizes: Their sizes.
         target: The size to reach.
-        leave: Number of units to leave at least.
+        leave: Number of parts to leave at least.
     """
     if len(order) <= leave:
         return None
     if all(sizes[name] == 1 for name in order):
         return [*order[: min(max(target, 1), len(order) - leave)]]
-    # Bit s of sums[i]: whether units from i on can add up to s.
+    # Bit s of sums[i]: whether parts from i on can add up to s.
     sums = [1]
     for name in reversed(order):
         sums.append(sums[-1] | sums[-1] << sizes[name])
@@ -235,7 +235,7 @@ def _take(
 def _first_that_add_up(
     order: Sequence[str], sizes: Mapping[str, int], sums: Sequence[int], size: int
 ) -> list[str]:
-    """Return the units that add up to a size, each taken if the ones after it can do the rest."""
+    """Return the parts that add up to a size, each taken if the ones after it can do the rest."""
     taken = []
     for place, name in enumerate(order):
         rest = size - sizes[name]
@@ -248,7 +248,7 @@ def _first_that_add_up(
 # Lists that a user gives, with their entries looked up in the data set.
 
 
-def read_lists(files: Sequence[Path], unit_set: UnitSet) -> list[GivenList]:
+def read_lists(files: Sequence[Path], part_set: PartSet) -> list[GivenList]:
     """Read lists.
 
     Raises:
@@ -257,7 +257,7 @@ def read_lists(files: Sequence[Path], unit_set: UnitSet) -> list[GivenList]:
     """
     lists: dict[str, GivenList] = {}
     for file in files:
-        given = GivenList(file, unit_set)
+        given = GivenList(file, part_set)
         if given.name in lists:
             raise UsageError(f'{lists[given.name].path} and {file} have the same name')
         lists[given.name] = given
@@ -273,22 +273,22 @@ class GivenList:
         entries: Those of the set, in the order of the file.
     """
 
-    def __init__(self, path: Path, unit_set: UnitSet) -> None:
+    def __init__(self, path: Path, part_set: PartSet) -> None:
         if not path.is_file():
             raise MissingPathError(path)
         self.path = path
         self.name = path.name.removesuffix(names.TXT)
-        self._noun = unit_set.noun
-        testing = unit_set.is_of_testing(self.name)
-        file_names = unit_set.testing_frames if testing else unit_set.frames
+        self._noun = part_set.noun
+        testing = part_set.is_of_testing(self.name)
+        file_names = part_set.testing_frames if testing else part_set.frames
         self._parsed = parse_image_set(
-            STORE.read_text(path), path, frames=unit_set.lists_frames, file_names=file_names
+            STORE.read_text(path), path, frames=part_set.lists_frames, file_names=file_names
         )
-        units = unit_set.testing if testing else unit_set.units
-        self._unchecked = units is None
+        parts = part_set.testing if testing else part_set.parts
+        self._unchecked = parts is None
         every = self._parsed.entries
-        self.entries = [*every] if units is None else [name for name in every if name in units]
-        self._unknown = [name for name in every if units is not None and name not in units]
+        self.entries = [*every] if parts is None else [name for name in every if name in parts]
+        self._unknown = [name for name in every if parts is not None and name not in parts]
 
     def require_entries(self) -> None:
         """Check that it has an entry.
@@ -311,7 +311,7 @@ class GivenList:
         return losses
 
     def notes(self, *, checked: bool) -> list[str]:
-        """Return remarks."""
+        """Return lines that cost no data."""
         notes = [] if checked else [f'{line}; corrected' for line in self._parsed.repaired]
         if self._unchecked:
             notes.append(f'{self.path}: of testing frames, which are not there to compare')
@@ -320,15 +320,15 @@ class GivenList:
         return notes
 
 
-# The units that lists of a data set name: frames of an object set, else sequences or drives.
+# The parts that lists of a data set name: frames of an object set, else sequences or drives.
 
 TEST = 'test'
 """Lists of an object set whose names begin so are of its testing frames."""
 
 
 @dataclass(frozen=True)
-class Unit:
-    """What a line of a list names.
+class Part:
+    """A frame, sequence or drive of a data set, which is a line of a list.
 
     Attributes:
         name: The line.
@@ -344,26 +344,26 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class UnitSet:
-    """The units of a data set.
+class PartSet:
+    """The parts of a data set.
 
     Attributes:
         layout: Its layout.
         folder: The folder in which ImageSets lies.
         noun: frame, sequence or drive.
-        units: By name.
+        parts: By name.
         testing: Those of the testing frames of an object set; None if they are not there, or if
             the set itself is of them.
         losses: Missing data.
-        notes: Remarks.
+        notes: Lines that cost no data.
         frames, testing_frames: How the frames of an object set are named.
     """
 
     layout: Layout
     folder: Path
     noun: str
-    units: dict[str, Unit]
-    testing: dict[str, Unit] | None
+    parts: dict[str, Part]
+    testing: dict[str, Part] | None
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
     frames: names.FileNames = names.SIX_DIGITS
@@ -371,18 +371,18 @@ class UnitSet:
 
     @property
     def lists_frames(self) -> bool:
-        """Whether a unit is a frame."""
+        """Whether a part is a frame."""
         return self.layout.traits.frame_set
 
     def is_of_testing(self, name: str) -> bool:
         """Whether a list of a name is of the testing frames beside the training frames."""
-        return self.lists_frames and self.testing is not self.units and name.startswith(TEST)
+        return self.lists_frames and self.testing is not self.parts and name.startswith(TEST)
 
 
-def find_units(
+def find_parts(
     path: Path, layout: Layout | None, mapping: Path | None, *, by_drive: bool
-) -> UnitSet:
-    """List the units of a data set.
+) -> PartSet:
+    """List the parts of a data set.
 
     Args:
         path: The set.
@@ -415,7 +415,7 @@ def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
 
 def _frames(
     layout: Layout, candidates: list[Candidate], given: Path | None, *, by_drive: bool
-) -> UnitSet:
+) -> PartSet:
     """List the frames of an object set: those of training, if there are any."""
     recordings = {candidate.name: candidate.open(ReadOptions()) for candidate in candidates}
     chosen = recordings[candidates[0].name]
@@ -426,24 +426,24 @@ def _frames(
         mapping, notes = _mapping(chosen.root, given, needed=by_drive)
     elif by_drive:
         raise UsageError(f'{chosen.root}: the devkit has the drives of training frames only')
-    units = _units_of(chosen, mapping)
+    parts = _parts_of(chosen, mapping)
     losses = list(chosen.losses)
     if by_drive and mapping is not None:
-        losses += _beyond(units, mapping, chosen.file_names)
-        units = {name: unit for name, unit in units.items() if unit.drive is not None}
+        losses += _beyond(parts, mapping, chosen.file_names)
+        parts = {name: part for name, part in parts.items() if part.drive is not None}
     other = recordings.get(names.SPLITS[1])
-    testing = units if is_testing else None if other is None else _units_of(other, None)
+    testing = parts if is_testing else None if other is None else _parts_of(other, None)
     frames = chosen.file_names
     others = frames if other is None else other.file_names
     all_losses = tuple(losses)
-    return UnitSet(layout, chosen.root, 'frame', units, testing, all_losses, notes, frames, others)
+    return PartSet(layout, chosen.root, 'frame', parts, testing, all_losses, notes, frames, others)
 
 
 def _beyond(
-    units: Mapping[str, Unit], mapping: ObjectMapping, frames: names.FileNames
+    parts: Mapping[str, Part], mapping: ObjectMapping, frames: names.FileNames
 ) -> list[Loss]:
     """Return the frames without a drive, which are in no list."""
-    numbers = tuple(frames.number(unit.name) or 0 for unit in units.values() if not unit.drive)
+    numbers = tuple(frames.number(part.name) or 0 for part in parts.values() if not part.drive)
     reason = mapping.beyond.replace('{', '(').replace('}', ')')
     text = f'{reason}; in no list: frames {{}}'
     return [Loss('frames', len(numbers), text, numbers)] if numbers else []
@@ -466,30 +466,30 @@ def _numbers(recording: KittiRecording) -> Int64Array:
     return frames_of(numbers, common=recording.common_numbers)
 
 
-def _units_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[str, Unit]:
-    units = {}
+def _parts_of(recording: KittiRecording, mapping: ObjectMapping | None) -> dict[str, Part]:
+    parts = {}
     for number in _numbers(recording).tolist():
         name = recording.file_names.stem(number)
         origin = None if mapping is None else mapping.get(number)
-        units[name] = Unit(name) if origin is None else Unit(name, 1, origin.drive, origin.number)
-    return units
+        parts[name] = Part(name) if origin is None else Part(name, 1, origin.drive, origin.number)
+    return parts
 
 
-def _recordings(path: Path, layout: Layout, candidates: list[Candidate]) -> UnitSet:
+def _recordings(path: Path, layout: Layout, candidates: list[Candidate]) -> PartSet:
     """List the sequences or drives of a set, without those of testing."""
     training = [candidate for candidate in candidates if '/' not in candidate.name] or candidates
-    units, losses = {}, []
+    parts, losses = {}, []
     for candidate in training:
         recording = candidate.open(ReadOptions())
         name = candidate.name.rpartition('/')[2]
         losses += recording.losses
         frames = len(_numbers(recording))
         if frames:
-            units[name] = Unit(name, frames, names.drive_of(name))
+            parts[name] = Part(name, frames, names.drive_of(name))
     folder = absolute(path)
     if folder.name in {*names.SPLITS, names.SEQUENCES}:
         folder = folder.parent
-    return UnitSet(layout, folder, layout.traits.noun, units, None, tuple(losses))
+    return PartSet(layout, folder, layout.traits.noun, parts, None, tuple(losses))
 
 
 if TYPE_CHECKING:
@@ -530,7 +530,7 @@ class SplitReport:
         unlisted: What is in no list.
         faults: Overlaps; when lists are checked also entries of one drive on both sides.
         losses: Missing data, and lines that could not be used.
-        notes: Remarks.
+        notes: Lines that cost no data.
     """
 
     path: Path
@@ -581,50 +581,50 @@ def split_set(path: Path, options: SplitOptions, layout: Layout | None = None) -
         KittiRos2Error: The set, an option or a list is invalid; nothing is left behind.
         OSError: A file cannot be read.
     """
-    unit_set = find_units(path, layout, options.mapping, by_drive=options.by_drive)
+    part_set = find_parts(path, layout, options.mapping, by_drive=options.by_drive)
     if options.out is not None:
         refuse_link(options.out)
-    folder = options.out or unit_set.folder / kitti_names.IMAGE_SETS
+    folder = options.out or part_set.folder / kitti_names.IMAGE_SETS
     if not (options.lists or options.check):
-        return _divided(path, unit_set, folder, options)
+        return _divided(path, part_set, folder, options)
     checked = options.check
-    given = read_lists(options.lists or _existing(folder), unit_set)
+    given = read_lists(options.lists or _existing(folder), part_set)
     entries = {frame_list.name: frame_list.entries for frame_list in given}
     paths = {frame_list.name: frame_list.path for frame_list in given}
     if not checked:
         for frame_list in given:
             frame_list.require_entries()
         paths = _write(folder, entries, overwrite=options.overwrite)
-    report = _report(unit_set, folder, paths, entries, checked=checked)
+    report = _report(part_set, folder, paths, entries, checked=checked)
     losses = [loss for frame_list in given for loss in frame_list.losses(checked=checked)]
     notes = [note for frame_list in given for note in frame_list.notes(checked=checked)]
     return replace(report, losses=(*report.losses, *losses), notes=(*report.notes, *notes))
 
 
-def _divided(path: Path, unit_set: UnitSet, folder: Path, options: SplitOptions) -> SplitReport:
+def _divided(path: Path, part_set: PartSet, folder: Path, options: SplitOptions) -> SplitReport:
     """Make random lists."""
-    reserved = [name for name in options.list_names if unit_set.is_of_testing(name)]
+    reserved = [name for name in options.list_names if part_set.is_of_testing(name)]
     if reserved:
         raise UsageError(
             f'{reserved[0]} names a list of the testing frames; choose another name,'
-            f' such as holdout, or give {unit_set.folder / kitti_names.SPLITS[1]}'
+            f' such as holdout, or give {part_set.folder / kitti_names.SPLITS[1]}'
         )
-    whole = options.by_drive or not unit_set.lists_frames
-    groups: dict[str, list[Unit]] = {}
-    for unit in unit_set.units.values():
-        groups.setdefault((whole and unit.drive) or unit.name, []).append(unit)
-    sizes = {name: sum(unit.frames for unit in units) for name, units in groups.items()}
+    whole = options.by_drive or not part_set.lists_frames
+    groups: dict[str, list[Part]] = {}
+    for part in part_set.parts.values():
+        groups.setdefault((whole and part.drive) or part.name, []).append(part)
+    sizes = {name: sum(part.frames for part in parts) for name, parts in groups.items()}
     divided = divide(sizes, options.shares, options.seed or 0)
     if divided is None:
-        noun = 'drive' if options.by_drive else unit_set.noun
+        noun = 'drive' if options.by_drive else part_set.noun
         lists = format_count(len(options.shares), 'list')
         raise UsageError(f'{path}: {format_count(len(sizes), noun)}, too few for {lists}')
     entries = {
-        name: sorted(unit.name for group in members for unit in groups[group])
+        name: sorted(part.name for group in members for part in groups[group])
         for name, members in zip(options.list_names, divided, strict=True)
     }
     paths = _write(folder, entries, overwrite=options.overwrite)
-    return _report(unit_set, folder, paths, entries, checked=False)
+    return _report(part_set, folder, paths, entries, checked=False)
 
 
 def _existing(folder: Path) -> list[Path]:
@@ -653,11 +653,11 @@ def _write(folder: Path, lists: Mapping[str, Sequence[str]], *, overwrite: bool)
             return 'it is a folder; choose another with --out'
         return None if overwrite else 'pass --overwrite, or choose another folder with --out'
 
-    with ExitStack() as stack:
+    with ExitStack() as exit_stack:
         stagings: list[Staging] = []
         for path in paths.values():
             stagings.append(Staging(path, refusal))
-            stack.callback(stagings[-1].discard)
+            exit_stack.callback(stagings[-1].discard)
         for staging, entries in zip(stagings, lists.values(), strict=True):
             with reported(staging.path):
                 staging.content.write_bytes(format_image_set(entries).encode())
@@ -667,7 +667,7 @@ def _write(folder: Path, lists: Mapping[str, Sequence[str]], *, overwrite: bool)
 
 
 def _report(
-    unit_set: UnitSet,
+    part_set: PartSet,
     folder: Path,
     paths: Mapping[str, Path],
     lists: Mapping[str, Sequence[str]],
@@ -675,31 +675,31 @@ def _report(
     checked: bool,
 ) -> SplitReport:
     """Describe lists, and compare those of the same frames."""
-    test = {name: entries for name, entries in lists.items() if unit_set.is_of_testing(name)}
+    test = {name: entries for name, entries in lists.items() if part_set.is_of_testing(name)}
     others = {name: entries for name, entries in lists.items() if name not in test}
-    pairs = (*compare_lists(others, unit_set.units), *compare_lists(test, unit_set.testing or {}))
+    pairs = (*compare_lists(others, part_set.parts), *compare_lists(test, part_set.testing or {}))
     faults = [line for pair in pairs for line in pair.faults]
     leaks = [line for pair in pairs for line in pair.leaks]
     listed = {name for entries in others.values() for name in entries}
     return SplitReport(
         path=folder,
-        layout=unit_set.layout.value,
-        noun=unit_set.noun,
-        lists=tuple(_describe(unit_set, name, paths[name], lists[name]) for name in lists),
+        layout=part_set.layout.value,
+        noun=part_set.noun,
+        lists=tuple(_describe(part_set, name, paths[name], lists[name]) for name in lists),
         pairs=pairs,
-        unlisted=tuple(name for name in unit_set.units if name not in listed) if others else (),
+        unlisted=tuple(name for name in part_set.parts if name not in listed) if others else (),
         faults=(*faults, *leaks) if checked else tuple(faults),
-        losses=unit_set.losses,
-        notes=unit_set.notes if checked else (*unit_set.notes, *leaks),
+        losses=part_set.losses,
+        notes=part_set.notes if checked else (*part_set.notes, *leaks),
     )
 
 
-def _describe(unit_set: UnitSet, name: str, path: Path, entries: Sequence[str]) -> SplitList:
-    units = unit_set.testing if unit_set.is_of_testing(name) else unit_set.units
-    listed = [Unit(entry) if units is None else units[entry] for entry in entries]
-    frames = sum(unit.frames for unit in listed)
-    drives = {unit.drive for unit in listed}
-    total = 0 if units is None else sum(unit.frames for unit in units.values())
+def _describe(part_set: PartSet, name: str, path: Path, entries: Sequence[str]) -> SplitList:
+    parts = part_set.testing if part_set.is_of_testing(name) else part_set.parts
+    listed = [Part(entry) if parts is None else parts[entry] for entry in entries]
+    frames = sum(part.frames for part in listed)
+    drives = {part.drive for part in listed}
+    total = 0 if parts is None else sum(part.frames for part in parts.values())
     return SplitList(
         name=name,
         path=path,

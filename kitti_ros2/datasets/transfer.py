@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from ..files.local_files import WritingOut, replace_file
 from ..files.remote_requests import retry_wait_s
 from ..model.errors import BadFileError, MissingPathError, OutputError, format_bytes, naming
-from .archive_formats import PIECE_BYTES, BadArchiveError, open_archive
+from .archive_formats import CHUNK_BYTES, BadArchiveError, open_archive
 from .download_sources import (
     BrokenTransferError,
     ChangedFileError,
@@ -72,8 +72,8 @@ def sha256_of(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
     with naming(path), path.open('rb') as file:
-        while piece := file.read(PIECE_BYTES):
-            digest.update(piece)
+        while chunk := file.read(CHUNK_BYTES):
+            digest.update(chunk)
     return digest.hexdigest()
 
 
@@ -108,13 +108,13 @@ def require_archive(path: Path) -> None:
         raise DownloadError(f'{reason}, as the server has it; it was removed') from error
 
 
-def require_space(folder: Path, needed: float, advice: str) -> None:
+def require_space(folder: Path, needed: float, remedy: str) -> None:
     """Check the free space of a disk.
 
     Args:
         folder: A folder on the disk.
         needed: Bytes.
-        advice: What to do if they are not free.
+        remedy: What to do if they are not free.
 
     Raises:
         OutputError: They are not.
@@ -122,7 +122,7 @@ def require_space(folder: Path, needed: float, advice: str) -> None:
     free = shutil.disk_usage(folder).free
     if needed > free:
         reason = f'needs about {format_bytes(needed)}, and {format_bytes(free)} are free'
-        raise OutputError(folder, reason, f'make room, or {advice}')
+        raise OutputError(folder, reason, f'make room, or {remedy}')
 
 
 _FIRST_WAIT_S = 0.5
@@ -146,7 +146,7 @@ class Transfer:
         source: Opens the URLs.
         retries: Attempts without any progress after which the download fails.
         sleep: Waits for some seconds.
-        advance: Called with the bytes of each piece, negative for those that are dropped, and with
+        advance: Called with the bytes of each chunk, negative for those that are dropped, and with
             the size of the file when it is known.
         fsync: Whether the file outlasts a power cut once it is complete.
     """
@@ -255,10 +255,10 @@ class Transfer:
     def _write(self, file: IO[bytes], opened: Opened, done: int) -> int:
         writing_out = WritingOut(self._part)
         try:
-            for piece in opened.pieces:
-                file.write(piece)
-                done += len(piece)
-                writing_out.advance(len(piece))
+            for chunk in opened.chunks:
+                file.write(chunk)
+                done += len(chunk)
+                writing_out.advance(len(chunk))
                 self._count(done)
         finally:
             writing_out.close()

@@ -279,11 +279,11 @@ def _order_of_arrival(rng: np.random.Generator, count: int) -> Int64Array:
     arriving = np.flatnonzero(kept)
     repeats = max(1, int(seconds / _SECONDS_PER_REPEAT))
     ends = rng.integers(_REPEATED, len(arriving), repeats)
-    pieces, begun = [], 0
+    packets, begun = [], 0
     for end in np.unique(ends).tolist():
-        pieces += [arriving[begun:end], arriving[end - _REPEATED : end]]
+        packets += [arriving[begun:end], arriving[end - _REPEATED : end]]
         begun = end
-    return np.concatenate([*pieces, arriving[begun:]])
+    return np.concatenate([*packets, arriving[begun:]])
 
 
 # Labels of the objects that the synthetic cameras see, in the manner of KITTI's annotators.

@@ -68,7 +68,7 @@ def find_differences(path: Path, index: BagIndex) -> list[str]:
 
 
 def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
-    counts = {key: sum(map(len, pieces)) for key, pieces in index.stamps.items()}
+    counts = {key: sum(map(len, chunks)) for key, chunks in index.stamps.items()}
     types = dict(counts.keys())
     for entry in information.get('topics_with_message_count') or ():
         topic = str(entry['topic_metadata']['name'])
@@ -81,7 +81,7 @@ def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
 
 
 def _of_times(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
-    stamps = [piece for pieces in index.stamps.values() for piece in pieces if len(piece)]
+    stamps = [chunk for chunks in index.stamps.values() for chunk in chunks if len(chunk)]
     if not stamps:
         return
     first, last = (
@@ -142,7 +142,7 @@ class _BagPass:
                     loss for loss in messages.losses if loss not in self._facts.left_out
                 ]
                 self._facts.notes = [
-                    finding for finding in messages.problems if finding not in messages.losses
+                    problem for problem in messages.problems if problem not in messages.losses
                 ]
         except BadBagError as error:  # none of its messages can be read
             self._facts.left_out = [str(error)]
@@ -150,7 +150,7 @@ class _BagPass:
         reported = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
         self._facts.notes = [
             *self._facts.notes,
-            *(finding for finding in index.problems if finding not in reported),
+            *(problem for problem in index.problems if problem not in reported),
             *find_differences(self._bag.path, index),
         ]
         self._facts.messages = index.total

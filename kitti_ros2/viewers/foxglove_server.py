@@ -527,9 +527,9 @@ def run_bridge(
     _refuse(settings)
     favour_what_is_due()
     program = open_program(source, settings, reserved_by_viewers)
-    with ExitStack() as stack:
-        stack.callback(program.close)
-        stack.enter_context(few_lines(terminal.warn))
+    with ExitStack() as exit_stack:
+        exit_stack.callback(program.close)
+        exit_stack.enter_context(few_lines(terminal.warn))
         server = ViewerServer(program, settings, port, terminal.warn, origin_check)
         server.on_ended = stop_request.set
         if not terminal.quiet:
@@ -540,7 +540,7 @@ def run_bridge(
             terminal.warn(warning)
         for note in program.notes():
             terminal.warn(note)
-        stack.callback(server.stop)
+        exit_stack.callback(server.stop)
         server.start()
         return play_to_the_end(server, stop_request, terminal)
 

@@ -14,7 +14,7 @@ from mapped_set import ROWS, A, B, C, make_mapped_set, write_mapping
 from kitti_ros2.api.arguments import KittiRos2Warning
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import split
-from kitti_ros2.datasets.splitting import Unit, compare_lists
+from kitti_ros2.datasets.splitting import Part, compare_lists
 from kitti_ros2.kitti.names import format_image_set, parse_image_set
 from kitti_ros2.kitti.object_set import find_mapping
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError, UsageError
@@ -271,7 +271,7 @@ def test_a_check_of_lists_by_drive_is_clean(own_set, capsys):
     st.integers(1, 4),
 )
 def test_the_nearest_entries_of_a_drive_are_found(numbers, drives):
-    units = {f'{n:06d}': Unit(f'{n:06d}', 1, f'drive {n % drives}', n // drives) for n in range(41)}
+    units = {f'{n:06d}': Part(f'{n:06d}', 1, f'drive {n % drives}', n // drives) for n in range(41)}
     one, other = ([f'{n:06d}' for n in side] for side in numbers)
     (pair,) = compare_lists({'one': one, 'other': other}, units)
     overlap = {*one} & {*other}

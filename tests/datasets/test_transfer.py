@@ -352,7 +352,7 @@ def test_the_time_for_a_header_ends_with_it(monkeypatch):
             for timer in timers:
                 timer.run()
             begun.set()
-            assert b''.join(opened.pieces) == b'x' * 9
+            assert b''.join(opened.chunks) == b'x' * 9
         source.close()
     assert timers
 
@@ -610,7 +610,7 @@ def test_a_folder_is_resumed_if_the_file_is_the_same(tmp_path):
     with FolderSource().open(url, 0, '') as opened:
         validator = opened.validator
     with FolderSource().open(url, 1000, validator) as opened:
-        assert (opened.start, b''.join(opened.pieces)) == (1000, CONTENT[1000:])
+        assert (opened.start, b''.join(opened.chunks)) == (1000, CONTENT[1000:])
     (tmp_path / 'a.zip').write_bytes(NEW)
     with FolderSource().open(url, 1000, validator) as opened:
         assert opened.start == 0
