@@ -126,13 +126,13 @@ class CalibratedRig:
             MissingDataError: The calibration of the camera is missing.
         """
         projection = self._projection(camera)
-        places = np.asarray(points, np.float64)
-        if places.ndim != 2 or places.shape[1] < 3:
-            raise UsageError(f'points of shape {places.shape}; expected (N, 3) or more columns')
-        places = places[:, :3]
+        xyz = np.asarray(points, np.float64)
+        if xyz.ndim != 2 or xyz.shape[1] < 3:
+            raise UsageError(f'points of shape {xyz.shape}; expected (N, 3) or more columns')
+        xyz = xyz[:, :3]
         if frame != self._frames.velo:
-            places = _move(places, self._to_velo(frame))
-        seen = projection.homogeneous(places)
+            xyz = _move(xyz, self._to_velo(frame))
+        seen = projection.homogeneous(xyz)
         return projection.pixels(seen), seen[:, 2]
 
     def unproject(
@@ -156,10 +156,10 @@ class CalibratedRig:
         Raises:
             MissingDataError: The calibration of the camera is missing.
         """
-        places = self._projection(camera).points(
+        xyz = self._projection(camera).points(
             np.asarray(uv, np.float64), np.asarray(depth, np.float64)
         )
-        return _move(places, self.transform(frame, self._frames.velo))
+        return _move(xyz, self.transform(frame, self._frames.velo))
 
     def transform(
         self,

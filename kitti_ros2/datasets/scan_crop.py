@@ -189,9 +189,9 @@ class CameraView:
     projection: Projection
     size: tuple[int, int]
 
-    def sees(self, points: Float32Array, places: Float64Array) -> npt.NDArray[np.bool_]:
-        """Return (N,) whether it sees each of (N, 4) points, whose places are (N, 3) float64."""
-        seen = self.projection.homogeneous(places)
+    def sees(self, points: Float32Array, xyz: Float64Array) -> npt.NDArray[np.bool_]:
+        """Return (N,) whether it sees each of (N, 4) points, whose xyz are (N, 3) float64."""
+        seen = self.projection.homogeneous(xyz)
         depth, pixels = seen[:, 2], self.projection.pixels(seen)
         if self.rule is View.REFERENCE:
             near_enough = (points[:, 3] > 0) & (depth >= 0)
@@ -274,33 +274,33 @@ def kept_points(points: Float32Array, options: CropOptions, view: CameraView | N
     keep = np.ones(len(points), bool)
     if not options.cuts or not len(points):
         return keep
-    places = points[:, :3].astype(np.float64)
-    keep &= _every_axis(np.isfinite(places))
-    places[~keep] = 0.0
+    xyz = points[:, :3].astype(np.float64)
+    keep &= _every_axis(np.isfinite(xyz))
+    xyz[~keep] = 0.0
     if options.lasers is not None:
         keep[keep] = _every_nth_laser(points[keep], options.lasers)
     if view is not None:
-        keep &= view.sees(points, places)
+        keep &= view.sees(points, xyz)
     if options.boxes:
-        keep &= _in_any_box(places, options.boxes)
+        keep &= _in_any_box(xyz, options.boxes)
     if options.range_m is not None:
-        x, y, z = places.T
+        x, y, z = xyz.T
         keep &= _between(np.sqrt(x * x + y * y + z * z), options.range_m)
     if options.height_m is not None:
-        keep &= _between(places[:, 2], options.height_m)
+        keep &= _between(xyz[:, 2], options.height_m)
     if options.voxel_m is not None:
-        keep[keep] = first_of_each_voxel(places[keep], options.voxel_m)
+        keep[keep] = first_of_each_voxel(xyz[keep], options.voxel_m)
     return keep
 
 
-def first_of_each_voxel(places: Float64Array, size_m: float) -> Mask:
+def first_of_each_voxel(xyz: Float64Array, size_m: float) -> Mask:
     """Return (N,) whether a point is the first of its voxel, a cube of a grid at the origin."""
-    cells = np.floor(places / size_m)
+    cells = np.floor(xyz / size_m)
     order = np.lexsort(cells.T)  # stable: the points of a voxel stay in their order
     ordered = cells[order]
-    first = np.ones(len(places), bool)
+    first = np.ones(len(xyz), bool)
     first[1:] = ~_every_axis(ordered[1:] == ordered[:-1])
-    keep = np.zeros(len(places), bool)
+    keep = np.zeros(len(xyz), bool)
     keep[order[first]] = True
     return keep
 
@@ -322,10 +322,10 @@ def _every_nth_laser(points: Float32Array, lasers: int) -> Mask:
     return every
 
 
-def _in_any_box(places: Float64Array, boxes: tuple[tuple[float, ...], ...]) -> Mask:
-    mask = np.zeros(len(places), bool)
+def _in_any_box(xyz: Float64Array, boxes: tuple[tuple[float, ...], ...]) -> Mask:
+    mask = np.zeros(len(xyz), bool)
     for box in boxes:
-        mask |= _every_axis((places >= box[:3]) & (places <= box[3:]))
+        mask |= _every_axis((xyz >= box[:3]) & (xyz <= box[3:]))
     return mask
 
 

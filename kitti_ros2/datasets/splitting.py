@@ -153,8 +153,8 @@ def _nearest(
         for part in first:
             if part.number is None or not numbered:
                 continue
-            place = bisect_left(numbered, (part.number, ''))
-            for number, name in numbered[max(0, place - 1) : place + 1]:
+            index = bisect_left(numbered, (part.number, ''))
+            for number, name in numbered[max(0, index - 1) : index + 1]:
                 candidate = abs(number - part.number), (part.name, name)
                 best = candidate if best is None else min(best, candidate)
     return best
@@ -190,10 +190,10 @@ def divide(
     rest = seeded_order([*sizes], seed)
     total, done, cumulated = sum(sizes.values()), 0, Fraction(0)
     lists = []
-    for place, share in enumerate(shares[:-1]):
+    for index, share in enumerate(shares[:-1]):
         cumulated += share
         target = floor(total * cumulated + Fraction(1, 2)) - done
-        taken = _take(rest, sizes, target, leave=len(shares) - place - 1)
+        taken = _take(rest, sizes, target, leave=len(shares) - index - 1)
         if taken is None:
             return None
         chosen = frozenset(taken)
@@ -237,9 +237,9 @@ def _first_that_add_up(
 ) -> list[str]:
     """Return the parts that add up to a size, each taken if the ones after it can do the rest."""
     taken = []
-    for place, name in enumerate(order):
+    for index, name in enumerate(order):
         rest = size - sizes[name]
-        if rest >= 0 and sums[place + 1] >> rest & 1:
+        if rest >= 0 and sums[index + 1] >> rest & 1:
             taken.append(name)
             size = rest
     return taken

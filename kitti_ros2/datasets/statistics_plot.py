@@ -154,13 +154,13 @@ def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Dr
         names = [name for name in _solid(total, classes) if get(total.classes[name]).count]
         for name in names[:_MOST_LINES]:
             values = get(total.classes[name])
-            places = [*values.edges, 2 * values.edges[-1] - values.edges[-2]]
+            edges = [*values.edges, 2 * values.edges[-1] - values.edges[-2]]
             if not even:
-                places = [*range(len(values.edges) + 1)]
-                axes.set_xticks(places[:-1], [_short(edge) for edge in values.edges], size=6.5)
+                edges = [*range(len(values.edges) + 1)]
+                axes.set_xticks(edges[:-1], [_short(edge) for edge in values.edges], size=6.5)
             shares = [100 * count / values.count for count in values.counts]
-            axes.stairs(shares, places, color=_color(name), lw=1.4, label=name)
-            axes.set_xlim(places[0], places[-1])
+            axes.stairs(shares, edges, color=_color(name), lw=1.4, label=name)
+            axes.set_xlim(edges[0], edges[-1])
         axes.set_ylim(bottom=0)
         axes.set_ylabel('% of the class')
         title = f'{_MOST_LINES} of {len(names)} classes' if len(names) > _MOST_LINES else None
@@ -184,10 +184,10 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
 
     def draw(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
         values = get(total)
-        used = max(place for place, count in enumerate(values.counts) if count) + 1
-        places = [*values.edges, 2 * values.edges[-1] - values.edges[-2]][: used + 1]
+        used = max(index for index, count in enumerate(values.counts) if count) + 1
+        edges = [*values.edges, 2 * values.edges[-1] - values.edges[-2]][: used + 1]
         shares = [100 * count / values.count for count in values.counts[:used]]
-        axes.stairs(shares, places, fill=True, color=_PLAIN)
+        axes.stairs(shares, edges, fill=True, color=_PLAIN)
         axes.axvline(values.mean, color=INK, lw=0.9, ls=(0, (4, 3)))
         axes.annotate(
             f'mean {values.mean:.1f}',
@@ -198,7 +198,7 @@ def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw
             ha='center',
             color=INK,
         )
-        axes.set_xlim(places[0], places[-1])
+        axes.set_xlim(edges[0], edges[-1])
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_ylabel(f'% of {noun}')
 
@@ -212,12 +212,12 @@ def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -
         if class_name not in total.classes or not total.classes[class_name].length_m.count:
             continue
         objects = total.classes[class_name]
-        for place, (size, mark) in enumerate(
+        for index, (size, mark) in enumerate(
             ((objects.length_m, 'o'), (objects.width_m, 's'), (objects.height_m, '^'))
         ):
             axes.errorbar(
                 size.mean,
-                row + 0.22 * (place - 1),
+                row + 0.22 * (index - 1),
                 xerr=size.deviation,
                 fmt=mark,
                 ms=3.6,
@@ -365,8 +365,8 @@ def _draw_side_by_side(
 ) -> None:
     """Draw a row for each panel and a column for each set."""
     for axes, title in zip(grid[0], titles, strict=True):
-        place = {'xycoords': 'axes fraction', 'textcoords': 'offset points', 'ha': 'center'}
-        axes.annotate(title, (0.5, 1), (0, 36), **place, **_TITLE)
+        style = {'xycoords': 'axes fraction', 'textcoords': 'offset points', 'ha': 'center'}
+        axes.annotate(title, (0.5, 1), (0, 36), **style, **_TITLE)
     for row, panel in itertools.zip_longest(grid, panels):
         _draw_panels(row, [panel] * len(row) if panel else [], totals, totals)
         if panel is not None:
@@ -384,7 +384,7 @@ def _share_scales(drawn: Sequence[Any], panel: Panel) -> None:
 
 
 def _draw_panels(
-    places: Iterable[Any],
+    all_axes: Iterable[Any],
     panels: Sequence[Panel],
     shown: Sequence[RecordingStatistics],
     totals: Sequence[RecordingStatistics],
@@ -392,13 +392,13 @@ def _draw_panels(
     """Draw panels into axes, each of the statistics of a set, and hide axes without data.
 
     Args:
-        places: Axes; there may be more of them than panels.
+        all_axes: Axes; there may be more of them than panels.
         panels: The panels.
         shown: The statistics that each panel shows.
         totals: Those of all sets, for the order of classes.
     """
     classes = [*merged(totals).classes]
-    for axes, panel, total in itertools.zip_longest(places, panels, shown):
+    for axes, panel, total in itertools.zip_longest(all_axes, panels, shown):
         if panel is None or not panel.has(total):
             axes.set_axis_off()
             continue

@@ -320,9 +320,9 @@ def _find_invalid(file: StampsFile) -> Iterator[Breach]:
 )
 def _find_backward(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
-    for place in np.flatnonzero(np.diff(stamps) < 0).tolist():
-        text = f'{_ms(stamps[place] - stamps[place + 1])} before the stamp above'
-        yield Breach(text, file.path, int(numbers[place + 1]) + 1)
+    for row in np.flatnonzero(np.diff(stamps) < 0).tolist():
+        text = f'{_ms(stamps[row] - stamps[row + 1])} before the stamp above'
+        yield Breach(text, file.path, int(numbers[row + 1]) + 1)
 
 
 @STAMP_RULES.add(
@@ -333,8 +333,8 @@ def _find_backward(file: StampsFile) -> Iterator[Breach]:
 )
 def _find_repeated(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.known()
-    for place in np.flatnonzero(np.diff(stamps) == 0).tolist():
-        yield Breach('the same stamp as above', file.path, int(numbers[place + 1]) + 1)
+    for row in np.flatnonzero(np.diff(stamps) == 0).tolist():
+        yield Breach('the same stamp as above', file.path, int(numbers[row + 1]) + 1)
 
 
 @STAMP_RULES.add(
@@ -350,9 +350,9 @@ def _find_gaps(file: StampsFile) -> Iterator[Breach]:
     if len(positive) < 3:  # too few for a usual period
         return
     usual = float(np.median(positive))
-    for place in np.flatnonzero(periods > _WIDE_GAP * usual).tolist():
-        text = f'{_ms(periods[place])} after the stamp above; usual are {_ms(usual)}'
-        yield Breach(text, file.path, int(numbers[place + 1]) + 1)
+    for row in np.flatnonzero(periods > _WIDE_GAP * usual).tolist():
+        text = f'{_ms(periods[row])} after the stamp above; usual are {_ms(usual)}'
+        yield Breach(text, file.path, int(numbers[row + 1]) + 1)
 
 
 @STAMP_RULES.add(
@@ -482,10 +482,10 @@ def _find_position(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
     world = MercatorWorld.at(track.packets[0])
-    places = np.array([world.pose(packet).translation[:2] for packet in track.packets])
+    xy = np.array([world.pose(packet).translation[:2] for packet in track.packets])
     measured = np.stack([track.column('ve'), track.column('vn')], axis=1)
     measured = (measured[1:] + measured[:-1]) / 2
-    moved = np.diff(places, axis=0) / track.steps_s[:, None]
+    moved = np.diff(xy, axis=0) / track.steps_s[:, None]
     speed = np.linalg.norm(measured, axis=1)
     off = np.linalg.norm(moved - measured, axis=1)
     low, share = _SPEED_OFF
