@@ -343,7 +343,7 @@ class ChunkScan(ABC, Generic[Head]):
         self._file = file
         self._problems = problems
         self._form = form
-        self._pieces: list[Chunk] = []
+        self._chunks: list[Chunk] = []
         self._compressions: set[str] = set()
         self._stamps: dict[int, array[int]] = {}
         self._run = Run(0)
@@ -378,7 +378,7 @@ class ChunkScan(ABC, Generic[Head]):
             for channel_id, count in left_out.items():
                 text = f'{self.noun} {channel_id} is not described; its messages are left out'
                 self._problems.lose(f'{file.name}: {text}', count)
-        return FileContents(channels, self._pieces, self._compressions, self._stamps)
+        return FileContents(channels, self._chunks, self._compressions, self._stamps)
 
     def _walk(self) -> bool:
         """Enter all records; return whether the end of the file is valid.
@@ -447,10 +447,10 @@ class ChunkScan(ABC, Generic[Head]):
             self._form, self._file, record.position, data, self._problems
         ):
             self._enter_record(head, body, run)
-        run.end_in(self._pieces, self._file.limits)
+        run.end_in(self._chunks, self._file.limits)
 
     def _end_run(self) -> None:
-        self._run.end_in(self._pieces, self._file.limits)
+        self._run.end_in(self._chunks, self._file.limits)
         self._run = Run(0)
 
     @abstractmethod
