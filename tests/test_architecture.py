@@ -71,6 +71,11 @@ GUESTS = {
 }
 
 FORBIDDEN_NAMES = {'util', 'utils'}
+VAGUE_NAMES = {'each', 'found', 'known'}
+METAPHORS = {
+    'complain', 'complaint', 'complaints', 'contract', 'glance', 'oddities',
+    'oddity', 'outbox', 'outlook', 'relay', 'remark', 'remarks', 'told',
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -198,6 +203,40 @@ def test_class_names_are_used_once() -> None:
             if isinstance(node, ast.ClassDef):
                 places[node.name.lstrip('_')].append(name)
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def bound_names(tree: ast.AST) -> set[str]:
+    """Return the names of a module's functions, classes, parameters and variables."""
+    fields = {
+        id(node.target)
+        for holder in ast.walk(tree)
+        if isinstance(holder, ast.ClassDef)
+        for node in holder.body
+        if isinstance(node, ast.AnnAssign)
+    }
+    names = set()
+    for node in ast.walk(tree):
+        if id(node) in fields:
+            continue
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.arg):
+            names.add(node.arg)
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+    return names
+
+
+def test_names_are_words_of_the_field() -> None:
+    """A loop runs over topics or frames, never over each; a line to users is a note."""
+    wrong = [
+        f'{path.relative_to(SOURCE)}: {name}'
+        for path in SOURCE.rglob('*.py')
+        for name in bound_names(ast.parse(path.read_text(encoding='utf-8')))
+        if name in VAGUE_NAMES
+        or METAPHORS & set(re.sub('([a-z])([A-Z])', r'\1_\2', name).lower().split('_'))
+    ]
+    assert wrong == []
 
 
 def test_few_file_names_are_used_in_two_rooms() -> None:

@@ -245,7 +245,7 @@ class RawRecording(KittiRecording):
 # Reader of the object layout: {training,testing}/{image_2,velodyne,calib,label_2,...}/%06d.
 #
 # Frames come from different days: each has its own calibration, and no time stamp. Stamps are
-# nominal, by file number; in real time they are those of the raw drives (see real_time.py), and
+# nominal, by file number; in real time they are those of the raw drives, and
 # frames without one are left out. Scans are as measured, not compensated for motion.
 
 _KNOWN = {*names.OBJECT_IMAGES, names.SCANS, names.CALIB}

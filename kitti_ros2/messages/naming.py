@@ -36,7 +36,7 @@ class FrameNames:
     """Frame names.
 
     Attributes:
-        map: Fixed to the world; its origin is the first position of base (see map_frame.py).
+        map: Fixed to the world; its origin is the first position of base.
         base: On the ground below the middle of the rear axle.
         truth: The same frame, as the ground truth poses name it: base, unless these have a TF tree
             of their own.

@@ -442,7 +442,7 @@ def _number(value: Any) -> float:  # noqa: ANN401 - of any YAML
 #
 # The azimuth of a value is interpolated to the time of its firing ("precision azimuth" of the
 # manuals), not for the HDL-64E, as in the ROS driver. Points are x forward, y left, z up, as the
-# driver has them. Sources: the manuals named in velodyne_models; 63-HDL64ES3.
+# driver has them. Sources: the manuals of the models above; 63-HDL64ES3.
 
 _PACKET_BYTES = 1206
 _BLOCKS = 12

@@ -262,7 +262,7 @@ def numbers_around(numbers: Int64Array, selected: Int64Array) -> tuple[int, int]
 
 # Motion compensation: the points of a turn of the scanner, moved to one time, and back.
 
-_ORDER = 3  # of the terms in time; see _LARGEST_ANGLE of scanner_motion.py
+_ORDER = 3  # of the terms in time; see _LARGEST_ANGLE
 _PRECISE = 1e-7  # of a turn: 10 ns, in which a car drives less than a micrometre
 _MOST_STEPS = 30
 

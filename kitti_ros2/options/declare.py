@@ -397,7 +397,7 @@ class Option:
         meaning: One line of help, without the default.
         parse: Parser of a value.
         name: Name in YAML and ROS; the command line has dashes for underscores.
-        unset: Text for help if the default depends on something else, such as another option.
+        unset: Text for help instead of the default, which is then None or ().
         bounds: Lowest and highest value of the ROS parameter; see check_bounds for other values.
         flags: Further spellings on the command line; one with two dashes replaces --name.
         live: Whether the ROS parameter may change while the node runs.

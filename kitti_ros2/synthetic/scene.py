@@ -360,7 +360,7 @@ _WALKING, _CYCLING = 1.3, 4.4
 
 
 class Look(NamedTuple):
-    """The appearance of a box: a style of textures.py, a variant of it, and a reflectance."""
+    """The appearance of a box: a style of texture, a variant of it, and a reflectance."""
 
     style: str
     variant: int

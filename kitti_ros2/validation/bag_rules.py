@@ -584,7 +584,7 @@ def _find_future(track: TopicTrack) -> Iterator[Breach]:
     for name, stamps in (('header stamp', track.header_ns), ('log time', track.log_ns)):
         last = max(stamps, default=0)
         if last > latest:
-            yield track.breach(f'the last {name} is {_moment(last)}')
+            yield track.breach(f'the last {name} is {_format_time(last)}')
 
 
 @TOPIC_RULES.add(
@@ -626,7 +626,7 @@ def _find_qos_faults(track: TopicTrack) -> Iterator[Breach]:
         yield track.breach(fault)
 
 
-def _moment(stamp_ns: int) -> str:
+def _format_time(stamp_ns: int) -> str:
     try:
         return f'{format_stamp(stamp_ns)} UTC'
     except (OverflowError, ValueError):

@@ -64,21 +64,21 @@ class BoxInScan(NamedTuple):
     distance: float
 
 
-def places_of_boxes(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[BoxInScan]:
-    """Return the places of labels with positive sizes, each with the transform of its frame."""
+def locate_labels(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[BoxInScan]:
+    """Return the boxes of labels with positive sizes, each with the transform of its frame."""
     location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
     half = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
     location[:, 1] -= half[:, 2]
     velo_r_rect, offset = _stacked(velo_t_rect)
     middle = (velo_r_rect @ location[:, :, None])[:, :, 0] + offset
-    return _places(middle, velo_r_rect @ box_rotations([box.rotation_y for box in boxes]), half)
+    return _in_scan(middle, velo_r_rect @ box_rotations([box.rotation_y for box in boxes]), half)
 
 
-def places_of_cuboids(cuboids: Sequence[Cuboid]) -> list[BoxInScan]:
-    """Return the places of tracklets."""
+def locate_tracklets(cuboids: Sequence[Cuboid]) -> list[BoxInScan]:
+    """Return the boxes of tracklets."""
     rotation, middle = _stacked([cuboid.velo_T_box for cuboid in cuboids])
     half = np.array([cuboid.size_lwh for cuboid in cuboids], np.float64).reshape(-1, 3) / 2
-    return _places(middle, rotation, half)
+    return _in_scan(middle, rotation, half)
 
 
 def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Array]:
@@ -88,33 +88,33 @@ def _stacked(transforms: Sequence[Transform]) -> tuple[Float64Array, Float64Arra
     return rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
 
 
-def _places(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[BoxInScan]:
+def _in_scan(middle: Float64Array, rotation: Float64Array, half: Float64Array) -> list[BoxInScan]:
     radius = (np.linalg.norm(half, axis=1) + _MARGIN_M).astype(np.float32)
     distance = np.linalg.norm(middle, axis=1).tolist()
     return list(map(BoxInScan, middle, rotation, half + _MARGIN_M, radius, distance))
 
 
-def places_without_points(points: Float32Array, places: Sequence[BoxInScan]) -> list[int]:
-    """Return the indices of places without a point; most have one in a sample of the points.
+def boxes_without_points(points: Float32Array, located: Sequence[BoxInScan]) -> list[int]:
+    """Return the indices of boxes without a point; most have one in a sample of the points.
 
     Args:
         points: (N, 4), a scan.
-        places: In its frame.
+        located: In its frame.
     """
-    left = list(range(len(places)))
+    left = list(range(len(located)))
     for step in (_SAMPLED, 1):
         if left:
             xyz = np.ascontiguousarray(points[::step, :3].T)
-            left = [index for index in left if not _has_point(xyz, places[index])]
+            left = [index for index in left if not _has_point(xyz, located[index])]
     return left
 
 
-def _has_point(xyz: Float32Array, place: BoxInScan) -> bool:
-    x, y, _ = place.middle.astype(np.float32)
-    near = (np.abs(xyz[0] - x) <= place.radius).nonzero()[0]
-    near = near[np.abs(xyz[1, near] - y) <= place.radius]
-    own = (xyz[:, near].T - place.middle) @ place.rotation
-    return bool((np.abs(own) <= place.half).all(axis=1).any())
+def _has_point(xyz: Float32Array, box_in_scan: BoxInScan) -> bool:
+    x, y, _ = box_in_scan.middle.astype(np.float32)
+    near = (np.abs(xyz[0] - x) <= box_in_scan.radius).nonzero()[0]
+    near = near[np.abs(xyz[1, near] - y) <= box_in_scan.radius]
+    own = (xyz[:, near].T - box_in_scan.middle) @ box_in_scan.rotation
+    return bool((np.abs(own) <= box_in_scan.half).all(axis=1).any())
 
 
 # Rules about the files of a frame together: labels against calibration, image and scan.
@@ -179,12 +179,12 @@ class NearBox(NamedTuple):
     Attributes:
         name: Its class; of a tracklet also its identity.
         line: Of the label file, from 1; None for a tracklet.
-        place: Its place.
+        box_in_scan: Its box.
     """
 
     name: str
     line: int | None
-    place: BoxInScan
+    box_in_scan: BoxInScan
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,14 +214,14 @@ def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
         *((number, box.class_name, line) for number, (line, box), _ in labels),
         *((number, f'{cuboid.class_name} {cuboid.identity}', None) for number, cuboid in cuboids),
     ]
-    places = [
-        *places_of_boxes([label.box for _, label, _ in labels], [label for *_, label in labels]),
-        *places_of_cuboids([cuboid for _, cuboid in cuboids]),
+    located = [
+        *locate_labels([label.box for _, label, _ in labels], [label for *_, label in labels]),
+        *locate_tracklets([cuboid for _, cuboid in cuboids]),
     ]
     near: dict[int, list[NearBox]] = {}
-    for (number, name, line), place in zip(named, places, strict=True):
-        if place.distance < _NEAR_M:
-            near.setdefault(number, []).append(NearBox(name, line, place))
+    for (number, name, line), box_in_scan in zip(named, located, strict=True):
+        if box_in_scan.distance < _NEAR_M:
+            near.setdefault(number, []).append(NearBox(name, line, box_in_scan))
     return near
 
 
@@ -334,9 +334,9 @@ SCAN_FRAME_RULES = RuleTable[LabelledScan](RuleScope.FRAME)
     'usual for some objects; if most are listed, check the calibration',
 )
 def _find_unscanned(scan: LabelledScan) -> Iterator[Breach]:
-    for index in places_without_points(scan.points, [box.place for box in scan.boxes]):
-        name, line, place = scan.boxes[index]
-        text = f'frame {scan.frame.number}: {name} at {place.distance:.0f} m'
+    for index in boxes_without_points(scan.points, [box.box_in_scan for box in scan.boxes]):
+        name, line, box_in_scan = scan.boxes[index]
+        text = f'frame {scan.frame.number}: {name} at {box_in_scan.distance:.0f} m'
         yield Breach(f'{text}: no point of the scan is inside', scan.frame.label_path, line)
 
 
@@ -487,8 +487,8 @@ def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
 def _find_constant(scan: ScanFile) -> Iterator[Breach]:
     low, high = scan.bounds
     if len(scan.points) > 1 and low[:3] == high[:3]:
-        place = ' '.join(f'{value:g}' for value in low[:3])
-        yield Breach(f'all {len(scan.points)} points are at {place}', scan.path)
+        position = ' '.join(f'{value:g}' for value in low[:3])
+        yield Breach(f'all {len(scan.points)} points are at {position}', scan.path)
 
 
 @SCAN_RULES.add(

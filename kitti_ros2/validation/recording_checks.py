@@ -85,7 +85,7 @@ class FrameResult:
 
     Attributes:
         number: Of the frame.
-        found: Breaches, each with the id of its rule.
+        breaches: Each with the id of its rule.
         files, size_bytes: Of the frame.
         points: Number of points of the scan.
         images: Shapes of the images, by stream.
@@ -94,7 +94,7 @@ class FrameResult:
     """
 
     number: int
-    found: list[tuple[str, Breach]] = field(default_factory=list)
+    breaches: list[tuple[str, Breach]] = field(default_factory=list)
     files: int = 0
     size_bytes: int = 0
     points: int | None = None
@@ -109,7 +109,7 @@ class FrameResult:
         if file.is_worth_reading:
             self.size_bytes += file.size
             return file
-        self.found += find_breaches(FILE_RULES, file)
+        self.breaches += find_breaches(FILE_RULES, file)
         return None
 
     def try_read(self, stream: Stream, path: Path, read: Callable[[], T]) -> T | None:
@@ -117,7 +117,7 @@ class FrameResult:
         try:
             return read()
         except (BadFileError, OSError) as error:
-            self.found += find_breaches(FILE_RULES, DataFile(stream, path, 0, error))
+            self.breaches += find_breaches(FILE_RULES, DataFile(stream, path, 0, error))
         return None
 
 
@@ -173,11 +173,11 @@ class FrameChecks:
             frames = {frame.number: frame for _, frame in checked if frame is not None}
             near = near_boxes([*frames.values()])
             for result, frame in checked:
-                others, result.found = result.found, []
+                others, result.breaches = result.breaches, []
                 self._check_scan(result, frame, near.get(result.number, []))
-                result.found += others
+                result.breaches += others
             results = [result for result, _ in checked]
-            results[-1].found += find_breaches(LABEL_FRAME_RULES, [*frames.values()])
+            results[-1].breaches += find_breaches(LABEL_FRAME_RULES, [*frames.values()])
         return results
 
     def _check_others(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
@@ -195,7 +195,7 @@ class FrameChecks:
             return result, None
         sizes = {self._cameras[stream]: shape[:2] for stream, shape in result.images.items()}
         frame = FrameFiles(number, calibration, sizes, calibration_path, label_path, lines, cuboids)
-        result.found += find_breaches(FRAME_RULES, frame)
+        result.breaches += find_breaches(FRAME_RULES, frame)
         return result, frame
 
     def _path(self, stream: Stream, number: int, result: FrameResult) -> Path | None:
@@ -220,10 +220,10 @@ class FrameChecks:
             return
         result.points = len(scan.points)
         file = ScanFile(path, scan.points, next(iter(scan.missing.values()), ''))
-        result.found += find_breaches(SCAN_RULES, file)
+        result.breaches += find_breaches(SCAN_RULES, file)
         if frame is not None:
             labelled = LabelledScan(frame, scan.points, boxes)
-            result.found += find_breaches(SCAN_FRAME_RULES, labelled)
+            result.breaches += find_breaches(SCAN_FRAME_RULES, labelled)
 
     def _check_image(self, stream: Stream, number: int, result: FrameResult) -> None:
         path = self._path(stream, number, result)
@@ -234,7 +234,7 @@ class FrameChecks:
             return
         result.images[stream] = image.width, image.height, image.channels
         if self._options.decode:
-            result.found += find_breaches(IMAGE_RULES, ImageFile(path, image))
+            result.breaches += find_breaches(IMAGE_RULES, ImageFile(path, image))
 
     def _check_packet(self, number: int, result: FrameResult) -> None:
         path = self._path(Stream.OXTS, number, result)
@@ -269,7 +269,7 @@ class FrameChecks:
             calibration = no_calibration(str(error))
         file = CalibrationFile(calibration, path, cameras)
         breaches = list(find_breaches(CALIBRATION_RULES, file))
-        result.found += breaches
+        result.breaches += breaches
         if not breaches and len(self._known) < _MOST_KNOWN:
             self._known[text] = calibration
         return calibration, path
@@ -287,7 +287,7 @@ class FrameChecks:
         file = result.try_read(
             Stream.LABELS, path, lambda: LabelFile.parse(STORE.read_text(path), path)
         ) or LabelFile.parse('', path)
-        result.found += find_breaches(LABEL_RULES, file)
+        result.breaches += find_breaches(LABEL_RULES, file)
         return list(file.lines), [], path
 
     def _check_tracklets(
@@ -297,7 +297,7 @@ class FrameChecks:
         labels = self._recording.read(Stream.LABELS, number)
         if not isinstance(labels, FrameLabels):
             return [], [], path
-        result.found += find_breaches(TRACKLET_RULES, TrackletFrame(path, labels))
+        result.breaches += find_breaches(TRACKLET_RULES, TrackletFrame(path, labels))
         return [], list(labels.cuboids), path
 
 
@@ -311,7 +311,7 @@ class SequenceChecks:
         facts: What is said by its rules is entered there as reported.
 
     Attributes:
-        found: Breaches, each with the id of its rule.
+        breaches: Each with the id of its rule.
         files, size_bytes: Of the files.
         labels: The labels of all frames, where they are in one file.
         packets: The packets by number, where they are in one file.
@@ -320,7 +320,7 @@ class SequenceChecks:
     def __init__(self, facts: RecordingFacts) -> None:
         self._facts = facts
         self._recording: KittiRecording = facts.recording
-        self.found: list[tuple[str, Breach]] = []
+        self.breaches: list[tuple[str, Breach]] = []
         self.files = 0
         self.size_bytes = 0
         self.labels: LabelFile | None = None
@@ -346,11 +346,11 @@ class SequenceChecks:
             if _is_poses(path):
                 poses = self._parsed(path, text, parse_poses)
                 self._report(poses.errors)
-                self.found += find_breaches(POSE_RULES, PosesFile(path, poses))
+                self.breaches += find_breaches(POSE_RULES, PosesFile(path, poses))
             elif path.parent.name == names.TRACKING_LABELS:
                 self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
                 self._report({error.line: error for error in self.labels.errors})
-                self.found += find_breaches(LABEL_RULES, self.labels)
+                self.breaches += find_breaches(LABEL_RULES, self.labels)
         if self._recording.layout.traits.line_streams >= {Stream.OXTS}:
             self._read_packets()
         self._check_calibration()
@@ -364,19 +364,19 @@ class SequenceChecks:
         numbers = sorted(number for number in self.packets if number in stamps)
         in_lines = Stream.OXTS in self._recording.layout.traits.line_streams
 
-        def place(number: int) -> tuple[Path, int]:
+        def line_of(number: int) -> tuple[Path, int]:
             line = number + 1 if in_lines else 1
             return self._recording.path(Stream.OXTS, number), line
 
         first = self._recording.path(Stream.OXTS, 0)
         track = PacketTrack(
             first if in_lines else first.parent,
-            place,
+            line_of,
             numbers,
             [stamps[number] for number in numbers],
             [self.packets[number] for number in numbers],
         )
-        self.found += find_breaches(OXTS_RULES, track)
+        self.breaches += find_breaches(OXTS_RULES, track)
 
     def _read(self, path: Path, *, quick: bool) -> str | None:
         """Read a text file; None if that is impossible, which is a breach."""
@@ -390,7 +390,7 @@ class SequenceChecks:
             except (BadFileError, OSError) as error:
                 file = replace(file, error=error)
                 self._facts.reported.add(describe_error(error))
-        self.found += find_breaches(FILE_RULES, file)
+        self.breaches += find_breaches(FILE_RULES, file)
         return text
 
     def _parsed(self, path: Path, text: str, parse: Callable[[str, Path], T]) -> T:
@@ -400,7 +400,7 @@ class SequenceChecks:
         except BadFileError as error:
             self._facts.reported.add(str(error))
             file = replace(DataFile.look(Stream.RECORDING, path), error=error)
-            self.found += find_breaches(FILE_RULES, file)
+            self.breaches += find_breaches(FILE_RULES, file)
             return parse('', path)
 
     def _report(
@@ -426,7 +426,7 @@ class SequenceChecks:
                 checked = replace(file, scans=paired)
             else:
                 checked = file
-            self.found += find_breaches(STAMP_RULES, checked)
+            self.breaches += find_breaches(STAMP_RULES, checked)
 
     def _read_packets(self) -> None:
         index = self._recording.streams.get(Stream.OXTS)
@@ -435,7 +435,7 @@ class SequenceChecks:
             try:
                 packet = self._recording.read(Stream.OXTS, number)
             except (BadFileError, OSError) as error:
-                self.found += find_breaches(FILE_RULES, DataFile(Stream.OXTS, path, 0, error))
+                self.breaches += find_breaches(FILE_RULES, DataFile(Stream.OXTS, path, 0, error))
                 continue
             if isinstance(packet, OxtsPacket):
                 self.packets[number] = packet
@@ -448,7 +448,7 @@ class SequenceChecks:
         ]
         calibration = self._recording.calibration(0)
         file = CalibrationFile(calibration, self.calibration_path, cameras)
-        self.found += find_breaches(CALIBRATION_RULES, file)
+        self.breaches += find_breaches(CALIBRATION_RULES, file)
 
 
 def _is_poses(path: Path) -> bool:
@@ -488,26 +488,26 @@ def check_recording(
     Returns:
         What was checked, the numbers of its frames, and how these are named.
     """
-    place = candidate.folder or root
+    folder = candidate.folder or root
     # Labels of points are checked where there are any.
-    semantic = layout.traits.point_labels and (place / names.POINT_LABELS).is_dir()
+    semantic = layout.traits.point_labels and (folder / names.POINT_LABELS).is_dir()
     try:
         recording = candidate.open(replace(read, layout=layout, semantic=semantic))
     except (KittiRos2Error, OSError) as error:
-        tally.add(find_breaches(SOURCE_RULES, Unopened(place, error)))
-        unopened = CheckedSource(place, layout.value, candidate.name, 0, 0, 0)
+        tally.add(find_breaches(SOURCE_RULES, Unopened(folder, error)))
+        unopened = CheckedSource(folder, layout.value, candidate.name, 0, 0, 0)
         return unopened, [], names.SIX_DIGITS
-    return *_Check(recording, place, options, tally).run(progress), recording.file_names
+    return *_Check(recording, folder, options, tally).run(progress), recording.file_names
 
 
 class _Check:
     """The check of an open recording."""
 
     def __init__(
-        self, recording: KittiRecording, place: Path, options: ValidateOptions, tally: FindingTally
+        self, recording: KittiRecording, folder: Path, options: ValidateOptions, tally: FindingTally
     ) -> None:
         self._recording = recording
-        self._place = place
+        self._folder = folder
         self._options = options
         self._tally = tally
         self._facts = RecordingFacts(recording)
@@ -534,10 +534,10 @@ class _Check:
         with np.errstate(all='ignore'):
             if not self._options.quick:
                 sequence.check_packets()
-        self._tally.add(sequence.found)
+        self._tally.add(sequence.breaches)
         self._tally.add(find_breaches(RECORDING_RULES, self._facts))
         source = CheckedSource(
-            self._place,
+            self._folder,
             self._recording.layout.value,
             self._recording.name,
             len(numbers),
@@ -547,7 +547,7 @@ class _Check:
         return source, numbers
 
     def _enter(self, result: FrameResult) -> None:
-        self._tally.add(result.found)
+        self._tally.add(result.breaches)
         self._files += result.files
         self._size_bytes += result.size_bytes
         if result.points is not None:

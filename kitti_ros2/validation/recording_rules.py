@@ -292,7 +292,7 @@ class StampsFile:
     scans: Sequence[int | None] | None = None
     ends: Sequence[int | None] | None = None
 
-    def known(self) -> tuple[Int64Array, Int64Array]:
+    def stamped(self) -> tuple[Int64Array, Int64Array]:
         """Return the numbers of valid lines, from 0, and their stamps."""
         valid = self.lines.sound()
         return np.array(list(valid), np.int64), np.array(list(valid.values()), np.int64)
@@ -319,7 +319,7 @@ def _find_invalid(file: StampsFile) -> Iterator[Breach]:
     'check the clock of the recorder, and the order of the lines',
 )
 def _find_backward(file: StampsFile) -> Iterator[Breach]:
-    numbers, stamps = file.known()
+    numbers, stamps = file.stamped()
     for row in np.flatnonzero(np.diff(stamps) < 0).tolist():
         text = f'{_ms(stamps[row] - stamps[row + 1])} before the stamp above'
         yield Breach(text, file.path, int(numbers[row + 1]) + 1)
@@ -332,7 +332,7 @@ def _find_backward(file: StampsFile) -> Iterator[Breach]:
     'check whether a sample was written twice',
 )
 def _find_repeated(file: StampsFile) -> Iterator[Breach]:
-    numbers, stamps = file.known()
+    numbers, stamps = file.stamped()
     for row in np.flatnonzero(np.diff(stamps) == 0).tolist():
         yield Breach('the same stamp as above', file.path, int(numbers[row + 1]) + 1)
 
@@ -344,7 +344,7 @@ def _find_repeated(file: StampsFile) -> Iterator[Breach]:
     'samples were dropped, or lines are missing',
 )
 def _find_gaps(file: StampsFile) -> Iterator[Breach]:
-    numbers, stamps = file.known()
+    numbers, stamps = file.stamped()
     periods = np.diff(stamps) / np.maximum(np.diff(numbers), 1)
     positive = periods[periods > 0]
     if len(positive) < 3:  # too few for a usual period
@@ -362,7 +362,7 @@ def _find_gaps(file: StampsFile) -> Iterator[Breach]:
     'check whether the clock of the recorder was set',
 )
 def _find_implausible(file: StampsFile) -> Iterator[Breach]:
-    numbers, stamps = file.known()
+    numbers, stamps = file.stamped()
     latest = time.time_ns() + _DAY_NS
     wrong = np.zeros(0, np.int64) if file.relative else np.flatnonzero(
         (stamps < _EARLIEST_NS) | (stamps > latest)
@@ -442,19 +442,19 @@ class PacketTrack:
 
     Attributes:
         path: The folder, or the file of all packets.
-        place: The file and line of the packet with a number.
+        line_of: The file and line of the packet with a number.
         numbers, stamps_ns, packets: The valid ones, ascending.
     """
 
     path: Path
-    place: Callable[[int], tuple[Path, int]]
+    line_of: Callable[[int], tuple[Path, int]]
     numbers: Sequence[int]
     stamps_ns: Sequence[int]
     packets: Sequence[OxtsPacket]
 
     def breach(self, index: int, text: str) -> Breach:
         """Return the breach of a packet."""
-        path, line = self.place(self.numbers[index])
+        path, line = self.line_of(self.numbers[index])
         return Breach(text, path, line)
 
     def column(self, name: str) -> Float64Array:

@@ -272,10 +272,10 @@ class FindingTally:
     """Collects breaches by rule.
 
     Attributes:
-        known: All rules by id.
+        rules: All by id.
     """
 
-    known: Mapping[str, Rule]  # type: ignore[type-arg] # of any subject
+    rules: Mapping[str, Rule]  # type: ignore[type-arg] # of any subject
     _counts: Counter[str] = field(default_factory=Counter)
     _kept: dict[str, dict[Breach, None]] = field(default_factory=dict)
 
@@ -292,9 +292,9 @@ class FindingTally:
     def report(self, sources: Iterable[CheckedSource]) -> ValidationReport:
         """Return the report of all that was added."""
         order = list(RuleSeverity)
-        places = {rule: place for place, rule in enumerate(self.known)}
+        positions = {rule: position for position, rule in enumerate(self.rules)}
         rule_ids = sorted(
-            self._kept, key=lambda rule: (order.index(self.known[rule].severity), places[rule])
+            self._kept, key=lambda rule: (order.index(self.rules[rule].severity), positions[rule])
         )
         groups = tuple(map(self._group, rule_ids))
         totals = {
@@ -304,7 +304,7 @@ class FindingTally:
         return ValidationReport(tuple(sources), groups, *totals.values())
 
     def _group(self, rule_id: str) -> RuleFindings:
-        rule = self.known[rule_id]
+        rule = self.rules[rule_id]
         severity = rule.severity.value
         findings = tuple(
             ValidationFinding(rule_id, severity, breach.path, breach.line, breach.text, rule.remedy)

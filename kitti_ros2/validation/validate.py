@@ -358,12 +358,12 @@ def validate(
     tally = FindingTally(rules_by_id(bags=any(content.bags for content in contents)))
     show = progress or (lambda _done, _total: None)
     sources: list[CheckedSource] = []
-    for place, content in zip(map(as_path, paths), contents, strict=False):
+    for source, content in zip(map(as_path, paths), contents, strict=False):
         for data_set in content.data_sets:
             sources += _check_data_set(data_set, read, chosen, tally, show)
         sources += _check_bags(content.bags, chosen, tally, show)
         if not content.complete:
-            tally.add(find_breaches(SOURCE_RULES, Unopened(place)))
+            tally.add(find_breaches(SOURCE_RULES, Unopened(source)))
     return tally.report(sources)
 
 

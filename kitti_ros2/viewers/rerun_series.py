@@ -133,7 +133,7 @@ def make_survey(program: Program) -> ProgramSurvey:
     """
     survey = ProgramSurvey({outlet.topic: outlet.msgtype for outlet in program.channels})
     unseen = set(range(len(program.channels)))
-    for due in _first_moments(program):
+    for due in _first_messages(program):
         _note(survey, program, due, first=due.channel in unseen)
         unseen.discard(due.channel)
         if not unseen:
@@ -141,7 +141,7 @@ def make_survey(program: Program) -> ProgramSurvey:
     return survey
 
 
-def _first_moments(program: Program) -> Iterator[Message]:
+def _first_messages(program: Program) -> Iterator[Message]:
     yield from program.latched_before(0)
     every = range(len(program.channels))
     last_ns = int(program.stamps_ns[0]) + _LONGEST_NS

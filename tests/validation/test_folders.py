@@ -34,7 +34,7 @@ FOLDERS = {
     'calib': '.txt',
 }
 _ALSO_FOUND = {'source-open', 'source-large', 'scan-columns'}
-"""Rules whose faults are planted in test_sources.py and test_scan_columns.py."""
+"""Rules whose faults are planted in test_checked_sources.py and test_scan_columns.py."""
 
 
 def write(folder: Path, layout: Layout, options) -> Path:
