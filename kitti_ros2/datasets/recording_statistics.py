@@ -145,6 +145,18 @@ def _zeros(names: Iterable[str]) -> Counter[str]:
     return Counter(dict.fromkeys(names, 0))
 
 
+def _add_fields(own: ObjectStatistics | RouteStatistics, other: object) -> None:
+    """Add the numbers, counts and distributions of a dataclass to those of another."""
+    for own_field in fields(own):
+        mine, theirs = getattr(own, own_field.name), getattr(other, own_field.name)
+        if isinstance(mine, Counter):
+            mine.update(theirs)
+        elif isinstance(mine, Distribution):
+            mine.merge(theirs)
+        else:
+            setattr(own, own_field.name, mine + theirs)
+
+
 @dataclass
 class ObjectStatistics:
     """The objects of one class; of DontCare regions only count, frames and most.
@@ -211,15 +223,9 @@ class ObjectStatistics:
 
     def merge(self, other: ObjectStatistics) -> None:
         """Add the objects of another recording."""
-        self.count += other.count
-        self.frames += other.frames
-        self.most = max(self.most, other.most)
-        for own_field in fields(self):
-            mine, theirs = getattr(self, own_field.name), getattr(other, own_field.name)
-            if isinstance(mine, Counter):
-                mine.update(theirs)
-            elif isinstance(mine, Distribution):
-                mine.merge(theirs)
+        most = max(self.most, other.most)
+        _add_fields(self, other)
+        self.most = most
 
 
 class ObjectTally:
@@ -287,12 +293,7 @@ class RouteStatistics:
 
     def merge(self, other: RouteStatistics) -> None:
         """Add the route of another recording."""
-        self.poses += other.poses
-        self.length_m += other.length_m
-        self.duration_s += other.duration_s
-        self.jumps += other.jumps
-        self.speed_m_s.merge(other.speed_m_s)
-        self.turn_rate_deg_s.merge(other.turn_rate_deg_s)
+        _add_fields(self, other)
 
 
 class RouteTrace:

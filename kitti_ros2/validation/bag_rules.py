@@ -20,6 +20,7 @@ from ..messages.clouds import read_points
 from ..messages.images import picture_kind, pixels_of
 from ..messages.naming import FrameNames
 from ..messages.rectified_cameras import angle_of
+from ..messages.scan_sources import SCAN_TYPES
 from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
@@ -30,8 +31,6 @@ from ..model.bag_formats import (
     FIX,
     IMAGE,
     IMU,
-    LASER_SCAN,
-    LIVOX,
     MARKERS,
     ODOMETRY,
     PATH,
@@ -40,7 +39,6 @@ from ..model.bag_formats import (
     TF_TYPES,
     TRACKED_OBJECTS,
     TWIST,
-    VELODYNE,
 )
 from ..model.errors import format_count
 from ..model.streams import NS_PER_S, format_stamp
@@ -288,9 +286,9 @@ def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
 HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
 """Types of sensors and poses, which begin with a header."""
 _READ_TYPES = frozenset(
-    {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, LASER_SCAN, MARKERS, PATH, TRACKED_OBJECTS}
+    {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, MARKERS, PATH, TRACKED_OBJECTS}
 )
-CHECKED_TYPES = HEADED_TYPES | TF_TYPES | {STRING, VELODYNE} | LIVOX | _READ_TYPES
+CHECKED_TYPES = HEADED_TYPES | TF_TYPES | SCAN_TYPES | {STRING} | _READ_TYPES
 """Types of messages that are decoded: all that `to-kitti` and the evaluations read."""
 _COEFFICIENTS = {
     'plumb_bob': {0, 4, 5},

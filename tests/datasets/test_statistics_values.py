@@ -60,3 +60,11 @@ def _near(value):
     if isinstance(value, list):
         return [_near(each) for each in value]
     return pytest.approx(value, rel=1e-9, abs=1e-9) if isinstance(value, float) else value
+
+
+def test_every_figure_of_two_routes_is_added():
+    route = RouteStatistics(2, 10.0, 1.0, 1)
+    route.speed_m_s.add(3.0)
+    route.merge(RouteStatistics(3, 5.0, 0.5, 2))
+    assert (route.poses, route.length_m, route.duration_s, route.jumps) == (5, 15.0, 1.5, 3)
+    assert route.speed_m_s.count == 1
