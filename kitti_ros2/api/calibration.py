@@ -221,7 +221,7 @@ class CalibratedRig:
         identity = '0' if track is None else str(track)
         cuboid = Cuboid(class_name, identity, pose, (length, width, height), score, track)
         self._projection(camera)
-        (made,), _ = make_boxes(
+        (box_label,), _ = make_boxes(
             [cuboid],
             self.model,
             ImageOf(camera, size),
@@ -229,7 +229,7 @@ class CalibratedRig:
             out_of_view=True,
             occluded=occluded,
         )
-        return replace(made, track_id=track)
+        return replace(box_label, track_id=track)
 
     @property
     def _links(self) -> list[tuple[str, str, Transform]]:

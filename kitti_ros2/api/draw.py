@@ -90,6 +90,6 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
         raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')
     chosen = MODES[settings.mode]
     frames = frame.source.frames
-    wanted = chosen.streams(frames.cameras, settings.pictures)
-    pixels = chosen.draw(frames.frame(frame.number, wanted), settings.pictures)
+    streams = chosen.streams(frames.cameras, settings.pictures)
+    pixels = chosen.draw(frames.frame(frame.number, streams), settings.pictures)
     return np.ascontiguousarray(pixels[..., ::-1]).view(Picture)

@@ -85,7 +85,7 @@ class FrameObject:
 
     @property
     def has_box(self) -> bool:
-        """Whether it has a 3D box; DontCare regions and 2D detections have none."""
+        """True if it has a 3D box; DontCare regions and 2D detections have none."""
         return self._cuboid is not None
 
     @property
@@ -411,10 +411,10 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
         >>> recording[0].number, recording[0].points.shape
         (0, (..., 4))
     """
-    place = as_path(path)
-    if is_remote(place):
-        forget(place)  # it may have changed since an earlier call
-    source = OpenSource(place, options)
+    source_path = as_path(path)
+    if is_remote(source_path):
+        forget(source_path)  # it may have changed since an earlier call
+    source = OpenSource(source_path, options)
     recording = Recording(source, source.frames.numbers)
     if recording.losses:
         count = len(recording.losses)

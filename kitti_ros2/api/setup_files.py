@@ -111,7 +111,7 @@ def _bag(stack: Stack) -> str:
 
 _DELAY_S = 5
 _COLUMNS = 90
-_PLACE = '{dir}'
+_DIR = '{dir}'
 _IMPORTS = (
     ('launch', ('LaunchDescription',)),
     (
@@ -207,18 +207,18 @@ def _imports(text: str) -> str:
 
 
 def _node(node: Node, parameters: Sequence[str]) -> _Call:
-    given: list[object] = [
-        _place(f'{_PLACE}/{parameter}') for parameter in parameters if node.parameters
+    settings: list[object] = [
+        _text_or_path(f'{_DIR}/{parameter}') for parameter in parameters if node.parameters
     ]
     if node.values:
-        given.append({name: _place(value) for name, value in node.values.items()})
+        settings.append({name: _text_or_path(value) for name, value in node.values.items()})
     words: dict[str, object] = {
         'package': node.package,
         **({'plugin': node.component} if node.component else {'executable': node.executable}),
         'name': node.name,
-        'parameters': given,
+        'parameters': settings,
         'remappings': [*node.remappings.items()],
-        'arguments': [*map(_place, node.arguments)],
+        'arguments': [*map(_text_or_path, node.arguments)],
         'output': '' if node.component else 'screen',
     }
     inner = _Call(
@@ -243,18 +243,18 @@ def _included(included: LaunchFile) -> list[object]:
     variables = [_Call('SetEnvironmentVariable', pair) for pair in included.environment.items()]
     share = _Call('FindPackageShare', (included.package,))
     file = _Call('PathJoinSubstitution', ([share, included.file],))
-    arguments = [(name, _place(value)) for name, value in included.arguments.items()]
+    arguments = [(name, _text_or_path(value)) for name, value in included.arguments.items()]
     words = {'launch_arguments': arguments} if arguments else {}
     source = _Call('AnyLaunchDescriptionSource', (file,))
     return [*variables, _Call('IncludeLaunchDescription', (source,), words)]
 
 
-def _place(text: str) -> object:
+def _text_or_path(text: str) -> object:
     """Return a text, or the expression of a path that begins with {dir}."""
-    if text == _PLACE:
+    if text == _DIR:
         return _Code('str(HERE)')
-    if text.startswith(f'{_PLACE}/'):
-        return _Code(f'str(HERE / {text.removeprefix(f"{_PLACE}/")!r})')
+    if text.startswith(f'{_DIR}/'):
+        return _Code(f'str(HERE / {text.removeprefix(f"{_DIR}/")!r})')
     return text
 
 

@@ -313,7 +313,7 @@ class CollectionReport:
 
     @property
     def ok(self) -> bool:
-        """Whether all jobs are done, without losses."""
+        """True if all jobs are done, without losses."""
         return all(record.state == DONE and not record.bad for record in self.records)
 
 
@@ -392,7 +392,7 @@ class _Queue:
         return JobTask(job, out, options)
 
     def _is_ours(self, record: JobRecord, job: Job, out: Path) -> bool:
-        """Whether a job may replace what is at its output: nothing, or its own."""
+        """Return whether a job may replace what is at its output: nothing, or its own."""
         own = record.ours and record.identity.source == job.origin
         return own or not self._out_folder.has(out)
 

@@ -80,7 +80,7 @@ def absolute_task(task: JobTask) -> JobTask:
 
 
 def is_url(path: Path) -> bool:
-    """Whether a path is that of a store, which all workers reach under the same name."""
+    """Return whether a path is that of a store, which all workers reach under the same name."""
     return '://' in str(path)
 
 
@@ -166,7 +166,7 @@ class _Reporter:
             self.report('advance', done, total)
 
     def _is_wanted(self) -> bool:
-        """Whether the worker still counts, and its task too.
+        """Return whether the worker still counts, and its task too.
 
         Threads cannot be killed: a worker that the scheduler has given up, or whose task the
         client has cancelled, stops here.

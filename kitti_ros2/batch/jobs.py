@@ -101,8 +101,8 @@ def _listed(path: Path) -> Iterator[Path]:
     for line in lines:
         text = line.partition('#')[0].strip()
         if text:
-            given = remote.as_path(text)
-            yield given if remote.is_remote(given) else path.parent / given
+            root = remote.as_path(text)
+            yield root if remote.is_remote(root) else path.parent / root
 
 
 def _matches(pattern: Path) -> list[Path]:
@@ -602,25 +602,25 @@ def _truths(
 def _truths_at(
     root: Path, base: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
 ) -> Iterator[Job]:
-    wanted = kind.layout or layout
+    pair_layout = kind.layout or layout
     top = absolute(root)
     if top.is_dir():
         split = top.parent if kind.layout and top.name == TRACKING_LABELS else top
-        recordings = recordings_at(split, base, wanted, search)
+        recordings = recordings_at(split, base, pair_layout, search)
         yield from recordings
-        if wanted is None and not recordings:
+        if pair_layout is None and not recordings:
             if kind.frames and find_frame_files(top) is not None:
                 yield Job(relative_name(top, base), top)
             for path in sorted(top.iterdir()) if kind.texts else ():
                 if _is_text(path):
                     yield Job(_result_name(path, base), path)
-    if wanted is None:
+    if pair_layout is None:
         for bag in bags_at(root, search):
             yield Job(_result_name(bag, base), bag)
 
 
 def _has(job: Job, stream: Stream) -> bool:
-    """Whether a recording has a stream; one that cannot be opened fails with its reason later."""
+    """Return whether a recording has a stream; an unreadable one fails with its reason later."""
     if job.layout is None:
         return True
     try:

@@ -421,7 +421,7 @@ def measure_pace(records: Sequence[JobRecord], run: CollectionRun | None) -> Pac
     ends = [record.ended for record in recent if record.ended is not None]
     # A clock that was set back gives no rate.
     seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
-    left = states[TODO] + states[RUNNING]
+    remaining = states[TODO] + states[RUNNING]
     return Pace(
         states=states,
         lossy=sum(record.state == DONE and record.bad > 0 for record in records),
@@ -433,7 +433,7 @@ def measure_pace(records: Sequence[JobRecord], run: CollectionRun | None) -> Pac
         recent=len(recent),
         recent_seconds=seconds,
         recent_bytes=sum(record.counts.get('bytes', 0) for record in recent),
-        seconds_left=left * seconds / len(recent) if recent and seconds else None,
+        seconds_left=remaining * seconds / len(recent) if recent and seconds else None,
     )
 
 
@@ -471,7 +471,7 @@ class OutFolder:
         self.lock = lock
 
     def has(self, out: Path) -> bool:
-        """Whether there is something at an output."""
+        """Return whether there is something at an output."""
         return os.path.lexists(out)
 
     def remove_leftovers(self, out: Path) -> None:
@@ -518,7 +518,7 @@ class StoreOutFolder(OutFolder):
         self._fetch()
 
     def has(self, out: Path) -> bool:
-        """Whether there is something at an output, as listed at the start of the run."""
+        """Return whether there is something at an output, as listed at the start of the run."""
         return out.relative_to(self._out).as_posix() in self._names
 
     def remove_leftovers(self, out: Path) -> None:

@@ -80,7 +80,7 @@ class JobResult:
 
     @property
     def failed(self) -> bool:
-        """Whether there is no output."""
+        """True if there is no output."""
         return bool(self.reason)
 
 

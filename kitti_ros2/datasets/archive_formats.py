@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tar and zip archives, opened by their first bytes, and what is refused of their content."""
+"""Tar and zip archives, opened by their first bytes, with checks of their content."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class BadArchiveError(KittiRos2Error):
-    """An archive that is refused as a whole: damaged, hostile, or without KITTI's folders."""
+    """A refused archive: damaged, hostile, or without KITTI's folders."""
 
     def __init__(self, path: Path, reason: str, remedy: str) -> None:
         self.path = str(path)
@@ -44,10 +44,10 @@ class BadArchiveError(KittiRos2Error):
 
 
 class BadMemberError(KittiRos2Error):
-    """A file in an archive that cannot be read; the others can.
+    """An unreadable file in an archive; the others are readable.
 
     Args:
-        reason: An error of the disk, or of what unpacks the file.
+        reason: An error of the disk or of the decompression.
     """
 
     def __init__(self, reason: Exception | str) -> None:
@@ -60,7 +60,7 @@ class BadMemberError(KittiRos2Error):
 
 
 class StoppedError(KittiRos2Error):
-    """An extraction or a download that stopped, such as on a full disk; it can be continued."""
+    """An extraction or download stopped, as on a full disk; it can be continued."""
 
     def __init__(self, path: Path, reason: str) -> None:
         self.path = str(path)
@@ -72,7 +72,7 @@ def stopping(path: Path) -> Iterator[None]:
     """Convert errors of the disk to StoppedError.
 
     Args:
-        path: What is written.
+        path: The file being written.
     """
     try:
         yield
@@ -82,19 +82,19 @@ def stopping(path: Path) -> Iterator[None]:
         raise StoppedError(path, reason) from error
 
 
-# Files in an archive as the archive lists them, and what is refused of them.
+# Files in an archive as the archive lists them, and their checks.
 
 _DRIVE_LETTER = re.compile(r'[A-Za-z]:')
 _LONGEST_PART_BYTES = 255 - len('..part')
 _LONGEST_NAME_BYTES = 2048
 _MOST_MEMBERS = 1_000_000
 _LEAST_SUSPICIOUS_BYTES = 100_000_000
-"""Smaller contents may be compressed by any ratio, as files of zeros are."""
+"""Smaller contents may have any compression ratio, as files of zeros do."""
 _LEAST_DICTIONARY_BYTES = 1 << 26
 DECOMPRESSION_ERRORS = (zlib.error, lzma.LZMAError, OSError)
 """bz2 and gzip raise OSError."""
 CHUNK_BYTES = 1 << 20
-"""Read at a time."""
+"""Size of a read."""
 _UNTRUSTED = 'download it from a source that you trust'
 
 
@@ -103,12 +103,12 @@ class Member:
     """A file, a folder or something else in an archive.
 
     Attributes:
-        name: As the archive has it, with / between folders.
+        name: Name in the archive, with / between folders.
         size: Declared bytes.
         crc: CRC-32 of the content; None in a tar.
-        is_folder: Whether it is a folder.
-        other: What it is if it is neither a file nor a folder, such as a symbolic link.
-        locked: Why its content cannot be read, such as a password; empty if it can.
+        is_folder: True for a folder.
+        other: Kind of anything else, such as a symbolic link; empty for files and folders.
+        locked: Reason for unreadable content, such as a password; empty if readable.
         info: The record of zipfile or tarfile.
     """
 
@@ -142,7 +142,7 @@ class Packed(Protocol):
         """
         ...
 
-    def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
+    def contents(self, members: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
         """Yield some members with the chunks of their content, in the order of the archive.
 
         The chunks of a member that cannot be read raise BadMemberError.
@@ -164,7 +164,7 @@ class Limits:
 
 
 def checked(packed: Packed, limits: Limits) -> Iterator[Member]:
-    """Yield the members of an archive as long as none is hostile.
+    """Yield the members of an archive up to a hostile one.
 
     Raises:
         BadArchiveError: A name leads out of the folder, a member is neither a file nor a folder, or
@@ -191,15 +191,15 @@ def checked(packed: Packed, limits: Limits) -> Iterator[Member]:
 
 
 def most_dictionary_bytes(archive: Path) -> int:
-    """Return the largest LZMA dictionary, which is memory, for an archive of its size.
+    """Return the largest LZMA dictionary, in memory, for the size of an archive.
 
-    64 MB is that of xz -9 and 7-Zip's ultra; no sound archive has one far larger than itself.
+    xz -9 and 7-Zip's ultra take 64 MB; a valid archive has none far larger than itself.
     """
     return max(_LEAST_DICTIONARY_BYTES, 16 * archive.stat().st_size)
 
 
 def _refusal(member: Member) -> str:
-    """Return why a member is hostile; empty if it is not."""
+    """Return the reason to refuse a member; empty without one."""
     name = member.name
     parts = name.split('/')
     longest = max(len(part.encode('utf-8', 'surrogateescape')) for part in parts)
@@ -219,11 +219,11 @@ def _refusal(member: Member) -> str:
 
 _READ_BYTES = 1 << 16
 _OVERHEAD_BYTES = 4 << 20
-"""What liblzma needs beside the dictionary, at most."""
+"""Most bytes that liblzma needs beside the dictionary."""
 
 
 class _XzReader(io.RawIOBase):
-    """The content of a file of one or more xz streams, which is best read forwards."""
+    """The content of a file of one or more xz streams; seeking backwards is slow."""
 
     def __init__(self, path: Path, most_dictionary_bytes: int) -> None:
         self._path = path
@@ -285,7 +285,7 @@ class _XzReader(io.RawIOBase):
                 return content
 
     def _next_stream(self) -> bytes:
-        """Begin a stream with the bytes behind padding that it returns; none at the end."""
+        """Begin a stream; return its first bytes after padding, none at the end."""
         chunk = self._stream.unused_data.lstrip(b'\0')
         while not chunk and (read := self._file.read(_READ_BYTES)):
             chunk = read.lstrip(b'\0')
@@ -310,7 +310,7 @@ def open_xz(path: Path, most_dictionary_bytes: int) -> io.BufferedReader:
 
     Args:
         path: A file that begins with the magic of xz.
-        most_dictionary_bytes: The largest dictionary, which is memory.
+        most_dictionary_bytes: Size of the largest dictionary, in memory.
 
     Raises:
         lzma.LZMAError, EOFError: While reading: it is damaged or truncated.
@@ -319,13 +319,13 @@ def open_xz(path: Path, most_dictionary_bytes: int) -> io.BufferedReader:
     return io.BufferedReader(_XzReader(path, most_dictionary_bytes))
 
 
-# Tar archives, plain or compressed: read from the beginning to the end, never backwards.
+# Tar archives, plain or compressed: read forwards only.
 
 _ERRORS = (tarfile.TarError, EOFError, ValueError, RecursionError, *DECOMPRESSION_ERRORS)
 _LONGEST_READ = 16 << 20
 """tarfile reads a header of any declared size at once."""
 _MOST_PADDING = 1 << 20
-"""After the end of the last member, to verify the checksum of the compression."""
+"""Bytes read after the last member, to verify the checksum of the compression."""
 _OPENERS: dict[bytes, Any] = {
     b'\x1f\x8b': gzip.GzipFile,
     b'BZh': bz2.BZ2File,
@@ -335,7 +335,7 @@ MAGICS = tuple(_OPENERS)
 
 
 class _Forward:
-    """A file for tarfile: limits how much is read at once and keeps what was read last."""
+    """A file for tarfile: limits the size of a read, and buffers the last one."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -370,7 +370,7 @@ class TarArchive:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing stays open between two passes."""
+        """Do nothing: no file is open between two passes."""
 
     def members(self) -> Iterator[Member]:
         """List all members, by a pass over the archive.
@@ -390,36 +390,36 @@ class TarArchive:
             raise self._damaged(describe_error(error)) from error
 
     def _check_end(self, forward: _Forward, file: IO[bytes]) -> None:
-        """Check that the marker of the end was read: tarfile takes damage for the end."""
+        """Check for the end marker: tarfile takes damage for the end."""
         if len(forward.last) < tarfile.BLOCKSIZE or any(forward.last):
             raise self._damaged('its end is missing')
-        left = _MOST_PADDING
-        while left > 0 and (chunk := file.read(1 << 16)):
-            left -= len(chunk)
+        remaining = _MOST_PADDING
+        while remaining > 0 and (chunk := file.read(1 << 16)):
+            remaining -= len(chunk)
 
     def _damaged(self, reason: str) -> BadArchiveError:
         text = f'is a truncated or damaged tar archive ({reason})'
         return BadArchiveError(self.path, text, 'download it again')
 
-    def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
+    def contents(self, members: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
         """Yield some members with the chunks of their content, by a pass over the archive."""
-        left = {member.info.offset: member for member in wanted}
+        remaining = {member.info.offset: member for member in members}
         try:
             with self._open(self.path) as file:
                 forward = cast('IO[bytes]', _Forward(file))
                 with tarfile.open(fileobj=forward, mode='r:') as archive:
                     for info in archive:
                         _forget(archive)
-                        if info.offset in left:
-                            yield left.pop(info.offset), _pieces(archive, info)
-                        if not left:
+                        if info.offset in remaining:
+                            yield remaining.pop(info.offset), _pieces(archive, info)
+                        if not remaining:
                             return
         except _ERRORS as error:
             raise self._damaged(describe_error(error)) from error
 
 
 def _forget(archive: TarFile) -> None:
-    """Release the members so far: tarfile keeps all of them."""
+    """Release the members so far: tarfile stores all."""
     archive.members = []  # type: ignore[attr-defined]
 
 
@@ -445,7 +445,7 @@ def _member(info: TarInfo) -> Member:
 
 
 def _tar_kind(info: TarInfo) -> str:
-    """Return what a member is if it is neither a file nor a folder."""
+    """Return the kind of a member that is neither a file nor a folder."""
     kinds = {
         'symbolic link': info.issym(),
         'hard link': info.islnk(),
@@ -457,7 +457,7 @@ def _tar_kind(info: TarInfo) -> str:
     return next((kind for kind, is_it in kinds.items() if is_it), '')
 
 
-# Zip archives: members from the directory at the end, contents with their CRC checked.
+# Zip archives: members from the directory at the end, contents with CRC check.
 
 _UNIX = 3
 _ENCRYPTED = 0x1
@@ -467,7 +467,7 @@ _METHODS = {0, 8, 12, _LZMA}
 """Stored, deflate, bzip2, LZMA."""
 _LOCAL_HEADER = struct.Struct('<26xHH')
 _LZMA_HEADER = struct.Struct('<5xI')
-"""After two versions, the length of the properties and a byte of them: APPNOTE.TXT 5.8.8."""
+"""Two versions, the length of the properties and a byte of them: APPNOTE.TXT 5.8.8."""
 _KINDS = {
     stat.S_IFLNK: 'symbolic link',
     stat.S_IFCHR: 'device',
@@ -503,7 +503,7 @@ class ZipArchive:
         """List all members.
 
         Raises:
-            BadArchiveError: Members overlap, as in archives that are made to fill disks.
+            BadArchiveError: Members overlap, as in zip bombs.
         """
         infos = self._zip.infolist()
         if sum(info.compress_size for info in infos) > self.path.stat().st_size:
@@ -521,9 +521,9 @@ class ZipArchive:
                 info=info,
             )
 
-    def contents(self, wanted: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
+    def contents(self, members: Iterable[Member]) -> Iterator[tuple[Member, Iterator[bytes]]]:
         """Yield some members with the chunks of their content."""
-        for member in wanted:
+        for member in members:
             yield member, self._pieces(member.info)
 
     def _pieces(self, info: ZipInfo) -> Iterator[bytes]:
@@ -553,7 +553,7 @@ class ZipArchive:
 
 
 def _zip_kind(info: ZipInfo) -> str:
-    """Return what a member is if it is neither a file nor a folder."""
+    """Return the kind of a member that is neither a file nor a folder."""
     mode = stat.S_IFMT(info.external_attr >> 16) if info.create_system == _UNIX else 0
     return _KINDS.get(mode, '')
 
@@ -566,7 +566,7 @@ def _lock(info: ZipInfo) -> str:
     return ''
 
 
-# Opens an archive by its first bytes, whatever its name is.
+# Opening by the first bytes, for any file name.
 
 _ZIP = (b'PK\x03\x04', b'PK\x05\x06')
 _TAR_OFFSET = 257
@@ -578,7 +578,7 @@ def open_archive(path: Path) -> Packed:
 
     Raises:
         MissingPathError: There is no such file.
-        BadArchiveError: The file is no archive, or damaged.
+        BadArchiveError: The file is damaged or no archive.
     """
     if not path.exists():
         raise MissingPathError(path)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""KITTI's archives and raw drives as far as they are public, and the choice among them.
+"""KITTI's public archives and raw drives, and their selection.
 
-The figures, and where they are from, are in archives.txt and raw_drives.txt.
+The figures and their sources are in archives.txt and raw_drives.txt.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 
 KITTI_URL = 'https://s3.eu-central-1.amazonaws.com/avg-kitti'
-"""The bucket that KITTI's download links and its raw_data_downloader.sh lead to."""
+"""The bucket of KITTI's download links and its raw_data_downloader.sh."""
 CALIB_BYTES = 4100  # they have 4068 to 4075, by the source of the drives' sizes
 
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """An archive that can be downloaded.
+    """A downloadable archive.
 
     Attributes:
         benchmark: raw, object, tracking or odometry.
         part: Its name on the command line.
         name: Name of the file.
         path: Path below the base URL.
-        about_bytes: Its size, rounded; None if no source has it.
-        sha256: Its checksum; empty if no source has it.
-        own_url: Where it is if it is not with KITTI's other archives.
+        about_bytes: Size, rounded; None if unknown.
+        sha256: Checksum; empty if unknown.
+        own_url: URL of an archive outside of KITTI's bucket.
     """
 
     benchmark: str
@@ -49,7 +49,7 @@ class CatalogueEntry:
     own_url: str = ''
 
     def urls(self, base_url: str) -> tuple[str, ...]:
-        """Return where to look for it: at KITTI's path, else beside all others."""
+        """Return its URLs at a base URL, in the order of attempts."""
         if base_url == KITTI_URL:
             return (self.own_url or f'{base_url}/{self.path}',)
         return tuple(dict.fromkeys((f'{base_url}/{self.path}', f'{base_url}/{self.name}')))
@@ -59,9 +59,9 @@ def raw_entry(drive: str, kind: str, about_bytes: int | None) -> CatalogueEntry:
     """Return an archive of a raw drive.
 
     Args:
-        drive: Its name, without the kind.
+        drive: Name without the kind.
         kind: sync, extract or tracklets.
-        about_bytes: Its size, None if it is not known.
+        about_bytes: Size; None if unknown.
     """
     name = f'{drive}_{kind}.zip'
     return CatalogueEntry('raw', f'{drive}_{kind}', name, f'raw_data/{drive}/{name}', about_bytes)
@@ -108,9 +108,9 @@ class RawDrive:
     Attributes:
         name: Date and number, without sync or extract.
         category: One of CATEGORIES.
-        frames: Number of frames of sync; None if no source has it.
+        frames: Number of frames of sync; None if unknown.
         sync_bytes: Size of the archive of sync.
-        has_tracklets: Whether there is an archive of tracklets.
+        has_tracklets: True if an archive of tracklets exists.
     """
 
     name: str
@@ -121,7 +121,7 @@ class RawDrive:
 
     @property
     def date(self) -> str:
-        """The date in the name, which the archive of the calibration has, too."""
+        """The date in the name, shared with the archive of the calibration."""
         return self.name.partition('_drive_')[0]
 
     @property
@@ -140,7 +140,7 @@ def raw_drives() -> dict[str, RawDrive]:
     return drives
 
 
-# Words of a user to archives: a benchmark with its parts, raw drives, ranges of them, dates.
+# Archives by a user's words: a benchmark with its parts, raw drives, ranges of them, dates.
 #
 # object image_2 calib label_2          parts of a benchmark; all selects each of them
 # raw 2011_09_26_drive_0005             a drive, with the calibration of its day
@@ -159,11 +159,11 @@ _ALIASES = {'image_2': 'image_02', 'image_3': 'image_03', 'label_2': 'label_02'}
 
 @dataclass(frozen=True)
 class RawKinds:
-    """Which archives of raw drives are selected.
+    """A selection of archives of raw drives.
 
     Attributes:
-        kinds: Of sync, extract and tracklets; empty selects sync, and tracklets where they exist.
-        categories: Only drives of these; empty selects all.
+        kinds: Any of sync, extract, tracklets; empty selects sync and existing tracklets.
+        categories: Categories of the drives; empty selects all.
 
     Raises:
         UsageError: A category is unknown.
@@ -182,16 +182,18 @@ class RawKinds:
 
         Args:
             drives: The drives; those of other categories are left out.
-            kind: The kind that was given with a drive's name.
+            kind: The kind in a drive's name.
 
         Raises:
             UsageError: None of them is of the categories.
         """
-        given = list(drives)
+        all_drives = list(drives)
         chosen = [
-            drive for drive in given if not self.categories or drive.category in self.categories
+            drive
+            for drive in all_drives
+            if not self.categories or drive.category in self.categories
         ]
-        if given and not chosen:
+        if all_drives and not chosen:
             raise UsageError(f'none of these drives is of category {either(self.categories)}')
         entries = [calib_entry(date) for date in dict.fromkeys(drive.date for drive in chosen)]
         for drive in chosen:
@@ -206,7 +208,7 @@ class RawKinds:
 
 
 def select(words: Sequence[str], raw: RawKinds) -> list[CatalogueEntry]:
-    """Return the archives that words name, each once.
+    """Return the archives that words name, without duplicates.
 
     Raises:
         UsageError: A word is unknown, or nothing is selected.
@@ -230,7 +232,7 @@ def select(words: Sequence[str], raw: RawKinds) -> list[CatalogueEntry]:
 
 
 def _close(benchmark: str, raw: RawKinds, *, chosen: bool) -> list[CatalogueEntry]:
-    """Return the archives of a benchmark without parts: only --category selects some."""
+    """Return the archives of a benchmark without parts, which needs --category."""
     if chosen or not benchmark:
         return []
     if benchmark == 'raw' and raw.categories:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from .scan_crop import CutScan
 
 
-# Cuts the scans of one recording, and places its other files.
+# Cuts the scans of one recording, and links or copies its other files.
 
 
 @dataclass
@@ -50,13 +50,13 @@ class CroppedRecording:
     """A recording of the new data set.
 
     Attributes:
-        name: Of the drive, split or sequence.
+        name: Name of the drive, split or sequence.
         folder: Folder of the cut scans in the data set.
         scans: Number of scans.
         points_before, points_after: Number of their points.
-        labels_dropped: Number of labels that are left out.
-        linked, copied: Number of unchanged files, by hard link and as copies.
-        size_bytes: Of the files that are new.
+        labels_dropped: Number of dropped labels.
+        linked, copied: Number of unchanged files: hard links, copies.
+        size_bytes: Size of the new files.
     """
 
     name: str
@@ -71,7 +71,7 @@ class CroppedRecording:
 
 
 class RecordingCrop:
-    """Cuts the scans of one recording, and places its other files.
+    """Cuts the scans of one recording, and links or copies its other files.
 
     Attributes:
         result: The recording of the new data set, so far.
@@ -94,19 +94,19 @@ class RecordingCrop:
 
     @property
     def losses(self) -> list[Loss]:
-        """What could not be used so far, and what is missing in the recording."""
+        """Data that is unusable so far, or missing in the recording."""
         failed = [
             _loss(stream, reason, numbers) for (stream, reason), numbers in self._failures.items()
         ]
         needed = {Stream.SCAN.value}
         drop = self._options.empty_labels is EmptyLabels.DROP
-        if drop and Stream.LABELS not in self._recording.streams:  # a file that is unreadable
+        if drop and Stream.LABELS not in self._recording.streams:  # an unreadable file
             needed.add(Stream.LABELS.value)
         return failed + [loss for loss in self._recording.losses if loss.stream in needed]
 
     @property
     def notes(self) -> list[str]:
-        """Remarks so far."""
+        """Notes so far."""
         if not self._emptied:
             return self._paths.notes
         numbers = format_numbers(self._emptied)
@@ -115,20 +115,20 @@ class RecordingCrop:
             f'{self.result.folder}: no point is left in frames {numbers}; their files are empty',
         ]
 
-    def run(self, root: Path, taken: set[PurePosixPath]) -> Iterator[int]:
-        """Write the recording, and yield the number of each scan that is done.
+    def run(self, root: Path, shared_paths: set[PurePosixPath]) -> Iterator[int]:
+        """Write the recording, and yield the number of each finished scan.
 
         Args:
             root: Folder of the new data set.
-            taken: Places of files that recordings share, which are added.
+            shared_paths: Targets of files that recordings share; those of this one are added.
 
         Raises:
             OSError: The output cannot be written.
         """
-        for source, place in self._paths.others(self._fail):
-            if place not in taken:
-                self._place(source, root / place)
-        taken |= self._paths.single_files
+        for source, target in self._paths.others(self._fail):
+            if target not in shared_paths:
+                self._link(source, root / target)
+        shared_paths |= self._paths.single_files
         cropper = ScanCropper(self._recording, self._options, self._paths, self._linker, root)
         rows: dict[int, Sequence[int]] = {}
         for cut in ordered_map(cropper.crop, self._paths.numbers, worker_count()):
@@ -145,8 +145,8 @@ class RecordingCrop:
         result.points_before += cut.before
         result.points_after += cut.after
         result.labels_dropped += len(cut.empty_rows)
-        result.linked += sum(cut.placed)
-        result.copied += len(cut.placed) - sum(cut.placed)
+        result.linked += sum(cut.linked)
+        result.copied += len(cut.linked) - sum(cut.linked)
         result.size_bytes += cut.size_bytes
         if cut.before and not cut.after:
             self._emptied.append(cut.number)
@@ -158,19 +158,19 @@ class RecordingCrop:
         paths = self._paths.tracks()
         if paths is None:
             return
-        source, place = paths
+        source, target = paths
         if not rows:
-            self._place(source, root / place)
+            self._link(source, root / target)
             return
         try:
             data = without_tracks(STORE.read_text(source), rows).encode()
         except (KittiRos2Error, OSError) as error:
             self._fail(error)
             return
-        STORE.write(root / place, data, new=True)
+        STORE.write(root / target, data, new=True)
         self.result.size_bytes += len(data)
 
-    def _place(self, source: Path, target: Path) -> None:
+    def _link(self, source: Path, target: Path) -> None:
         try:
             linked = self._linker.link(source, target)
         except KittiRos2Error as error:
@@ -184,7 +184,7 @@ class RecordingCrop:
 
 
 def _loss(stream: Stream, reason: str, numbers: list[int]) -> Loss:
-    """Return the loss of frames for one reason; of one frame the reason has the file."""
+    """Return the loss of frames for one reason, which has the file of a single frame."""
     text = reason.replace('{', '(').replace('}', ')')
     frames = ' (frames {})' if len(numbers) > 1 else ''
     return Loss(stream.value, max(1, len(numbers)), text + frames, tuple(numbers))
@@ -197,14 +197,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CropReport:
-    """The data set that was written.
+    """A written data set.
 
     Attributes:
         path: Its folder.
         layout: Its layout.
         recordings: Its drives, splits or sequences.
-        losses: What could not be used.
-        notes: Remarks.
+        losses: Unusable data.
+        notes: Lines that cost no data.
     """
 
     path: Path
@@ -266,7 +266,7 @@ def crop_sets(
             f' this machine only'
         )
     recordings = open_folders(src, options.read)
-    _check_places(src, out)
+    _check_out(src, out)
     _refuse_tracklets(recordings, options)
     linker = FileLinker(copy=options.copy)
     jobs = [RecordingCrop(recording, options, linker) for recording in recordings]
@@ -292,9 +292,9 @@ def crop_sets(
 
 def _run(jobs: list[RecordingCrop], root: Path, progress: Progress | None) -> None:
     total, done = sum(map(len, jobs)), 0
-    taken: set[PurePosixPath] = set()
+    shared_paths: set[PurePosixPath] = set()
     for job in jobs:
-        for _ in job.run(root, taken):
+        for _ in job.run(root, shared_paths):
             done += 1
             if progress is not None:
                 progress(done, total)
@@ -314,7 +314,7 @@ def _note_left_out(src: Path, tops: frozenset[Path]) -> list[str]:
     return [f'{src}: {some_of(left_out)} left out, as part of no recording'] if left_out else []
 
 
-def _check_places(src: Path, out: Path) -> None:
+def _check_out(src: Path, out: Path) -> None:
     """Refuse an output inside the source, or around it: --overwrite would remove the source."""
     refuse_inside(src, out)
     if lies_inside(src, out):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where archives are downloaded from: HTTP servers and folders, with a beginning anywhere."""
+"""Sources of archives: HTTP servers and folders, read from any byte on."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     import httpx
 
 
-# Requests to HTTP servers that are not trusted: no body of a redirect is read.
+# Requests to untrusted HTTP servers: no body of a redirect is read.
 #
-# A time-out of httpx is one of silence. A server that sends its header a byte at a time is never
+# A time-out of httpx is one of silence. A server that sends its header byte by byte is never
 # silent, so a timer ends the wait for it by shutting down the connections of the client.
 
 _MOST_REDIRECTS = 20
-"""As httpx has it."""
+"""The default of httpx."""
 _HEADER_TIMEOUTS = 2
-"""A response begins within so many time-outs, all redirects and connections included."""
+"""Time-outs until a response begins, with all redirects and connections."""
 
 
 class HttpClient:
     """Makes requests, one at a time.
 
     Args:
-        timeout_s: After so long a silence a request fails.
+        timeout_s: Seconds of silence after which a request fails.
 
     Attributes:
-        httpx: The module, which is imported by downloads only.
+        httpx: The module, imported by downloads only.
 
     Raises:
         UsageError: httpx is missing.
@@ -66,7 +66,7 @@ class HttpClient:
 
     @contextmanager
     def stream(self, method: str, url: str, headers: Mapping[str, str]) -> Iterator[httpx.Response]:
-        """Open the response to a request, behind all redirects; its body is not read.
+        """Open the response to a request, after all redirects; its body is not read.
 
         Raises:
             httpx.HTTPError, httpx.InvalidURL: There is none.
@@ -87,7 +87,7 @@ class HttpClient:
     def _behind_redirects(
         self, method: str, url: str, headers: Mapping[str, str]
     ) -> httpx.Response:
-        """Follow redirects here: httpx reads the body of each into memory, however long it is."""
+        """Follow redirects without their bodies: httpx reads each into memory."""
         with self._valid_urls():
             request = self._client.build_request(
                 method, url, headers=headers, extensions={'trace': self._connections.note}
@@ -98,7 +98,7 @@ class HttpClient:
                 if following is None:
                     return response
                 response.close()
-                # Its headers have the credentials if the server may have them.
+                # Its headers have the credentials that the server may have.
                 request = following
                 response = self._client.send(request, auth=self.httpx.Auth(), stream=True)
         if response.next_request is None:
@@ -108,7 +108,7 @@ class HttpClient:
 
     @contextmanager
     def _valid_urls(self) -> Iterator[None]:
-        """Raise InvalidURL for all that a URL may be refused by: also idna and sockets do."""
+        """Raise InvalidURL also for errors of idna and sockets."""
         try:
             yield
         except (self.httpx.InvalidURL, ValueError, OverflowError) as error:
@@ -116,7 +116,7 @@ class HttpClient:
 
 
 class _Connections:
-    """The connections of a client, which a timer can shut down."""
+    """The connections of a client, shut down by a timer."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -125,17 +125,17 @@ class _Connections:
         self._ended = False
 
     def note(self, event: str, details: dict[str, Any]) -> None:
-        """Keep the socket of a new connection; httpx calls it for each of its steps."""
+        """Store the socket of a new connection; httpx calls this at each of its steps."""
         if event.endswith(('.connect_tcp.complete', '.start_tls.complete')):
-            made = details['return_value'].get_extra_info('socket')
+            new_socket = details['return_value'].get_extra_info('socket')
             with self._lock:
-                self._sockets.add(made)
+                self._sockets.add(new_socket)
                 if self._ended:
-                    _shut_down(made)
+                    _shut_down(new_socket)
 
     @contextmanager
     def ending_after(self, seconds: float) -> Iterator[Callable[[], bool]]:
-        """Shut all down after some time in the context; yield whether it has passed."""
+        """Shut all down after some time in the context; yield a check of that."""
         self._ended = False
         timer = Timer(seconds, self._end, (self._number,))
         timer.daemon = True
@@ -156,13 +156,13 @@ class _Connections:
 
 
 def _shut_down(connection: socket.socket) -> None:
-    """End a connection that another thread may be reading from."""
+    """End a connection that another thread may be reading."""
     with suppress(OSError):  # it is closed
-        # Of TLS only the connection below: the thread that reads uses its state.
+        # Only the connection below TLS: the reading thread uses the state of TLS.
         socket.socket.shutdown(connection, socket.SHUT_RDWR)
 
 
-# Where archives are downloaded from: HTTP servers and folders, with a beginning anywhere.
+# Sources of archives: HTTP servers and folders, read from any byte on.
 
 _CHUNK_BYTES = 1 << 18
 _MISSING = {403, 404, 410}
@@ -176,18 +176,18 @@ _HEADERS = {'Accept-Encoding': 'identity'}
 
 
 class DownloadError(KittiRos2Error):
-    """An archive that cannot be downloaded; trying again does not help."""
+    """The archive cannot be downloaded; a retry does not help."""
 
 
 class MissingArchiveError(DownloadError):
-    """A server or a folder does not have an archive."""
+    """The archive is missing at a server or in a folder."""
 
 
 class BrokenTransferError(Exception):
-    """A transfer that broke off, or a server that is busy; trying again may help.
+    """The transfer broke off, or the server is busy; a retry may help.
 
     Attributes:
-        wait_s: The shortest wait that the server asks for.
+        wait_s: Shortest wait that the server requests.
     """
 
     def __init__(self, reason: str, wait_s: float = 0.0) -> None:
@@ -196,17 +196,17 @@ class BrokenTransferError(Exception):
 
 
 class ChangedFileError(BrokenTransferError):
-    """The file of a server is not the one that was begun; it must be begun again."""
+    """The file of the server changed; its download must begin again."""
 
 
 @dataclass(frozen=True)
 class Opened:
-    """A file being read.
+    """An open file.
 
     Attributes:
-        start: The first byte that the chunks have: the requested one, or 0 for the whole file.
-        size: Bytes of the whole file; None if they are not known.
-        validator: Changes when the file does; empty if nothing does.
+        start: First byte of the chunks: the requested one, or 0 for the whole file.
+        size: Bytes of the whole file; None if unknown.
+        validator: ETag or date, which changes with the file; empty without any.
         chunks: The content from start on.
     """
 
@@ -220,16 +220,16 @@ class ArchiveSource(Protocol):
     """Opens files by URL."""
 
     def open(self, url: str, start: int, validator: str) -> AbstractContextManager[Opened]:
-        """Open a file from a byte on, if it did not change; else from its beginning.
+        """Open an unchanged file from a byte on, a changed one from its beginning.
 
         Raises:
             DownloadError: The file is missing or forbidden.
-            BrokenTransferError: Trying again may help; also from the chunks.
+            BrokenTransferError: A retry may help; also from the chunks.
         """
         ...
 
     def size(self, url: str) -> int | None:
-        """Return the size of a file; None if it is missing or not known.
+        """Return the size of a file; None if missing or unknown.
 
         Raises:
             BrokenTransferError: The server does not reply.
@@ -242,7 +242,7 @@ class ArchiveSource(Protocol):
 
 
 def without_password(url: str) -> str:
-    """Return a URL without the user and password in it."""
+    """Return a URL without user and password."""
     parts = urlsplit(url)
     return parts._replace(netloc=parts.netloc.rpartition('@')[2]).geturl()
 
@@ -289,7 +289,7 @@ class FolderSource:
         return path.stat().st_size if path.is_file() else None
 
     def close(self) -> None:
-        """Nothing is open between two chunks."""
+        """Do nothing: no file is open between two chunks."""
 
 
 class HttpSource:
@@ -310,7 +310,7 @@ class HttpSource:
         """Return the size of a file; see ArchiveSource."""
         try:
             with self._client().stream('HEAD', url, _HEADERS) as response:
-                for _ in response.iter_raw():  # there is nothing; the connection is kept
+                for _ in response.iter_raw():  # empty; the connection stays open
                     pass
                 return _declared_size(response) if response.status_code == 200 else None
         except self._httpx.InvalidURL:
@@ -386,10 +386,10 @@ def _opened_part(response: httpx.Response, validator: str, start: int) -> Opened
 
 
 def _check_coding(response: httpx.Response, url: str) -> None:
-    """Check that the content is sent as it is.
+    """Check that the content is sent uncompressed.
 
-    What a server compresses has no known size, cannot be continued, and may be a million times as
-    long as what is sent. Archives are compressed already, and no coding was asked for.
+    Compressed content has no known size, cannot be continued, and may expand a million times.
+    Archives are compressed already, and no coding was requested.
 
     Raises:
         DownloadError: It is compressed.

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .download_sources import ArchiveSource
 
 
-# The terms of KITTI's data: shown until they are accepted, which is remembered.
+# The terms of KITTI's data: shown until they are accepted.
 
 TERMS = (
     "KITTI's data is licensed under CC BY-NC-SA 3.0: name the authors, no commercial use, share"
@@ -50,17 +50,17 @@ TERMS = (
 
 
 def require_license(*, accepted: bool) -> None:
-    """Remember that the terms are accepted.
+    """Record the acceptance of the terms.
 
     Args:
-        accepted: Whether the user accepts them now.
+        accepted: True if the user accepts them now.
 
     Raises:
         UsageError: The terms were never accepted.
     """
     path = _path()
     if accepted:
-        with suppress(OSError):  # a home that cannot be written: it is asked for again
+        with suppress(OSError):  # a home without write access: the question is repeated
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f'{TERMS}\nAccepted with --accept-license.\n', encoding='utf-8')
     elif not path.is_file():
@@ -68,13 +68,13 @@ def require_license(*, accepted: bool) -> None:
 
 
 def _path() -> Path:
-    """Return the file that remembers it (XDG Base Directory Specification)."""
-    given = os.environ.get('XDG_CONFIG_HOME', '')
-    folder = Path(given) if given.startswith('/') else Path('~/.config').expanduser()
+    """Return the file of the acceptance (XDG Base Directory Specification)."""
+    config_home = os.environ.get('XDG_CONFIG_HOME', '')
+    folder = Path(config_home) if config_home.startswith('/') else Path('~/.config').expanduser()
     return folder / 'kitti_ros2' / 'kitti_terms_accepted.txt'
 
 
-# Progress of several transfers at a time, and of the extraction after them.
+# Progress of parallel transfers, and of the extraction after them.
 
 if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
@@ -88,7 +88,7 @@ class Meter:
     """Bytes of all transfers.
 
     Args:
-        sizes: The size of each archive by name, as far as it is known.
+        sizes: Known sizes of archives by name.
         progress: Called with the bytes done and the bytes of all.
     """
 
@@ -100,7 +100,7 @@ class Meter:
         self._lock = Lock()
 
     def advance(self, name: str, count: int, size: int | None) -> None:
-        """Count bytes of a transfer, and note the size of its archive.
+        """Count bytes of a transfer, and store the size of its archive.
 
         Raises:
             CancelledError: The download was cancelled.
@@ -114,18 +114,18 @@ class Meter:
             self._progress(self._done, max(self._done, sum(self._sizes.values())))
 
 
-# The record of archives that were extracted: they are not downloaded again.
+# The record of extracted archives, which are not downloaded again.
 
 _NAME = 'extracted.json'
 
 
 class FinishedArchives:
-    """The archives of which everything was extracted, by name, each with some of its files.
+    """The completely extracted archives by name, each with some of its files.
 
     Args:
-        root: The folder that the files are in.
-        folder: Where the record is.
-        fsync: Whether it outlasts a power cut.
+        root: The folder of the files.
+        folder: The folder of the record.
+        fsync: True makes it outlast a power cut.
     """
 
     def __init__(self, root: Path, folder: Path, *, fsync: bool) -> None:
@@ -139,12 +139,12 @@ class FinishedArchives:
                 self._files = {str(name): [*map(str, files)] for name, files in record.items()}
 
     def __contains__(self, name: str) -> bool:
-        """Whether an archive was extracted, and its files are still there."""
+        """Return whether an archive was extracted, and its files still exist."""
         files = self._files.get(name, [])
         return bool(files) and all((self._root / file).is_file() for file in files)
 
     def add(self, name: str, files: list[str]) -> None:
-        """Record that an archive was extracted.
+        """Record the extraction of an archive.
 
         Raises:
             StoppedError: The disk refuses.
@@ -156,19 +156,19 @@ class FinishedArchives:
             replace_file(part, self._path, fsync=self._fsync)
 
 
-# Sizes of archives before they are downloaded, and the space that they need.
+# Sizes of archives before the download, and the space that they need.
 
 _CONTENT_RATIO = 1.4
-"""Size of the content of KITTI's archives, at most: 1.33 for a real drive of 120 frames."""
+"""Largest ratio of content to archive: 1.33 for a real drive of 120 frames."""
 
 
 def archive_sizes(
     entries: Sequence[CatalogueEntry], source: ArchiveSource, base_url: str
 ) -> dict[str, int]:
-    """Return the sizes of archives by name: what the server says, else what the catalogue has."""
+    """Return the sizes of archives by name: those of the server, else of the catalogue."""
     from_kitti = base_url == KITTI_URL
     sizes = {entry.name: entry.about_bytes or 0 if from_kitti else 0 for entry in entries}
-    with suppress(BrokenTransferError):  # that is for the transfers to report
+    with suppress(BrokenTransferError):  # the transfers report it
         for entry in entries:
             url_sizes = (source.size(url) for url in entry.urls(base_url))
             sizes[entry.name] = next((size for size in url_sizes if size), sizes[entry.name])
@@ -176,16 +176,16 @@ def archive_sizes(
 
 
 def needed_bytes(sizes: Iterable[int], present: int, options: DownloadOptions) -> float:
-    """Return the bytes that archives and their content need on a disk, at most at a time.
+    """Return the most bytes that archives and their content need on a disk at a time.
 
     Args:
         sizes: Those of the archives.
-        present: Bytes of archives that are there, also in part.
-        options: Whether archives are kept, and extracted.
+        present: Bytes of existing archives, also partial ones.
+        options: Options that keep archives, or do not extract them.
     """
     largest = sorted(sizes, reverse=True)
-    kept = options.keep_archives or options.archives_only
-    archives = max(sum(largest if kept else largest[: options.jobs]) - present, 0)
+    keeps_archives = options.keep_archives or options.archives_only
+    archives = max(sum(largest if keeps_archives else largest[: options.jobs]) - present, 0)
     return archives + (0.0 if options.archives_only else _CONTENT_RATIO * sum(largest))
 
 
@@ -193,21 +193,21 @@ if TYPE_CHECKING:
     AnyPath = str | PathLike[str]
 
 ARCHIVES = 'archives'
-"""Folder of the archives, in the folder that is downloaded into."""
+"""Folder of the archives, in the download folder."""
 
 
 @dataclass(frozen=True)
 class DownloadReport:
-    """What was downloaded.
+    """The result of a download.
 
     Attributes:
-        root: The folder that was downloaded into; each benchmark has a folder in it.
-        downloaded: Names of the archives that were downloaded.
-        existing: Names of those that were there before.
+        root: The download folder, with a folder for each benchmark.
+        downloaded: Names of the downloaded archives.
+        existing: Names of archives that existed before.
         folders: The folders of the benchmarks.
-        extracted: What was extracted of each archive.
-        losses: Archives and files that were skipped.
-        notes: Non-fatal remarks.
+        extracted: Result of extracting each archive.
+        losses: Skipped archives and files.
+        notes: Lines that cost no data.
     """
 
     root: Path
@@ -235,7 +235,7 @@ def download(
         options: Those of `kitti-ros2 download --help`, with underscores and the same defaults.
 
     Returns:
-        What was downloaded, extracted and skipped.
+        Downloaded, extracted and skipped archives.
 
     Raises:
         KittiRos2Error: A word or an option is invalid, the terms are not accepted, the disk is
@@ -281,8 +281,8 @@ def download_all(
         root: The folder.
         options: Those of the download.
         extraction: Those of extracting.
-        progress: Called with the bytes done and those of all: of the transfers, and of the archive
-            that is being extracted.
+        progress: Called with the bytes done and those of all: of the transfers, then of the
+            extraction.
     """
     if root.is_file():
         raise UsageError(f'{root}: is a file; give the folder to download into')
@@ -306,7 +306,7 @@ def download_all(
 
 
 class _Download:
-    """A download with what was done so far."""
+    """A download and its results so far."""
 
     def __init__(
         self,
@@ -329,7 +329,7 @@ class _Download:
         self._errors: list[KittiRos2Error] = []
 
     def leave_out_finished(self, entries: Sequence[CatalogueEntry]) -> list[CatalogueEntry]:
-        """Return the archives that were not extracted before."""
+        """Return the archives without those extracted before."""
         again = self._options.archives_only or self._extraction.overwrite
         pending = [entry for entry in entries if again or entry.name not in self._finished]
         self._existing = [entry.name for entry in entries if entry not in pending]
@@ -362,7 +362,7 @@ class _Download:
                 fsync=self._extraction.fsync,
             )
             if is_complete(target, checksums.get(entry.name, '')):
-                transfer.drop()  # what a run that was killed left of it
+                transfer.drop()  # left by a killed run
                 meter.advance(entry.name, target.stat().st_size, target.stat().st_size)
                 return False
             transfer.run(checksums.get(entry.name, ''))
@@ -426,7 +426,7 @@ class _Download:
         self._losses.append(Loss(entry.name, 1, str(error)))
 
     def report(self, entries: Sequence[CatalogueEntry]) -> DownloadReport:
-        """Return what was done.
+        """Return the results.
 
         Raises:
             KittiRos2Error: The only archive could not be downloaded.

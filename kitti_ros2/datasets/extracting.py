@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Archives of KITTI, extracted into the trees that readers expect."""
+"""Extracts KITTI's archives into the trees that readers expect."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from .archive_formats import Member
 
 
-# A folder that one run at a time writes to, and that does not stay if nothing was written.
+# A folder for one run at a time, removed if it stays empty.
 
 
 @contextmanager
 def locked_folder(path: Path) -> Iterator[None]:
-    """Create a folder, and keep other runs out of it.
+    """Create a folder, and lock it against other runs.
 
     Raises:
         OutputError: Another run is writing to it, or it cannot be created.
@@ -66,7 +66,7 @@ def locked_folder(path: Path) -> Iterator[None]:
 
 @contextmanager
 def removed_if_empty(*folders: Path) -> Iterator[None]:
-    """Remove folders in the end if nothing is in them, such as after a typing error."""
+    """Remove empty folders in the end, such as after a typing error."""
     try:
         yield
     finally:
@@ -75,20 +75,20 @@ def removed_if_empty(*folders: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
-# Complete files that get their names together, once all of them are on the disk.
+# Complete files that are renamed together, once all are on the disk.
 
 _MOST_FILES = 256
 _MOST_BYTES = 256 * 2**20
 
 
 class PendingFiles:
-    """Files that are complete under other names.
+    """Complete files under temporary names.
 
-    To sync files one by one takes the disk a hundred times as long as to sync them together.
+    Syncing files one by one takes a hundred times as long as together.
 
     Args:
-        root: The folder that they are below.
-        fsync: Whether they outlast a power cut.
+        root: The folder above them.
+        fsync: True makes them outlast a power cut.
     """
 
     def __init__(self, root: Path, *, fsync: bool) -> None:
@@ -99,14 +99,14 @@ class PendingFiles:
         self._folders: set[Path] = set()
 
     def __contains__(self, target: Path) -> bool:
-        """Whether a file is waiting for its name."""
+        """Return whether a file is not renamed yet."""
         return target in self._parts
 
     def add(self, part: Path, target: Path, size: int) -> None:
-        """Let a complete file get its name soon.
+        """Add a complete file, to be renamed soon.
 
         Raises:
-            OSError: The disk refuses; the file that it is about has no name.
+            OSError: The disk refuses; the file is not renamed.
         """
         self._parts[target] = part
         self._size_bytes += size
@@ -115,14 +115,14 @@ class PendingFiles:
             self.publish()
 
     def note(self, target: Path) -> None:
-        """Note that a file has its name already, perhaps not on the disk yet."""
+        """Add a file that has its name, perhaps not on the disk yet."""
         self._folders.add(target.parent)
 
     def publish(self) -> None:
-        """Give all files their names.
+        """Rename all files.
 
         Raises:
-            OSError: The disk refuses; the files that are left have no name.
+            OSError: The disk refuses; the remaining files are not renamed.
         """
         if self._fsync:
             sync_files([*self._parts.values()])
@@ -133,7 +133,7 @@ class PendingFiles:
         self._size_bytes = 0
 
     def settle(self) -> None:
-        """Give all files their names, and wait until these are on the disk.
+        """Rename all files, and sync the names to the disk.
 
         Raises:
             OSError: The disk refuses.
@@ -145,34 +145,34 @@ class PendingFiles:
         self._folders.clear()
 
     def drop(self) -> None:
-        """Remove the files that have no name."""
+        """Remove the files that are not renamed."""
         for part in self._parts.values():
             part.unlink(missing_ok=True)
         self._parts.clear()
 
 
-# A folder that files are extracted into: nothing is written outside of it, or half.
+# The folder of an extraction: nothing is written outside of it, or half.
 
 _DIFFERS = 'exists with other content; pass --overwrite to replace it'
 _FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class Outcome(Enum):
-    """What was done with a file of an archive."""
+    """The result of extracting a file."""
 
     WRITTEN = 'written'
     KEPT = 'kept'
     PREFERRED = 'preferred'
-    """The existing file differs, and has more in it."""
+    """The existing file differs, and has more content."""
 
 
 class Tree:
-    """The folder that files are extracted into.
+    """The folder of an extraction.
 
     Args:
         root: The folder; it exists.
-        overwrite: Whether existing files that differ are replaced.
-        fsync: Whether the files outlast a power cut, once settled.
+        overwrite: True replaces existing files that differ.
+        fsync: True makes settled files outlast a power cut.
     """
 
     def __init__(self, root: Path, *, overwrite: bool, fsync: bool = True) -> None:
@@ -183,21 +183,21 @@ class Tree:
         self._folders: dict[Path, str] = {}
 
     def put(
-        self, member: Member, place: str, chunks: Iterator[bytes], advance: Callable[[int], None]
+        self, member: Member, name: str, chunks: Iterator[bytes], advance: Callable[[int], None]
     ) -> Outcome:
-        """Write a file, unless it exists with the same content; settle gives it its name.
+        """Write a file, unless it exists with the same content; settle renames it.
 
         Args:
             member: The file as the archive lists it.
-            place: Where it goes below the root.
+            name: Its path below the root.
             chunks: Its content; read only if needed.
             advance: Called with the bytes of each chunk.
 
         Raises:
-            BadMemberError: The content is damaged, or the place is taken.
+            BadMemberError: The content is damaged, or something else has the name.
             OSError: The disk refuses.
         """
-        target = self._root / place
+        target = self._root / name
         self._enter(target.parent)
         if target in self._pending:
             self._pending.publish()
@@ -224,7 +224,7 @@ class Tree:
         return outcome
 
     def settle(self) -> None:
-        """Wait until all files are on the disk, under their names.
+        """Rename all files, and sync them to the disk.
 
         Raises:
             OSError: The disk refuses.
@@ -232,13 +232,13 @@ class Tree:
         self._pending.settle()
 
     def close(self) -> None:
-        """Give files that are complete their names, and remove the others; never raises OSError."""
+        """Rename the complete files, and remove the others; never raises OSError."""
         with suppress(OSError):
             self._pending.publish()
         self._pending.drop()
 
     def _compare(self, target: Path, part: Path, size: int, crc: int) -> Outcome:
-        """Decide between an existing file and a new one, which is complete."""
+        """Decide between an existing file and a complete new one."""
         if _equals(target, size, crc):
             return Outcome.KEPT
         if _may_differ(target) and _has_scanner(target) != _has_scanner(part):
@@ -248,7 +248,7 @@ class Tree:
         return Outcome.WRITTEN
 
     def _enter(self, folder: Path) -> None:
-        """Create a folder below the root, and check that it is not elsewhere."""
+        """Create a folder below the root, and check that no link leads elsewhere."""
         if folder == self._root:
             return
         if folder not in self._folders:
@@ -258,15 +258,15 @@ class Tree:
             raise BadMemberError(self._folders[folder])
 
     def _open_folder(self, folder: Path) -> str:
-        """Create a folder; return why it cannot be used, empty if it can."""
+        """Create a folder; return the reason if it is unusable, else an empty text."""
         try:
             mode = folder.lstat().st_mode
         except FileNotFoundError:
             folder.mkdir()
             return ''
         if S_ISLNK(mode):
-            place = Path(os.path.realpath(folder))
-            inside = place.is_dir() and self._real in place.parents
+            real_path = Path(os.path.realpath(folder))
+            inside = real_path.is_dir() and self._real in real_path.parents
             return '' if inside else f'{folder} is a symbolic link that leads out of {self._root}'
         return '' if S_ISDIR(mode) else f'{folder} is a file, and a folder is needed there'
 
@@ -292,9 +292,9 @@ def _write(
             if written > member.size:
                 break
             crc = crc32(chunk, crc)
-            left = memoryview(chunk)
-            while left:  # a disk that fills up takes less than it is given
-                left = left[file.write(left) :]
+            rest = memoryview(chunk)
+            while rest:  # a full disk takes only a part
+                rest = rest[file.write(rest) :]
             advance(len(chunk))
         start_writing_out(file.fileno())
     if written != member.size:
@@ -306,7 +306,7 @@ def _write(
 
 
 def _equals(path: Path, size: int, crc: int) -> bool:
-    """Whether a file has a size and CRC-32."""
+    """Return whether a file has a size and CRC-32."""
     if path.stat().st_size != size:
         return False
     actual_crc = 0
@@ -317,9 +317,9 @@ def _equals(path: Path, size: int, crc: int) -> bool:
 
 
 def _may_differ(path: Path) -> bool:
-    """Whether KITTI's own archives have different files of this name: calib.txt of odometry.
+    """Return whether KITTI's own archives have different files of this name.
 
-    The archives of images have it without the line of the scanner.
+    calib.txt of odometry has no line of the scanner in the archives of images.
     """
     return path.name == names.ODOMETRY_CALIB
 
@@ -328,20 +328,20 @@ def _has_scanner(path: Path) -> bool:
     return b'\nTr' in b'\n' + path.read_bytes()[:CHUNK_BYTES]
 
 
-# Which files of an archive are extracted, and to which places; nothing is written here.
+# The choice of files to extract, and their target paths; nothing is written here.
 
 _NOISE = frozenset({'__MACOSX', '.DS_Store', 'Thumbs.db', 'desktop.ini'})
 _REPACKED = 'it was not packed by KITTI; extract it with another program'
 
 
 @dataclass(frozen=True)
-class Placement:
-    """What is extracted of an archive.
+class ArchiveFiles:
+    """The files of an archive to extract.
 
     Attributes:
         path: The archive.
-        files: Its files with their places below the root, in the order of the archive.
-        notes: Non-fatal remarks.
+        files: The files with their paths below the root, in the order of the archive.
+        notes: Lines that cost no data.
     """
 
     path: Path
@@ -354,11 +354,11 @@ class Placement:
         return sum(member.size for member, _ in self.files)
 
 
-def place_files(path: Path, root: Path, limits: Limits) -> Placement:
-    """List an archive and choose the place of each of its files.
+def list_files(path: Path, root: Path, limits: Limits) -> ArchiveFiles:
+    """List the files of an archive with their paths below the root.
 
     Raises:
-        BadArchiveError: The archive is damaged or hostile, or contains nothing of KITTI's.
+        BadArchiveError: The archive is damaged, hostile, or without KITTI's folders.
         MissingPathError: There is no such file.
         UsageError: The root is a part of a data set.
     """
@@ -370,19 +370,19 @@ def place_files(path: Path, root: Path, limits: Limits) -> Placement:
     if not kitti_names:
         what = f'contains no folder of KITTI in {format_count(len(file_names), "file")}'
         raise BadArchiveError(path, what, 'extract it with another program')
-    wanted = paths_below(root, target_paths(file_names, path.name))
+    targets = paths_below(root, target_paths(file_names, path.name))
     if is_part_of_set(Path(os.path.realpath(root)).name) and any(
-        _is_whole(place) for place in wanted
+        _is_whole(target) for target in targets
     ):
         raise UsageError(
             f'{root}: is a part of a data set, and {path} contains whole data sets;'
             f' give the folder above it'
         )
-    placed = list(zip(chosen, wanted, strict=True))
-    _check_collisions(path, placed)
+    member_targets = list(zip(chosen, targets, strict=True))
+    _check_collisions(path, member_targets)
     skipped = len(files) - len(chosen)
     note = f'{path}: {format_count(skipped, "file")} of desktop programs left out, as .DS_Store'
-    return Placement(path, tuple(placed), (note,) if skipped else ())
+    return ArchiveFiles(path, tuple(member_targets), (note,) if skipped else ())
 
 
 def _is_noise(name: str) -> bool:
@@ -390,18 +390,18 @@ def _is_noise(name: str) -> bool:
     return not _NOISE.isdisjoint(parts) or parts[-1].startswith('._')
 
 
-def _is_whole(place: str) -> bool:
-    """Whether a place begins with a folder that belongs above a part of a data set."""
-    return is_top(place.partition('/')[0])
+def _is_whole(target: str) -> bool:
+    """Return whether a path begins with a folder above the parts of a data set."""
+    return is_top(target.partition('/')[0])
 
 
-def _check_collisions(path: Path, placed: Iterable[tuple[Member, str]]) -> None:
-    """Refuse names that are the same file on some file systems, and files with files in them."""
+def _check_collisions(path: Path, member_targets: Iterable[tuple[Member, str]]) -> None:
+    """Refuse names that collide on some file systems, and files with files in them."""
     spellings: dict[str, str] = {}
     files: dict[str, Member] = {}
     folders: set[str] = set()
-    for member, place in placed:
-        parts = place.split('/')
+    for member, target in member_targets:
+        parts = target.split('/')
         for depth in range(1, len(parts) + 1):
             part = '/'.join(parts[:depth])
             key = unicodedata.normalize('NFC', part).casefold()
@@ -409,9 +409,9 @@ def _check_collisions(path: Path, placed: Iterable[tuple[Member, str]]) -> None:
                 what = f'contains both {spellings[key]!r} and {part!r}'
                 raise BadArchiveError(path, what, _REPACKED)
         folders.update('/'.join(parts[:depth]) for depth in range(1, len(parts)))
-        other = files.setdefault(place, member)
+        other = files.setdefault(target, member)
         if (other.size, other.crc) != (member.size, member.crc):
-            raise BadArchiveError(path, f'contains two different files {place!r}', _REPACKED)
+            raise BadArchiveError(path, f'contains two different files {target!r}', _REPACKED)
     both = folders & files.keys()
     if both:
         raise BadArchiveError(path, f'contains {min(both)!r} as a file and as a folder', _REPACKED)
@@ -424,14 +424,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExtractedArchive:
-    """What was done with an archive.
+    """The result of extracting an archive.
 
     Attributes:
         path: The archive.
         written: Number of files written.
         kept: Number of files that existed with the same content.
         size_bytes: Bytes written.
-        removed: Whether the archive was removed.
+        removed: True if the archive was removed.
         ends: The first and the last of its files below the root.
     """
 
@@ -445,13 +445,13 @@ class ExtractedArchive:
 
 @dataclass(frozen=True)
 class ExtractReport:
-    """What was extracted.
+    """The result of an extraction.
 
     Attributes:
-        root: The folder that was extracted into.
-        archives: The archives that were read.
-        losses: Archives and files that were skipped.
-        notes: Non-fatal remarks.
+        root: The folder of the extraction.
+        archives: Results of the readable archives.
+        losses: Skipped archives and files.
+        notes: Lines that cost no data.
     """
 
     root: Path
@@ -476,7 +476,7 @@ def extract(
         options: Those of `kitti-ros2 extract --help`, with underscores and the same defaults.
 
     Returns:
-        What was written, kept and skipped.
+        Written, existing and skipped files.
 
     Raises:
         KittiRos2Error: The root or an option is invalid, the disk is full, or no archive can be
@@ -487,8 +487,8 @@ def extract(
         >>> datasets.extract('2011_09_26_calib.zip', 'kitti')  # doctest: +SKIP
         ExtractReport(...)
     """
-    given = [archives] if isinstance(archives, (str, PathLike)) else archives
-    paths = [Path(archive) for archive in given]
+    archive_list = [archives] if isinstance(archives, (str, PathLike)) else archives
+    paths = [Path(archive) for archive in archive_list]
     chosen = make_extract_options(options)
     return extract_all(paths, Path(root), chosen, progress or (lambda _done, _total: None))
 
@@ -498,20 +498,20 @@ def extract_all(
 ) -> ExtractReport:
     """Extract archives into a folder; see extract."""
     _check_arguments(archives, root)
-    placements, losses = _place_all(archives, root, options)
+    listings, losses = _list_all(archives, root, options)
     with locked_folder(root):
-        _check_space(root, placements)
+        _check_space(root, listings)
         extraction = _Extraction(
-            root, options, sum(placement.size_bytes for placement in placements), progress
+            root, options, sum(listing.size_bytes for listing in listings), progress
         )
         with closing(extraction):
-            done = tuple(extraction.extract(placement) for placement in placements)
-    notes = [note for placement in placements for note in placement.notes]
+            done = tuple(extraction.extract(listing) for listing in listings)
+    notes = [note for listing in listings for note in listing.notes]
     return ExtractReport(root, done, (*losses, *extraction.losses), (*notes, *extraction.notes))
 
 
 class _Extraction:
-    """The writing of the files of archives, with what was skipped so far."""
+    """Writes the files of archives, and counts skipped ones."""
 
     def __init__(self, root: Path, options: ExtractOptions, total: int, progress: Progress) -> None:
         self._root = root
@@ -523,47 +523,47 @@ class _Extraction:
         self.losses: list[Loss] = []
         self.notes: list[str] = []
 
-    def extract(self, placement: Placement) -> ExtractedArchive:
-        """Write the files of an archive, and remove it if that was asked for."""
+    def extract(self, listing: ArchiveFiles) -> ExtractedArchive:
+        """Write the files of an archive, and remove it if requested."""
         skipped: defaultdict[str, list[str]] = defaultdict(list)
         counts = dict.fromkeys(Outcome, 0)
         size_bytes = 0
-        readable = {member: place for member, place in placement.files if not member.locked}
-        for member, place in placement.files:
+        readable = {member: target for member, target in listing.files if not member.locked}
+        for member, target in listing.files:
             if member.locked:
-                skipped[member.locked].append(place)
-        with open_archive(placement.path) as packed:
+                skipped[member.locked].append(target)
+        with open_archive(listing.path) as packed:
             for member, chunks in packed.contents(readable):
-                place = readable[member]
+                target = readable[member]
                 try:
-                    with stopping(self._root / place):
-                        outcome = self._tree.put(member, place, chunks, self._advance)
+                    with stopping(self._root / target):
+                        outcome = self._tree.put(member, target, chunks, self._advance)
                 except BadMemberError as error:
-                    skipped[str(error)].append(place)
+                    skipped[str(error)].append(target)
                     continue
                 counts[outcome] += 1
                 size_bytes += member.size if outcome is Outcome.WRITTEN else 0
         with stopping(self._root):
             self._tree.settle()
         self.losses += [
-            Loss(placement.path.name, len(of), f'{_first_of(of)}: {reason}')
+            Loss(listing.path.name, len(of), f'{_first_of(of)}: {reason}')
             for reason, of in skipped.items()
         ]
         removed = self._options.remove_archives and not skipped
         if removed:
-            placement.path.unlink()
+            listing.path.unlink()
         other = counts[Outcome.PREFERRED]
         if other:
             self.notes.append(
-                f'{placement.path}: {format_count(other, "existing file")} named calib.txt kept,'
+                f'{listing.path}: {format_count(other, "existing file")} named calib.txt kept,'
                 f' as they have the scanner (Tr)'
             )
         written, kept = counts[Outcome.WRITTEN], counts[Outcome.KEPT]
-        ends = placement.files[0][1], placement.files[-1][1]
-        return ExtractedArchive(placement.path, written, kept, size_bytes, removed, ends)
+        ends = listing.files[0][1], listing.files[-1][1]
+        return ExtractedArchive(listing.path, written, kept, size_bytes, removed, ends)
 
     def close(self) -> None:
-        """Keep what is complete; never raises OSError."""
+        """Keep complete files; never raises OSError."""
         self._tree.close()
 
     def _advance(self, size: int) -> None:
@@ -586,37 +586,37 @@ def _check_arguments(archives: Sequence[Path], root: Path) -> None:
             raise UsageError(f'{path}: is a folder; give zip or tar archives, then the folder')
 
 
-def _place_all(
+def _list_all(
     archives: Sequence[Path], root: Path, options: ExtractOptions
-) -> tuple[list[Placement], list[Loss]]:
-    """List all archives before anything is written.
+) -> tuple[list[ArchiveFiles], list[Loss]]:
+    """List the files of all archives before anything is written.
 
     Raises:
         KittiRos2Error: None of them can be used.
     """
     limits = Limits(options.max_ratio, options.max_size)
-    placements: list[Placement] = []
+    listings: list[ArchiveFiles] = []
     refused: list[tuple[Path, KittiRos2Error]] = []
     for path in dict.fromkeys(archives):
         try:
-            placements.append(place_files(path, root, limits))
+            listings.append(list_files(path, root, limits))
         except (BadArchiveError, MissingPathError) as error:
             refused.append((path, error))
-    if not placements:
+    if not listings:
         raise refused[0][1]
-    return placements, [Loss(path.name, 1, str(error)) for path, error in refused]
+    return listings, [Loss(path.name, 1, str(error)) for path, error in refused]
 
 
-def _check_space(root: Path, placements: Iterable[Placement]) -> None:
-    """Check the free space for the files that do not exist.
+def _check_space(root: Path, listings: Iterable[ArchiveFiles]) -> None:
+    """Check the free space for the missing files.
 
     Raises:
         OutputError: It is too small.
     """
     needed = sum(
         member.size
-        for placement in placements
-        for member, place in placement.files
-        if not os.path.lexists(root / place)
+        for listing in listings
+        for member, target in listing.files
+        if not os.path.lexists(root / target)
     )
     require_space(root, needed, 'extract elsewhere')

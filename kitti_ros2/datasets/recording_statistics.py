@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..pictures.recording_frames import RecordingFrames
 
 
-# A histogram with mean, standard deviation and extremes, computed without keeping the values.
+# A histogram with mean, standard deviation and extremes, computed without storing the values.
 
 
 @dataclass
@@ -74,7 +74,7 @@ class Distribution:
 
     @property
     def deviation(self) -> float:
-        """See the class."""
+        """The standard deviation; NaN without values."""
         return math.sqrt(self._squares / self.count) if self.count else math.nan
 
     @property
@@ -84,7 +84,7 @@ class Distribution:
         return [*bounded, f'{self.edges[-1]:g}+']
 
     def add(self, value: float) -> None:
-        """Add a value; one that is not finite is unknown, and left out."""
+        """Add a value; skip one that is not finite."""
         if not math.isfinite(value):
             return
         self.counts[max(bisect_right(self.edges, value) - 1, 0)] += 1
@@ -100,7 +100,7 @@ class Distribution:
         least: float,
         greatest: float,
     ) -> None:
-        """Set counts and moments, as they were read from an equal distribution."""
+        """Set the counts and moments of an equal distribution."""
         self.counts = list(counts)
         self.count, self.mean, self.least, self.greatest = count, mean, least, greatest
         self._squares = deviation * deviation * count
@@ -134,7 +134,7 @@ OBJECTS = tuple(range(31))
 TRACK_FRAMES = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 DIFFICULTIES = (*(level.value for level in Difficulty), 'beyond')
-"""The levels of the benchmark, and labels that are beyond all of them."""
+"""The levels of the benchmark, and labels beyond them."""
 
 _CUTS = (0.0, *(limits.truncated for limits in LIMITS.values()))
 TRUNCATIONS = ('none', *(f'to {cut:.2f}' for cut in _CUTS[1:]), f'over {_CUTS[-1]:.2f}')
@@ -164,16 +164,16 @@ class ObjectStatistics:
     Attributes:
         count: Number of labels.
         frames: Number of frames with one.
-        most: Greatest number in a frame.
-        difficulty: Number by DIFFICULTIES, each label at its easiest level; of labels with 2D box.
-        occlusion: Number by OCCLUSIONS; of labels with a value.
-        truncation: Number by TRUNCATIONS; of labels with a value. Tracking has levels 0, 1 and 2
+        most: Largest number in a frame.
+        difficulty: Number by DIFFICULTIES, of labels with a 2D box, each at its easiest level.
+        occlusion: Number by OCCLUSIONS, of labels with a value.
+        truncation: Number by TRUNCATIONS, of labels with a value. Tracking has levels 0, 1 and 2
             instead of a fraction: 0 is none.
-        distance_m: Horizontal distance of the box's middle from the sensor that labels are given
-            for: camera 0 of label files, the scanner of tracklets and other boxes.
+        distance_m: Horizontal distance of the box's middle from the sensor of the labels:
+            camera 0 for label files, the scanner for tracklets and other boxes.
         length_m, width_m, height_m: Sizes of 3D boxes.
         points: Points of the scan inside a 3D box, if counted.
-        tracks: Length of each track, in frames that it is labelled in.
+        tracks: Number of labelled frames of each track.
     """
 
     count: int = 0
@@ -215,8 +215,8 @@ class ObjectStatistics:
             height, width, length = box.size_hwl
             self._add_solid((box.location[0], box.location[2]), (length, width, height))
 
-    def _add_solid(self, place: Iterable[float], size_lwh: tuple[float, float, float]) -> None:
-        self.distance_m.add(math.hypot(*place))
+    def _add_solid(self, position: Iterable[float], size_lwh: tuple[float, float, float]) -> None:
+        self.distance_m.add(math.hypot(*position))
         sizes = (self.length_m, self.width_m, self.height_m)
         for distribution, size in zip(sizes, size_lwh, strict=True):
             distribution.add(size)
@@ -229,7 +229,7 @@ class ObjectStatistics:
 
 
 class ObjectTally:
-    """Counts the labels of a recording, frame by frame.
+    """Counts the labels of a recording by frame.
 
     Attributes:
         classes: By class name.
@@ -278,9 +278,9 @@ class RouteStatistics:
         poses: Number of poses.
         length_m: Length without jumps. With oxts over the ground, of the GPS/IMU unit; with poses
             of odometry in space, of camera 0: each as KITTI's own tools compute it.
-        duration_s: From the first pose to the last; 0 if the recording has no time.
-        jumps: Number of steps faster than 100 m/s, which are no part of the route.
-        speed_m_s: Speed at each pose; empty if neither speeds nor times are known.
+        duration_s: Time from the first pose to the last; 0 without time stamps.
+        jumps: Number of steps faster than 100 m/s, left out of the route.
+        speed_m_s: Speed at each pose; empty without speeds and times.
         turn_rate_deg_s: Turn rate at each pose, to the left or right; empty as speed_m_s.
     """
 
@@ -313,8 +313,8 @@ class RouteTrace:
 
     def add(self, number: int, pose: Pose) -> None:
         """Add the pose of a frame."""
-        place = (pose.world_T_imu @ self._imu_t_sensor).translation
-        moved = Transform(pose.world_T_imu.rotation, place)
+        position = (pose.world_T_imu @ self._imu_t_sensor).translation
+        moved = Transform(pose.world_T_imu.rotation, position)
         self._stamps.append(self._stamp_of[number])
         self._poses.append(Pose(moved, pose.velocity, pose.angular_velocity))
 
@@ -336,20 +336,20 @@ class RouteTrace:
         return statistics
 
 
-# The facts of one frame that statistics use: labels, pose, and counts of points.
+# The facts of one frame for statistics: labels, pose, counts of points.
 
 
 @dataclass
 class FrameFacts:
-    """The facts of one frame; no scan is kept.
+    """The facts of one frame, without its scan.
 
     Attributes:
         number: The frame.
-        labels: Its labels; None without, or if unreadable.
+        labels: Its labels; None if missing or unreadable.
         pose: Pose of the vehicle, if any.
-        scan_points: Number of points of the scan, if it was read.
-        box_points: Class and number of points inside each 3D box, if the scan was read.
-        point_classes: Number of points by SemanticKITTI's name, of a scan with labels.
+        scan_points: Number of points of the scan, if read.
+        box_points: Class and number of points inside each 3D box, if the scan is read.
+        point_classes: Number of points of a labelled scan by SemanticKITTI's name.
         missing: Missing or unreadable data: stream and reason, one line.
     """
 
@@ -423,16 +423,16 @@ class RecordingStatistics:
         name: Its name in the set; empty for all together.
         kind: Layout, or bag.
         frames: Number of frames.
-        labelled: Number of frames with labels, also of no object.
+        labelled: Number of frames with labels, also empty ones.
         objects: Number of objects of all classes, without DontCare.
         samples: Number of samples by stream: scan, image_2, oxts, pose, ...
         classes: The objects by class, the most frequent first.
         objects_a_frame: Number of objects in a labelled frame, without DontCare.
-        points_a_scan: Number of points of a scan, if scans were read.
+        points_a_scan: Number of points of a scan, if scans are read.
         point_classes: Number of points by SemanticKITTI's class, the most frequent first.
         route: The route, None without poses.
         losses: Missing or damaged data; all else is counted.
-        notes: Other remarks.
+        notes: Lines that cost no data.
     """
 
     name: str
@@ -472,7 +472,7 @@ def merged(parts: Sequence[RecordingStatistics]) -> RecordingStatistics:
 
 
 def _finish(statistics: RecordingStatistics) -> None:
-    """Put classes in order, the most frequent first, and add them up."""
+    """Sort the classes, the most frequent first, and add them up."""
     classes, points = statistics.classes.items(), statistics.point_classes.items()
     statistics.classes = dict(sorted(classes, key=lambda pair: (-pair[1].count, pair[0])))
     statistics.point_classes = Counter(dict(sorted(points, key=lambda pair: (-pair[1], pair[0]))))
@@ -487,22 +487,22 @@ def count_recording(
     scans: bool,
     step: Callable[[], None],
 ) -> RecordingStatistics:
-    """Count what is in a recording, frame by frame.
+    """Count the contents of a recording by frame.
 
     Args:
         source: Its frames.
-        name: As in RecordingStatistics.
-        kind: The same.
-        scans: Whether to read the scans.
+        name: Name as in RecordingStatistics.
+        kind: Kind as in RecordingStatistics.
+        scans: True reads the scans.
         step: Called after each frame.
     """
-    wanted = [Stream.LABELS, Stream.POSE, *([Stream.SCAN] if scans else [])]
+    streams = [Stream.LABELS, Stream.POSE, *([Stream.SCAN] if scans else [])]
     statistics = RecordingStatistics(
         name, kind, frames=len(source.numbers), samples=_samples(source), notes=(*source.notes,)
     )
     tally, losses = ObjectTally(), _Losses()
     route = RouteTrace(source)
-    for facts in _facts(source, wanted):
+    for facts in _facts(source, streams):
         losses.add(facts)
         if facts.labels is not None or facts.number in source.without_objects:
             statistics.labelled += 1
@@ -521,18 +521,18 @@ def count_recording(
     return statistics
 
 
-def _facts(source: RecordingFrames, wanted: Collection[Stream]) -> Iterator[FrameFacts]:
+def _facts(source: RecordingFrames, streams: Collection[Stream]) -> Iterator[FrameFacts]:
     """Yield the facts of all frames; scans are read in parallel."""
     numbers = source.numbers.tolist()
-    if Stream.SCAN in wanted:
+    if Stream.SCAN in streams:
         return ordered_map(
-            lambda number: read_facts(source, number, wanted), numbers, worker_count()
+            lambda number: read_facts(source, number, streams), numbers, worker_count()
         )
-    return (read_facts(source, number, wanted) for number in numbers)
+    return (read_facts(source, number, streams) for number in numbers)
 
 
 def _samples(source: RecordingFrames) -> Counter[str]:
-    """Return the number of samples of the sensors; poses count if they are not made from oxts."""
+    """Return the number of samples by sensor; poses that oxts give do not count."""
     counts = {stream.value: len(index) for stream, index in source.recording.streams.items()}
     absent = {Stream.LABELS} | ({Stream.POSE} if Stream.OXTS.value in counts else set())
     sensors = [stream.value for stream in FRAME_STREAMS if stream not in absent]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts one scan with the labels of its points, and the labels of its frame that become empty."""
+"""Cuts one scan with the labels of its points, and drops labels of its frame without points."""
 
 from __future__ import annotations
 
@@ -43,24 +43,24 @@ if TYPE_CHECKING:
     from ..options.datasets import CropOptions
 
 
-# The files of a recording that is cut, and their places in the new data set.
+# The files of a cropped recording, and their paths in the new data set.
 
 if TYPE_CHECKING:
-    Placed = tuple[Path, PurePosixPath]
+    FileTarget = tuple[Path, PurePosixPath]
 
 
 class CropPaths:
-    """The files of a recording, each with its place below the root of the new data set.
+    """The files of a recording, each with its path below the root of the new data set.
 
     Attributes:
         numbers: File numbers of the scans.
         tops: The files and folders that contain all of its files.
-        single_files: Places of files outside of the recording's folders, which recordings share.
-        scan_folder: Place of the cut scans.
-        in_place: Whether these replace the scans, instead of lying beside them.
-        labelled: Numbers of the frames whose empty labels are dropped.
+        single_files: Paths of files outside of the recording's folders, which recordings share.
+        scan_folder: Path of the cut scans.
+        in_place: True if these replace the scans; else they lie beside them.
+        labelled: Numbers of frames whose empty labels are dropped.
         track_labels: The label file of the whole recording, if empty labels are dropped in it.
-        notes: Remarks.
+        notes: Lines that cost no data.
     """
 
     def __init__(self, recording: KittiRecording, options: CropOptions) -> None:
@@ -68,7 +68,7 @@ class CropPaths:
         self._tree = tree = tree_of(recording)
         self.numbers: list[int] = tree.scans.numbers.tolist()
         self.tops = frozenset(path for path, _ in tree.parts)
-        self.single_files = frozenset(place for path, place in tree.parts if path.is_file())
+        self.single_files = frozenset(target for path, target in tree.parts if path.is_file())
         own = tree.scan_root.name
         folder = options.folder or own
         self.in_place = folder == own
@@ -84,62 +84,62 @@ class CropPaths:
         self.track_labels = recording.path(Stream.LABELS, 0) if common and self.labelled else None
         self.notes = self._find_notes()
 
-    def scan(self, number: int) -> Placed:
-        """Return a scan, and the place of the cut one."""
+    def scan(self, number: int) -> FileTarget:
+        """Return the path of a scan, and of the cut one."""
         path = self._tree.scans.path(number)
         return path, self.scan_folder / path.name
 
-    def point_labels(self, number: int) -> list[Placed]:
-        """Return the files with labels for the points of a scan; they need not exist."""
+    def point_labels(self, number: int) -> list[FileTarget]:
+        """Return the files with labels of the points of a scan; they may not exist."""
         if not self.in_place:
             return []
         name = f'{self._tree.scans.stem(number)}{names.LABEL}'
-        return [self._placed(folder / name) for folder in self._tree.point_labels]
+        return [self._with_target(folder / name) for folder in self._tree.point_labels]
 
-    def frame_labels(self, number: int) -> Placed | None:
-        """Return the label file of a frame alone, if its empty labels are dropped."""
+    def frame_labels(self, number: int) -> FileTarget | None:
+        """Return the label file of one frame, if its empty labels are dropped."""
         if self.track_labels is not None or number not in self.labelled:
             return None
-        return self._placed(self._recording.path(Stream.LABELS, number))
+        return self._with_target(self._recording.path(Stream.LABELS, number))
 
-    def tracks(self) -> Placed | None:
+    def tracks(self) -> FileTarget | None:
         """Return the label file of the whole recording, if empty labels are dropped in it."""
-        return None if self.track_labels is None else self._placed(self.track_labels)
+        return None if self.track_labels is None else self._with_target(self.track_labels)
 
-    def others(self, failed: Callable[[OSError], None]) -> Iterator[Placed]:
-        """Yield all other files; those are unchanged.
+    def others(self, failed: Callable[[OSError], None]) -> Iterator[FileTarget]:
+        """Yield all other, unchanged files.
 
         Args:
-            failed: Called with the error of a folder that cannot be listed.
+            failed: Called with the error of an unreadable folder.
         """
-        made = self._made()
+        rewritten = self._rewritten()
         for top, _ in self._tree.parts:
             if self._replaced in top.parents:
                 continue
             for path in walk_files(top, lambda folder: folder == self._replaced, failed):
-                if path not in made:
-                    yield self._placed(path)
+                if path not in rewritten:
+                    yield self._with_target(path)
         if not self.in_place:
             yield from self._beside_scans()
 
-    def _beside_scans(self) -> Iterator[Placed]:
-        """Yield the files beside the folder of scans, such as time stamps, for the cut scans."""
+    def _beside_scans(self) -> Iterator[FileTarget]:
+        """Yield files beside the folder of scans, such as time stamps, for the cut scans."""
         root = self._tree.scan_root
         if root.parent in (top for top, _ in self._tree.parts) and root != self._tree.scans.folder:
             for name in STORE.names(root):
                 if (root / name).is_file():
                     yield root / name, self._scan_root / name
 
-    def _made(self) -> set[Path]:
-        """Return the files that are cut or rewritten."""
-        made = {self.scan(number)[0] for number in self.numbers} if self.in_place else set()
+    def _rewritten(self) -> set[Path]:
+        """Return the cut and rewritten files."""
+        rewritten = {self.scan(number)[0] for number in self.numbers} if self.in_place else set()
         for number in self.numbers:
-            made.update(path for path, _ in self.point_labels(number))
+            rewritten.update(path for path, _ in self.point_labels(number))
             labels = self.frame_labels(number)
-            made.update([labels[0]] if labels else [])
-        return made | ({self.track_labels} if self.track_labels is not None else set())
+            rewritten.update([labels[0]] if labels else [])
+        return rewritten | ({self.track_labels} if self.track_labels is not None else set())
 
-    def _placed(self, path: Path) -> Placed:
+    def _with_target(self, path: Path) -> FileTarget:
         return path, self._tree.target_of(path)
 
     def _find_notes(self) -> list[str]:
@@ -159,7 +159,7 @@ class CropPaths:
         return notes
 
 
-# The points of a scan that a camera sees, by two rules that are in use.
+# The points of a scan that a camera sees, by two common rules.
 #
 # - reference: reflectance > 0, depth >= 0, u and v rounded half to even, 0 < u < width,
 #   0 < v < height. The rule of the crop scripts for the object benchmark.
@@ -180,9 +180,9 @@ class CameraView:
     """A camera at one frame.
 
     Attributes:
-        rule: Which points it sees.
-        projection: Of velo_link into its images.
-        size: (width, height) of these.
+        rule: Rule for the points that it sees.
+        projection: Projection from velo_link into its images.
+        size: (width, height) of its images.
     """
 
     rule: View
@@ -190,7 +190,7 @@ class CameraView:
     size: tuple[int, int]
 
     def sees(self, points: Float32Array, xyz: Float64Array) -> npt.NDArray[np.bool_]:
-        """Return (N,) whether it sees each of (N, 4) points, whose xyz are (N, 3) float64."""
+        """Return the (N,) mask of the visible of (N, 4) points, whose xyz are (N, 3) float64."""
         seen = self.projection.homogeneous(xyz)
         depth, pixels = seen[:, 2], self.projection.pixels(seen)
         if self.rule is View.REFERENCE:
@@ -199,8 +199,8 @@ class CameraView:
         else:
             near_enough = (depth > _NEAREST_M) & (depth < _FARTHEST_M)
         inside = (pixels > 0) & (pixels < self.size)
-        kept: npt.NDArray[np.bool_] = near_enough & inside[:, 0] & inside[:, 1]
-        return kept
+        visible: npt.NDArray[np.bool_] = near_enough & inside[:, 0] & inside[:, 1]
+        return visible
 
 
 class CameraViews:
@@ -219,7 +219,7 @@ class CameraViews:
         self._common = lru_cache(maxsize=1)(lambda: self._make(0))
 
     def at(self, number: int) -> CameraView | None:
-        """Return the view at a frame, None if the options have none.
+        """Return the view at a frame; None without a view option.
 
         Raises:
             MissingDataError: The calibration or the size of the images is missing.
@@ -244,13 +244,13 @@ class CameraViews:
         return CameraView(self._rule or View.REDUCED, projection, self._size_at(number))
 
     def _size_at(self, number: int) -> tuple[int, int]:
-        """Return the size of the images: that of the options, the calibration or an image."""
+        """Return the size of the images, from the options, the calibration or an image."""
         if self._size is not None:
             return self._size
         return image_size(self._recording, self._camera, number, '--image-size')
 
 
-# The points of a scan that filters keep.
+# The filters of the points of a scan.
 #
 # The lasers are counted on the whole scan. Each point must then pass every other filter: view,
 # boxes, range and height. Of the points left, each voxel keeps the first one in the file. Points
@@ -261,12 +261,12 @@ if TYPE_CHECKING:
 
 
 def kept_points(points: Float32Array, options: CropOptions, view: CameraView | None) -> Mask:
-    """Return (N,) whether the filters keep each of (N, 4) points.
+    """Return the (N,) mask of the (N, 4) points that pass the filters.
 
     Args:
         points: A whole scan: x y z in metres in velo_link, reflectance.
         options: The filters.
-        view: The camera of this scan, if the options have a view.
+        view: The camera at this scan; None without a view option.
 
     Raises:
         ValueError: Lasers cannot be counted; the message contains the reason.
@@ -294,7 +294,7 @@ def kept_points(points: Float32Array, options: CropOptions, view: CameraView | N
 
 
 def first_of_each_voxel(xyz: Float64Array, size_m: float) -> Mask:
-    """Return (N,) whether a point is the first of its voxel, a cube of a grid at the origin."""
+    """Return the (N,) mask of the first point of each voxel; the grid begins at the origin."""
     cells = np.floor(xyz / size_m)
     order = np.lexsort(cells.T)  # stable: the points of a voxel stay in their order
     ordered = cells[order]
@@ -306,7 +306,7 @@ def first_of_each_voxel(xyz: Float64Array, size_m: float) -> Mask:
 
 
 def _every_nth_laser(points: Float32Array, lasers: int) -> Mask:
-    """Return whether a point is of the lowest laser or of every n-th above it."""
+    """Return the mask of points of the lowest laser and every n-th above it."""
     from ..messages.scan import rings  # noqa: PLC0415 - the messages of ROS
 
     if not len(points):
@@ -330,7 +330,7 @@ def _in_any_box(xyz: Float64Array, boxes: tuple[tuple[float, ...], ...]) -> Mask
 
 
 def _every_axis(rows: Mask) -> Mask:
-    """Return whether all three of (N, 3) are true; eight times as fast as all(axis=1)."""
+    """Return the mask of rows with three true values; eight times as fast as all(axis=1)."""
     every: Mask = rows[:, 0] & rows[:, 1] & rows[:, 2]
     return every
 
@@ -340,10 +340,10 @@ def _between(values: Float64Array, span: tuple[float, float]) -> Mask:
     return inside
 
 
-# Lines of label files whose 3D box contains no point.
+# Label lines whose 3D box contains no point.
 #
-# All other lines keep their bytes, and so do lines without a 3D box (DontCare, 2D detections) and
-# invalid ones.
+# All other lines keep their bytes, also invalid ones and those without a 3D box (DontCare, 2D
+# detections).
 
 
 def empty_rows(labels: FrameLabels, calibration: Calibration, points: Float32Array) -> list[int]:
@@ -365,7 +365,7 @@ def empty_rows(labels: FrameLabels, calibration: Calibration, points: Float32Arr
 
 
 def without_rows(text: str, rows: Collection[int]) -> str:
-    """Return a label file without some of its lines, counted from 0."""
+    """Return a label file without some lines, counted from 0."""
     lines = text.splitlines(keepends=True)
     return ''.join(line for row, line in enumerate(lines) if row not in rows)
 
@@ -375,38 +375,38 @@ def without_tracks(text: str, rows: Mapping[int, Collection[int]]) -> str:
 
     Args:
         text: The whole file; the first column is the frame.
-        rows: By frame the lines to leave out, counted from 0 among the lines of that frame.
+        rows: Lines to drop by frame, counted from 0 among the lines of that frame.
     """
     seen: Counter[int] = Counter()
-    kept = []
+    kept_lines = []
     for line in text.splitlines(keepends=True):
         word = line.split(maxsplit=1)[0] if line.strip() else ''
         frame = int(word) if word.isdecimal() and len(word) <= names.FRAME_DIGITS else -1
         if seen[frame] not in rows.get(frame, ()):
-            kept.append(line)
+            kept_lines.append(line)
         seen[frame] += 1
-    return ''.join(kept)
+    return ''.join(kept_lines)
 
 
 @dataclass
 class CutScan:
-    """The result of a frame.
+    """The result of cutting a frame.
 
     Attributes:
         number: File number.
         before, after: Number of points.
-        done: Whether the scan is written or placed.
-        placed: For each unchanged file whether it is a hard link.
-        size_bytes: Of new files.
-        empty_rows: Lines of the frame's labels that are left out.
-        failures: What could not be used: stream and reason.
+        done: True if the scan is written, linked or copied.
+        linked: True for each hard link, False for each copy of an unchanged file.
+        size_bytes: Size of new files.
+        empty_rows: Dropped lines of the frame's labels.
+        failures: Unusable data: stream and reason.
     """
 
     number: int
     before: int = 0
     after: int = 0
     done: bool = False
-    placed: list[bool] = field(default_factory=list)
+    linked: list[bool] = field(default_factory=list)
     size_bytes: int = 0
     empty_rows: Sequence[int] = ()
     failures: list[tuple[Stream, str]] = field(default_factory=list)
@@ -439,7 +439,7 @@ class ScanCropper:
         self._views = CameraViews(recording, options)
 
     def crop(self, number: int) -> CutScan:
-        """Cut a scan; what cannot be used is a failure in the result.
+        """Cut a scan; unusable data is a failure in the result.
 
         Raises:
             OSError: The output cannot be written.
@@ -464,7 +464,7 @@ class ScanCropper:
         return result
 
     def _leave_out(self, result: CutScan, reason: str) -> None:
-        """Report a scan that cannot be cut; neither can the labels of its points."""
+        """Report a scan that cannot be cut, nor the labels of its points."""
         labelled = any(path.exists() for path, _ in self._paths.point_labels(result.number))
         too = '; the labels of its points are left out, too' if labelled else ''
         result.failures.append((Stream.SCAN, f'{reason}{too}'))
@@ -500,7 +500,7 @@ class ScanCropper:
         if paths is None:
             return
         if not result.empty_rows:
-            self._place(result, paths)
+            self._link(result, paths)
             return
         try:
             text = without_rows(STORE.read_text(paths[0]), result.empty_rows)
@@ -512,30 +512,30 @@ class ScanCropper:
             self._write(result, paths, text.encode())
 
     def _put(
-        self, result: CutScan, paths: Placed, cut: Callable[[Mask], bytes], keep: Mask
+        self, result: CutScan, paths: FileTarget, cut: Callable[[Mask], bytes], keep: Mask
     ) -> bool:
-        """Write a part of a file, or place the file if that is all of it."""
+        """Write a part of a file; link or copy a file that stays whole."""
         if keep.all():
-            return self._place(result, paths)
+            return self._link(result, paths)
         self._write(result, paths, cut(keep))
         return True
 
-    def _place(self, result: CutScan, paths: Placed) -> bool:
+    def _link(self, result: CutScan, paths: FileTarget) -> bool:
         try:
-            result.placed.append(self._linker.link(paths[0], self._root / paths[1]))
+            result.linked.append(self._linker.link(paths[0], self._root / paths[1]))
         except KittiRos2Error as error:
             result.failures.append((Stream.SCAN, f'{error}; it is left out'))
             return False
         return True
 
-    def _write(self, result: CutScan, paths: Placed, data: bytes) -> None:
+    def _write(self, result: CutScan, paths: FileTarget, data: bytes) -> None:
         STORE.write(self._root / paths[1], data, new=True)
         result.size_bytes += len(data)
 
 
 @dataclass(frozen=True, eq=False)
 class _ReadScan:
-    """The points of a scan, and its rows as they are: of a text file its lines."""
+    """The points of a scan, and its unparsed rows: bytes or text lines."""
 
     points: Float32Array
     rows: npt.NDArray[np.void] | None = None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics of a data set: all recordings at a path, each and together."""
+"""Statistics of a data set: its recordings, and their total."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SetStatistics:
 
     Attributes:
         path: The folder or the bag.
-        recordings: Those of each drive, split, sequence or bag.
+        recordings: Statistics of each drive, split, sequence or bag.
     """
 
     path: Path
@@ -72,16 +72,16 @@ def statistics(
     progress: Progress | None = None,
     **options: Unpack[StatisticsKeywords],
 ) -> SetStatistics:
-    """Count and describe what is in a data set, as `kitti-ros2 stats` does.
+    """Count and describe the contents of a data set, as `kitti-ros2 stats` does.
 
     Args:
         path: A KITTI folder with any number of drives, splits and sequences, or a bag.
-        progress: Called with the frames done and the number of all that are known so far.
+        progress: Called with the frames done and the number of frames found so far.
         options: Those of `kitti-ros2 stats --help`, with the same defaults: points=True,
             layout='raw', sequence='0005'.
 
     Returns:
-        The statistics of each recording and, as total, of all together. Each loss is also a
+        The statistics of each recording, and their total. Each loss is also a
         KittiRos2Warning.
 
     Raises:
@@ -106,7 +106,7 @@ def statistics(
 def count_set(
     path: Path, sources: Sequence[SetSource], options: StatisticsOptions, progress: Progress
 ) -> SetStatistics:
-    """Count what is in the recordings of a path, one after the other.
+    """Count the contents of the recordings at a path, one after the other.
 
     A recording that cannot be opened is a loss, unless it is the only one.
 
@@ -150,7 +150,7 @@ class SetSource(NamedTuple):
     Attributes:
         name: Its name in the set.
         kind: Layout, or bag.
-        semantic: Whether its points have labels in files.
+        semantic: True if it has files of point labels.
         open: Opens its frames.
     """
 
@@ -164,7 +164,7 @@ def find_sources(path: Path, read: ReadOptions) -> list[SetSource]:
     """Find the recordings at a path: in the data sets in it or below it, or the bags in it.
 
     Raises:
-        KittiRos2Error: There is none.
+        KittiRos2Error: None exists.
     """
     if read.layout is None and looks_like_bag(path):
         return [_bag(path, read)]
@@ -206,7 +206,7 @@ def _source(path: Path, data_set: DataSet, candidate: Candidate, read: ReadOptio
 # Statistics as plain values, for JSON, and as rows, for CSV.
 
 _NAMED = ('samples', 'classes', 'point_classes')
-"""Fields of a recording that are tables by name; the others are single values."""
+"""Fields of a recording that are tables by name, not single values."""
 
 
 _PLAIN = ('frames', 'labelled', 'objects', 'objects_a_frame', 'points_a_scan')
@@ -220,10 +220,10 @@ class StatisticsRow(NamedTuple):
 
     Attributes:
         set: The path.
-        recording: Its name in the set; empty for all together.
+        recording: Its name in the set; empty for the total.
         group: Kind of the figure: recording, samples, classes, point_classes, route, ...
         name: A stream or a class; empty for other figures.
-        quantity: What it is, such as count, difficulty easy, distance_m mean, distance_m 10-15.
+        quantity: Name of the figure, such as count, difficulty easy, distance_m mean.
         value: The figure.
     """
 
@@ -245,7 +245,7 @@ def plain_values(counts: SetStatistics) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any part of the statistics
-    """Return a part of the statistics as values of JSON; a distribution without values is None."""
+    """Return a part of the statistics as values of JSON; None for an empty distribution."""
     if isinstance(value, Distribution):
         return _plain_distribution(value)
     if isinstance(value, Loss):
@@ -309,7 +309,7 @@ def _fill(into: T, values: Mapping[str, Any]) -> T:
 
 
 def rows_of(counts: SetStatistics) -> Iterator[StatisticsRow]:
-    """Yield the rows of a set: all recordings together, then each of several."""
+    """Yield the rows of a set: the total, then each of several recordings."""
     parts = [counts.total, *(counts.recordings if len(counts.recordings) > 1 else ())]
     for part in parts:
         for group, name, quantity, value in _figures(part):
@@ -331,7 +331,7 @@ def _figures(part: RecordingStatistics) -> Iterator[tuple[str, str, str, object]
 
 
 def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN401 - as above
-    """Yield the figures of nested values, each with its names joined; those of bins alone."""
+    """Yield the figures of nested values, each with its names joined, without `bins`."""
     if isinstance(value, dict):
         for name, child in value.items():
             yield from _flat(child, *names, *([] if name == 'bins' else [name]))
@@ -340,7 +340,7 @@ def _flat(value: Any, *names: str) -> Iterator[tuple[str, object]]:  # noqa: ANN
 
 
 def write_csv(path: Path, sets: Iterable[SetStatistics]) -> None:
-    """Write the rows of sets with a heading; names that are no text are escaped.
+    """Write the rows of sets with a heading; names that are not UTF-8 are escaped.
 
     Raises:
         OSError: The file cannot be written.

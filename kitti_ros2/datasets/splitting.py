@@ -42,23 +42,23 @@ if TYPE_CHECKING:
     from ..options.keywords import SplitKeywords
 
 
-# Comparison of lists: entries in both, and entries of the same raw drive on both sides.
+# Comparison of lists: common entries, and entries of the same raw drive.
 
 
 @dataclass(frozen=True)
 class ListPair:
-    """What two lists share.
+    """The overlap of two lists.
 
     Attributes:
         first, second: Names of the lists.
-        overlap: Entries of both.
-        contained: Whether all of one are in the other, as train is in trainval.
-        drives: Raw drives with entries of each, of those that are not in both.
+        overlap: Common entries.
+        contained: True if one list is a part of the other, as train of trainval.
+        drives: Raw drives with entries in each list, common entries aside.
         entries: Number of entries of these drives in the first and in the second.
-        nearest: Two entries of one drive that are closest, of the first and of the second; None
+        nearest: The closest two entries of one drive, of the first and the second; None
             without any.
-        nearest_frames: Frames of the drive between them, None without nearest.
-        nearest_s: The same in seconds, at the nominal rate of KITTI's scanner.
+        nearest_frames: Frames between them; None without nearest.
+        nearest_s: Seconds between them, at the nominal rate of KITTI's scanner.
     """
 
     first: str
@@ -73,7 +73,7 @@ class ListPair:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Overlap as one line; none if one list contains the other."""
+        """The overlap as a line; none if one list contains the other."""
         if not self.overlap or self.contained:
             return ()
         both = f'{self.first} and {self.second}: {len(self.overlap):,} in both'
@@ -81,7 +81,7 @@ class ListPair:
 
     @property
     def leaks(self) -> tuple[str, ...]:
-        """Entries of the same drives as one line; none if one list contains the other."""
+        """The entries of the same drives as a line; none if one list contains the other."""
         if not self.drives or self.contained:
             return ()
         drives = format_count(len(self.drives), 'drive')
@@ -100,11 +100,11 @@ class ListPair:
 def compare_lists(
     lists: Mapping[str, Sequence[str]], parts: Mapping[str, Part]
 ) -> tuple[ListPair, ...]:
-    """Compare each list with each.
+    """Compare each pair of lists.
 
     Args:
         lists: Entries by name of the list.
-        parts: By entry; entries without one are compared by name only.
+        parts: Parts by entry; entries without one are compared by name only.
     """
     return tuple(_pair(*both, parts) for both in combinations(lists.items(), 2))
 
@@ -146,7 +146,7 @@ def _by_drive(entries: Iterable[str], parts: Mapping[str, Part]) -> dict[str, li
 def _nearest(
     sides: Iterable[tuple[Sequence[Part], Sequence[Part]]],
 ) -> tuple[int, tuple[str, str]] | None:
-    """Return the least distance in frames of parts of one drive on both sides, and their names."""
+    """Return the least distance in frames of parts of one drive in both, and their names."""
     best: tuple[int, tuple[str, str]] | None = None
     for first, second in sides:
         numbered = sorted((part.number, part.name) for part in second if part.number is not None)
@@ -160,13 +160,12 @@ def _nearest(
     return best
 
 
-# Division of parts of different sizes by shares: random by a seed, the same on every machine.
+# Random division of parts of different sizes by shares and a seed, equal on every machine.
 #
 # The random order is that of the SHA-256 of the text `SEED NAME` (UTF-8) of each part, such as `0
-# 000123`; so it depends on no random generator, and a part keeps its place among the others when
-# some are added or removed. Each list takes the parts in this order, and passes over those with
-# which it could not get as close to its share as the parts allow: single frames are taken one by
-# one.
+# 000123`: no random generator, and the same relative order when parts are added or removed. Each
+# list takes parts in this order, and skips those with which it could not get as close to its share
+# as the parts allow: single frames are taken one by one.
 
 
 def seeded_order(names: Sequence[str], seed: int) -> list[str]:
@@ -180,12 +179,12 @@ def divide(
     """Divide parts into lists whose sizes are as close to the shares as whole parts allow.
 
     Args:
-        sizes: Units with their sizes, 1 or more.
-        shares: Of each list; they add up to 1.
-        seed: Of the random order.
+        sizes: Parts with their sizes, 1 or more.
+        shares: Share of each list; they add up to 1.
+        seed: Seed of the random order.
 
     Returns:
-        The parts of each list, one at least, in their random order; None if there are too few.
+        The parts of each list, at least one, in their random order; None for too few parts.
     """
     rest = seeded_order([*sizes], seed)
     total, done, cumulated = sum(sizes.values()), 0, Fraction(0)
@@ -193,26 +192,26 @@ def divide(
     for index, share in enumerate(shares[:-1]):
         cumulated += share
         target = floor(total * cumulated + Fraction(1, 2)) - done
-        taken = _take(rest, sizes, target, leave=len(shares) - index - 1)
-        if taken is None:
+        part_names = _take(rest, sizes, target, leave=len(shares) - index - 1)
+        if part_names is None:
             return None
-        chosen = frozenset(taken)
-        lists.append(taken)
+        chosen = frozenset(part_names)
+        lists.append(part_names)
         rest = [name for name in rest if name not in chosen]
-        done += sum(sizes[name] for name in taken)
+        done += sum(sizes[name] for name in part_names)
     return [*lists, rest] if rest else None
 
 
 def _take(
     order: Sequence[str], sizes: Mapping[str, int], target: int, leave: int
 ) -> list[str] | None:
-    """Return parts whose sizes add up as close to a target as possible, the first that do.
+    """Return the first parts whose sizes add up as close to a target as possible.
 
     Args:
         order: The parts.
         sizes: Their sizes.
         target: The size to reach.
-        leave: Number of parts to leave at least.
+        leave: Least number of parts to leave.
     """
     if len(order) <= leave:
         return None
@@ -224,28 +223,28 @@ def _take(
         sums.append(sums[-1] | sums[-1] << sizes[name])
     sums.reverse()
     total = sum(sizes[name] for name in order)
-    for wanted in sorted(range(1, total), key=lambda size: (abs(size - target), size)):
-        if sums[0] >> wanted & 1:
-            taken = _first_that_add_up(order, sizes, sums, wanted)
-            if len(order) - len(taken) >= leave:
-                return taken
+    for list_size in sorted(range(1, total), key=lambda size: (abs(size - target), size)):
+        if sums[0] >> list_size & 1:
+            part_names = _first_that_add_up(order, sizes, sums, list_size)
+            if len(order) - len(part_names) >= leave:
+                return part_names
     return None
 
 
 def _first_that_add_up(
     order: Sequence[str], sizes: Mapping[str, int], sums: Sequence[int], size: int
 ) -> list[str]:
-    """Return the parts that add up to a size, each taken if the ones after it can do the rest."""
-    taken = []
+    """Return parts that add up to a size, each taken if later ones can make the rest."""
+    part_names = []
     for index, name in enumerate(order):
         rest = size - sizes[name]
         if rest >= 0 and sums[index + 1] >> rest & 1:
-            taken.append(name)
+            part_names.append(name)
             size = rest
-    return taken
+    return part_names
 
 
-# Lists that a user gives, with their entries looked up in the data set.
+# A user's lists, with their entries looked up in the data set.
 
 
 def read_lists(files: Sequence[Path], part_set: PartSet) -> list[GivenList]:
@@ -257,20 +256,20 @@ def read_lists(files: Sequence[Path], part_set: PartSet) -> list[GivenList]:
     """
     lists: dict[str, GivenList] = {}
     for file in files:
-        given = GivenList(file, part_set)
-        if given.name in lists:
-            raise UsageError(f'{lists[given.name].path} and {file} have the same name')
-        lists[given.name] = given
+        frame_list = GivenList(file, part_set)
+        if frame_list.name in lists:
+            raise UsageError(f'{lists[frame_list.name].path} and {file} have the same name')
+        lists[frame_list.name] = frame_list
     return [*lists.values()]
 
 
 class GivenList:
-    """A list and its entries that the set has.
+    """A list, and its entries in the set.
 
     Attributes:
         path: Its file.
         name: The name of the file, without suffix.
-        entries: Those of the set, in the order of the file.
+        entries: Entries in the set, in the order of the file.
     """
 
     def __init__(self, path: Path, part_set: PartSet) -> None:
@@ -291,7 +290,7 @@ class GivenList:
         self._unknown = [name for name in every if parts is not None and name not in parts]
 
     def require_entries(self) -> None:
-        """Check that it has an entry.
+        """Raise unless it has an entry.
 
         Raises:
             UsageError: It has none.
@@ -301,7 +300,7 @@ class GivenList:
             raise UsageError(f'{reasons[0]}; the list would be empty')
 
     def losses(self, *, checked: bool) -> list[Loss]:
-        """Return what could not be used, and what other readers may not accept if it is checked."""
+        """Return unusable lines and, of a checked list, lines that other readers may refuse."""
         reasons = [*self._parsed.invalid, *(self._parsed.repaired if checked else ())]
         losses = [Loss(self.name, 1, reason.replace('{', '(')) for reason in reasons]
         if self._unknown:
@@ -320,21 +319,21 @@ class GivenList:
         return notes
 
 
-# The parts that lists of a data set name: frames of an object set, else sequences or drives.
+# The parts in lists of a data set: frames of an object set, else sequences or drives.
 
 TEST = 'test'
-"""Lists of an object set whose names begin so are of its testing frames."""
+"""Beginning of the names of lists of testing frames of an object set."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A frame, sequence or drive of a data set, which is a line of a list.
+    """A frame, sequence or drive of a data set: a line of a list.
 
     Attributes:
         name: The line.
         frames: Number of frames.
-        drive: The raw drive, None if it is unknown.
-        number: The file number of a frame in its drive, None if it is unknown.
+        drive: The raw drive; None if unknown.
+        number: The file number of a frame in its drive; None if unknown.
     """
 
     name: str
@@ -349,14 +348,14 @@ class PartSet:
 
     Attributes:
         layout: Its layout.
-        folder: The folder in which ImageSets lies.
+        folder: The folder of ImageSets.
         noun: frame, sequence or drive.
-        parts: By name.
-        testing: Those of the testing frames of an object set; None if they are not there, or if
-            the set itself is of them.
+        parts: The parts by name.
+        testing: Parts of the testing frames of an object set; None if they are missing, or the
+            set itself.
         losses: Missing data.
         notes: Lines that cost no data.
-        frames, testing_frames: How the frames of an object set are named.
+        frames, testing_frames: File names of the frames of an object set.
     """
 
     layout: Layout
@@ -371,11 +370,11 @@ class PartSet:
 
     @property
     def lists_frames(self) -> bool:
-        """Whether a part is a frame."""
+        """True if a part is a frame."""
         return self.layout.traits.frame_set
 
     def is_of_testing(self, name: str) -> bool:
-        """Whether a list of a name is of the testing frames beside the training frames."""
+        """Return whether a list of a name has testing frames, beside training frames."""
         return self.lists_frames and self.testing is not self.parts and name.startswith(TEST)
 
 
@@ -388,10 +387,10 @@ def find_parts(
         path: The set.
         layout: None detects it.
         mapping: The folder of the object devkit's mapping; None searches beside the set.
-        by_drive: Whether the drive of each frame is needed.
+        by_drive: True if the drive of each frame is needed.
 
     Raises:
-        UsageError: There is nothing to divide, or no mapping where it is needed.
+        UsageError: There is nothing to divide, or a needed mapping is missing.
         KittiRos2Error, OSError: It cannot be read.
     """
     layout, candidates = _find(path, layout)
@@ -414,16 +413,16 @@ def _find(path: Path, layout: Layout | None) -> tuple[Layout, list[Candidate]]:
 
 
 def _frames(
-    layout: Layout, candidates: list[Candidate], given: Path | None, *, by_drive: bool
+    layout: Layout, candidates: list[Candidate], mapping_folder: Path | None, *, by_drive: bool
 ) -> PartSet:
-    """List the frames of an object set: those of training, if there are any."""
+    """List the frames of an object set, of training if it has any."""
     recordings = {candidate.name: candidate.open(ReadOptions()) for candidate in candidates}
     chosen = recordings[candidates[0].name]
     is_testing = chosen.name == names.SPLITS[1]
     mapping: ObjectMapping | None = None
     notes: tuple[str, ...] = ()
     if not is_testing:
-        mapping, notes = _mapping(chosen.root, given, needed=by_drive)
+        mapping, notes = _mapping(chosen.root, mapping_folder, needed=by_drive)
     elif by_drive:
         raise UsageError(f'{chosen.root}: the devkit has the drives of training frames only')
     parts = _parts_of(chosen, mapping)
@@ -442,7 +441,7 @@ def _frames(
 def _beyond(
     parts: Mapping[str, Part], mapping: ObjectMapping, frames: names.FileNames
 ) -> list[Loss]:
-    """Return the frames without a drive, which are in no list."""
+    """Return the frames without a drive, left out of all lists."""
     numbers = tuple(frames.number(part.name) or 0 for part in parts.values() if not part.drive)
     reason = mapping.beyond.replace('{', '(').replace('}', ')')
     text = f'{reason}; in no list: frames {{}}'
@@ -450,13 +449,13 @@ def _beyond(
 
 
 def _mapping(
-    root: Path, given: Path | None, *, needed: bool
+    root: Path, mapping_folder: Path | None, *, needed: bool
 ) -> tuple[ObjectMapping | None, tuple[str, ...]]:
-    """Read the mapping; where it is not needed, none is a note."""
+    """Read the mapping; a missing one is a note, or an error if needed."""
     try:
-        return find_mapping(root, given), ()
+        return find_mapping(root, mapping_folder), ()
     except UsageError as error:
-        if needed or given is not None:
+        if needed or mapping_folder is not None:
             raise
         return None, (f'drives in more than one list are not looked for: {error}',)
 
@@ -501,12 +500,12 @@ class SplitList:
     """One list.
 
     Attributes:
-        name: Such as train.
+        name: Name, such as train.
         path: Its file.
         entries: The frames, sequences or drives, in the order of the file.
         frames: Number of frames.
-        share: The part of the frames of the set, 0 to 1; None of testing frames that are absent.
-        drives: Number of raw drives, None if they are not known.
+        share: Share of the frames of the set, 0 to 1; None for absent testing frames.
+        drives: Number of raw drives; None if unknown.
     """
 
     name: str
@@ -519,17 +518,17 @@ class SplitList:
 
 @dataclass(frozen=True)
 class SplitReport:
-    """The lists that were written, or checked.
+    """The written or checked lists.
 
     Attributes:
         path: The folder of the lists.
         layout: The layout of the set.
-        noun: What an entry is: frame, sequence or drive.
-        lists: In order of writing; checked ones by name.
-        pairs: Each list with each.
-        unlisted: What is in no list.
-        faults: Overlaps; when lists are checked also entries of one drive on both sides.
-        losses: Missing data, and lines that could not be used.
+        noun: Kind of entry: frame, sequence or drive.
+        lists: Lists in order of writing; checked ones by name.
+        pairs: Pairs of lists.
+        unlisted: Parts in no list.
+        faults: Overlaps; of checked lists also entries of one drive in both.
+        losses: Missing data, and unusable lines.
         notes: Lines that cost no data.
     """
 
@@ -554,7 +553,7 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
             check=True, mapping=..., out=..., overwrite=True, layout=...
 
     Returns:
-        The lists, what each two of them share, losses, notes. Each loss is also a
+        The lists, their overlaps, losses, notes. Each loss is also a
         KittiRos2Warning.
 
     Raises:
@@ -588,21 +587,21 @@ def split_set(path: Path, options: SplitOptions, layout: Layout | None = None) -
     if not (options.lists or options.check):
         return _divided(path, part_set, folder, options)
     checked = options.check
-    given = read_lists(options.lists or _existing(folder), part_set)
-    entries = {frame_list.name: frame_list.entries for frame_list in given}
-    paths = {frame_list.name: frame_list.path for frame_list in given}
+    frame_lists = read_lists(options.lists or _existing(folder), part_set)
+    entries = {frame_list.name: frame_list.entries for frame_list in frame_lists}
+    paths = {frame_list.name: frame_list.path for frame_list in frame_lists}
     if not checked:
-        for frame_list in given:
+        for frame_list in frame_lists:
             frame_list.require_entries()
         paths = _write(folder, entries, overwrite=options.overwrite)
     report = _report(part_set, folder, paths, entries, checked=checked)
-    losses = [loss for frame_list in given for loss in frame_list.losses(checked=checked)]
-    notes = [note for frame_list in given for note in frame_list.notes(checked=checked)]
+    losses = [loss for frame_list in frame_lists for loss in frame_list.losses(checked=checked)]
+    notes = [note for frame_list in frame_lists for note in frame_list.notes(checked=checked)]
     return replace(report, losses=(*report.losses, *losses), notes=(*report.notes, *notes))
 
 
 def _divided(path: Path, part_set: PartSet, folder: Path, options: SplitOptions) -> SplitReport:
-    """Make random lists."""
+    """Return random lists."""
     reserved = [name for name in options.list_names if part_set.is_of_testing(name)]
     if reserved:
         raise UsageError(
@@ -643,7 +642,7 @@ def _write(folder: Path, lists: Mapping[str, Sequence[str]], *, overwrite: bool)
     """Write lists, all or none, and return their files.
 
     Raises:
-        OutputExistsError: A file exists and may not be replaced.
+        OutputExistsError: A file exists, and is not to be replaced.
         OutputError: One cannot be written.
     """
     paths = {name: folder / f'{name}{kitti_names.TXT}' for name in lists}
@@ -674,7 +673,7 @@ def _report(
     *,
     checked: bool,
 ) -> SplitReport:
-    """Describe lists, and compare those of the same frames."""
+    """Describe lists, and compare lists of the same frames."""
     test = {name: entries for name, entries in lists.items() if part_set.is_of_testing(name)}
     others = {name: entries for name, entries in lists.items() if name not in test}
     pairs = (*compare_lists(others, part_set.parts), *compare_lists(test, part_set.testing or {}))

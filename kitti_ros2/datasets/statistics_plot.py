@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws statistics as a picture, a column for each of several sets."""
+"""Draws statistics as a picture, several sets side by side."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
     from .set_statistics import SetStatistics
 
 
-# The panels of a picture of statistics; statistics_plot.py arranges them.
-#
-# Axes are those of matplotlib.
+# The panels of a picture of statistics. Axes are those of matplotlib.
 
 if TYPE_CHECKING:
     Draw = Callable[[Any, RecordingStatistics, Sequence[str]], None]
@@ -51,21 +49,21 @@ _ABOVE: dict[str, Any] = {
     'columnspacing': 0.9,
     'handletextpad': 0.35,
 }
-"""Of a legend between title and axes."""
+"""Position of a legend between title and axes."""
 _SEMANTIC = {name: SEMANTIC_COLORS[number] for number, name in SEMANTIC_NAMES.items()}
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One kind of plot.
+    """A kind of plot.
 
     Attributes:
         title: Heading.
-        has: Whether a set has data for it.
-        draw: Draws it.
+        has: Returns True for a set with data for it.
+        draw: Draws a set into axes.
         label: Label of the horizontal axis.
-        by_class: Whether its rows are classes.
-        common: Whether several sets have the same horizontal scale.
+        by_class: True if its rows are classes.
+        common: True gives several sets the same horizontal scale.
     """
 
     title: str
@@ -77,12 +75,12 @@ class Panel:
 
 
 def _color(class_name: str, strength: float = 1.0) -> tuple[float, ...]:
-    """Return red, green, blue, 0..1, of a class, mixed with white."""
+    """Return the colour of a class mixed with white: red, green, blue, 0..1."""
     return tuple(1 - strength * (1 - value / 255) for value in rgb_of(class_name))
 
 
 def _solid(total: RecordingStatistics, classes: Sequence[str]) -> list[str]:
-    """Return the classes that a set has, in the given order, without DontCare."""
+    """Return the classes of a set in the given order, without DontCare."""
     return [name for name in classes if name in total.classes and name != DONT_CARE]
 
 
@@ -115,7 +113,7 @@ def _draw_counts(axes: Any, total: RecordingStatistics, classes: Sequence[str]) 
 
 
 def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Draw:
-    """Return what draws the shares of counts by name as stacked bars."""
+    """Return a function that draws the shares of counts as stacked bars."""
 
     def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
         from matplotlib.patches import Patch  # noqa: PLC0415 - heavy
@@ -124,12 +122,12 @@ def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Dr
         _rows(axes, class_names)
         for row, class_name in enumerate(class_names):
             counts = get(total.classes[class_name]) if class_name in total.classes else {}
-            every, left = sum(counts.values()), 0.0
+            every, start = sum(counts.values()), 0.0
             for name, strength in zip(names, _STRENGTHS, strict=False):
                 share = 100 * counts[name] / every if every else 0.0
                 color = _color(class_name, strength)
-                axes.barh(row, share, 0.72, left, color=color, edgecolor='white', lw=0.4)
-                left += share
+                axes.barh(row, share, 0.72, start, color=color, edgecolor='white', lw=0.4)
+                start += share
         handles = [Patch(facecolor=INK, alpha=s) for _, s in zip(names, _STRENGTHS, strict=False)]
         axes.legend(
             handles,
@@ -143,11 +141,11 @@ def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Dr
 
 
 def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Draw:
-    """Return what draws a distribution of the largest classes as lines, in per cent of each.
+    """Return a function that draws distributions of the largest classes, in per cent.
 
     Args:
         get: Returns the distribution of a class.
-        even: Whether the horizontal axis has the scale of the values, not a place for each bin.
+        even: True scales the horizontal axis by the values; else all bins have one width.
     """
 
     def draw(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -> None:  # noqa: ANN401
@@ -180,7 +178,7 @@ def _short(edge: float) -> str:
 
 
 def _bars(get: Callable[[RecordingStatistics], Distribution], noun: str) -> Draw:
-    """Return what draws a distribution of the whole set, with its mean."""
+    """Return a function that draws a distribution of the whole set, with its mean."""
 
     def draw(axes: Any, total: RecordingStatistics, _: Sequence[str]) -> None:  # noqa: ANN401
         values = get(total)
@@ -310,7 +308,7 @@ PANELS = (
 
 
 _COLUMNS = (3, 4)
-"""Of the panels of a single set: the number that leaves fewer places empty."""
+"""Possible numbers of columns for a single set; the one with fewer gaps is chosen."""
 _PANEL_INCHES = (3.3, 2.5)
 _TITLE: dict[str, Any] = {'size': 11, 'weight': 'bold'}
 
@@ -389,13 +387,13 @@ def _draw_panels(
     shown: Sequence[RecordingStatistics],
     totals: Sequence[RecordingStatistics],
 ) -> None:
-    """Draw panels into axes, each of the statistics of a set, and hide axes without data.
+    """Draw panels, each of the statistics of a set, and hide axes without data.
 
     Args:
-        all_axes: Axes; there may be more of them than panels.
+        all_axes: Axes, possibly more than panels.
         panels: The panels.
-        shown: The statistics that each panel shows.
-        totals: Those of all sets, for the order of classes.
+        shown: The statistics of each panel.
+        totals: Statistics of all sets, for the order of classes.
     """
     classes = [*merged(totals).classes]
     for axes, panel, total in itertools.zip_longest(all_axes, panels, shown):

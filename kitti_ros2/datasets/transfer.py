@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""One archive to a file: resumed where it broke off, complete and verified or not there.
+"""The download of one archive: resumed after a break, verified, complete or absent.
 
-While it is incomplete, the file is NAME.part, and NAME.part.json has the URL, the size and the
-validator (ETag or date) of what the server began to send. A part is continued only if the server
-still has the same.
+An incomplete file is NAME.part; NAME.part.json has its URL, size and validator (ETag or date). A
+part is continued only if the server has the same file.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ def read_checksums(path: Path) -> dict[str, str]:
 
     Raises:
         MissingPathError: There is no such file.
-        BadFileError: A line is no checksum.
+        BadFileError: A line is invalid.
     """
     if not path.is_file():
         raise MissingPathError(path)
@@ -69,7 +68,7 @@ def read_checksums(path: Path) -> dict[str, str]:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits."""
+    """Return the SHA-256 of a file in hexadecimal digits."""
     digest = hashlib.sha256()
     with naming(path), path.open('rb') as file:
         while chunk := file.read(CHUNK_BYTES):
@@ -78,7 +77,7 @@ def sha256_of(path: Path) -> str:
 
 
 def is_complete(path: Path, sha256: str) -> bool:
-    """Whether an archive was downloaded before.
+    """Return whether an archive was downloaded before.
 
     Args:
         path: The archive.
@@ -94,10 +93,10 @@ def is_complete(path: Path, sha256: str) -> bool:
 
 
 def require_archive(path: Path) -> None:
-    """Check that a downloaded file is an archive; remove it if it is not.
+    """Check that a downloaded file is an archive, else remove it.
 
     Raises:
-        DownloadError: It is not, as with a server that declares too small a size.
+        DownloadError: It is none, as with a server that declares too small a size.
     """
     try:
         with open_archive(path):
@@ -113,11 +112,11 @@ def require_space(folder: Path, needed: float, remedy: str) -> None:
 
     Args:
         folder: A folder on the disk.
-        needed: Bytes.
-        remedy: What to do if they are not free.
+        needed: Required bytes.
+        remedy: Advice for the error message.
 
     Raises:
-        OutputError: They are not.
+        OutputError: The space is too small.
     """
     free = shutil.disk_usage(folder).free
     if needed > free:
@@ -130,7 +129,7 @@ _FIRST_WAIT_S = 0.5
 
 @dataclass(frozen=True)
 class _Journal:
-    """What is known of a part."""
+    """The URL, size and validator of a part."""
 
     url: str = ''
     size: int | None = None
@@ -142,13 +141,13 @@ class Transfer:
 
     Args:
         target: The file.
-        urls: Where to look for it, in this order.
+        urls: Possible URLs, tried in this order.
         source: Opens the URLs.
-        retries: Attempts without any progress after which the download fails.
+        retries: Attempts without progress after which the download fails.
         sleep: Waits for some seconds.
-        advance: Called with the bytes of each chunk, negative for those that are dropped, and with
-            the size of the file when it is known.
-        fsync: Whether the file outlasts a power cut once it is complete.
+        advance: Called with the bytes of each chunk, negative for dropped ones, and with the size
+            of the file once known.
+        fsync: True makes the complete file outlast a power cut.
     """
 
     def __init__(
@@ -178,7 +177,7 @@ class Transfer:
 
         Raises:
             MissingArchiveError: No URL has it.
-            DownloadError: It cannot be downloaded, or is not what its checksum says.
+            DownloadError: It cannot be downloaded, or has another checksum.
             OSError: The disk refuses.
         """
         for number, url in enumerate(self._urls, 1):
@@ -198,12 +197,12 @@ class Transfer:
         self._log.unlink(missing_ok=True)
 
     def drop(self) -> None:
-        """Remove what was downloaded."""
+        """Remove the downloaded part."""
         self._part.unlink(missing_ok=True)
         self._log.unlink(missing_ok=True)
 
     def _fetch(self, url: str) -> None:
-        """Download to the part, in as many attempts as make progress."""
+        """Download to the part, with new attempts as long as they make progress."""
         journal = self._resumable(url)
         done = furthest = self._part.stat().st_size if journal.validator else 0
         failures = 0
@@ -231,10 +230,10 @@ class Transfer:
                 return
 
     def _receive(self, url: str, opened: Opened, done: int, journal: _Journal) -> None:
-        """Write what a source sends after the bytes that are done.
+        """Append the chunks of a source to the part.
 
         Raises:
-            BrokenTransferError: It sends less than it declares, or of another file.
+            BrokenTransferError: It sends less than declared, or another file.
         """
         changed = opened.validator not in {'', journal.validator}
         if opened.start and (changed or opened.start != done):
@@ -267,12 +266,12 @@ class Transfer:
         return done
 
     def _count(self, done: int, size: int | None = None) -> None:
-        """Report the bytes of the part, and the size of the file if it is known."""
+        """Report the bytes of the part, and the size of the file if known."""
         change, self._counted = done - self._counted, done
         self._advance(change, size)
 
     def _resumable(self, url: str) -> _Journal:
-        """Return what is known of the part; nothing if it cannot be continued."""
+        """Return the journal of the part; an empty one if it cannot be continued."""
         with suppress(OSError, ValueError, TypeError):
             journal = _Journal(**json.loads(self._log.read_text('utf-8')))
             if journal.url == without_password(url) and journal.validator and self._part.is_file():

@@ -78,7 +78,7 @@ class DataFile:
 
     @property
     def is_worth_reading(self) -> bool:
-        """Whether no rule about sizes is broken."""
+        """True if no rule about sizes is broken."""
         return not (
             self.error
             or not self.regular
@@ -415,7 +415,7 @@ def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
 _ORTHONORMAL = 1e-5
 _FOCAL_RATIO = 1.1
 _BASELINES_M = (0.02, 3.0)
-_SAME_PLACE_M = 0.005
+_SAME_POSITION_M = 0.005
 _PARALLEL = 1e-3
 _NEAR_M = 5.0
 _FORWARD = 0.5
@@ -579,18 +579,18 @@ def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
         for index, camera in file.calibration.cameras.items()
         if camera.r_rect is not None and camera.cam_T_cam0 is not None
     }
-    turned: dict[int, Float64Array] = {}
+    rotations: dict[int, Float64Array] = {}
     for index, camera in cameras.items():
         r_rect, cam_t_cam0 = camera.r_rect, camera.cam_T_cam0 or Transform.identity()
         if r_rect is None:
             continue
-        turned[index] = r_rect @ cam_t_cam0.rotation
+        rotations[index] = r_rect @ cam_t_cam0.rotation
         apart = float(np.abs(rectified_offset(camera) - r_rect @ cam_t_cam0.translation).max())
-        if apart > _SAME_PLACE_M:
+        if apart > _SAME_POSITION_M:
             text = f'P_rect_{index:02d} and R_rect, T put camera {index} {apart:.3f} m apart'
             yield Breach(text, file.path)
-    for one, other in combinations(turned, 2):
-        off = float(np.abs(turned[one] @ turned[other].T - np.eye(3)).max())
+    for one, other in combinations(rotations, 2):
+        off = float(np.abs(rotations[one] @ rotations[other].T - np.eye(3)).max())
         if off > _PARALLEL:
             text = f'R_rect and R of cameras {one} and {other} are not parallel, by {off:.2g} rad'
             yield Breach(text, file.path)

@@ -101,12 +101,12 @@ def boxes_without_points(points: Float32Array, located: Sequence[BoxInScan]) -> 
         points: (N, 4), a scan.
         located: In its frame.
     """
-    left = list(range(len(located)))
+    indices = list(range(len(located)))
     for step in (_SAMPLED, 1):
-        if left:
+        if indices:
             xyz = np.ascontiguousarray(points[::step, :3].T)
-            left = [index for index in left if not _has_point(xyz, located[index])]
-    return left
+            indices = [index for index in indices if not _has_point(xyz, located[index])]
+    return indices
 
 
 def _has_point(xyz: Float32Array, box_in_scan: BoxInScan) -> bool:

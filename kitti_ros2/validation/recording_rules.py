@@ -503,11 +503,11 @@ def _find_position(track: PacketTrack) -> Iterator[Breach]:
 def _find_yaw(track: PacketTrack) -> Iterator[Breach]:
     if not track.packets:
         return
-    turned = np.diff(np.unwrap(track.column('yaw'))) / track.steps_s
+    yaw_rate = np.diff(np.unwrap(track.column('yaw'))) / track.steps_s
     rate = track.column('wu')
     rate = (rate[1:] + rate[:-1]) / 2
-    for index in np.flatnonzero(np.abs(turned - rate) > _YAW_OFF).tolist():
-        text = f'yaw turns at {turned[index]:.2f} rad/s, wu is {rate[index]:.2f} rad/s'
+    for index in np.flatnonzero(np.abs(yaw_rate - rate) > _YAW_OFF).tolist():
+        text = f'yaw turns at {yaw_rate[index]:.2f} rad/s, wu is {rate[index]:.2f} rad/s'
         yield track.breach(index + 1, text)
 
 
@@ -522,9 +522,9 @@ def _find_forward(track: PacketTrack) -> Iterator[Breach]:
         return
     yaw, east, north = (track.column(name) for name in ('yaw', 've', 'vn'))
     forward = east * np.cos(yaw) + north * np.sin(yaw)
-    given = track.column('vf')
-    for index in np.flatnonzero(np.abs(forward - given) > _FORWARD_OFF).tolist():
-        text = f'vf is {given[index]:.2f} m/s; ve, vn and yaw make {forward[index]:.2f} m/s'
+    vf = track.column('vf')
+    for index in np.flatnonzero(np.abs(forward - vf) > _FORWARD_OFF).tolist():
+        text = f'vf is {vf[index]:.2f} m/s; ve, vn and yaw make {forward[index]:.2f} m/s'
         yield track.breach(index, text)
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 S = TypeVar('S')
 
-_PLACE = re.compile(r'(?P<path>.+?)(?::(?P<line>\d+))?: (?P<text>.+)', re.DOTALL)
+_LINE = re.compile(r'(?P<path>.+?)(?::(?P<line>\d+))?: (?P<text>.+)', re.DOTALL)
 MOST_KEPT = 1000
 """Findings of a rule that a report keeps; the others are counted, so that memory stays flat."""
 
@@ -131,11 +131,11 @@ def breach_of(error: Exception, path: Path) -> Breach:
     """
     line = error.line if isinstance(error, KittiRos2Error) else None
     error_path = error.path if isinstance(error, KittiRos2Error) else None
-    place = as_path(error_path) if error_path else path
-    text = _without_place(describe_error(error), str(place), line)
+    file = as_path(error_path) if error_path else path
+    text = _without_path(describe_error(error), str(file), line)
     if isinstance(error, BadFileError):
         text = text.removesuffix(f' ({error.remedy})')  # rules have their own
-    return Breach(text, place, line)
+    return Breach(text, file, line)
 
 
 def breach_in(text: str, path: Path) -> Breach:
@@ -145,7 +145,7 @@ def breach_in(text: str, path: Path) -> Breach:
         text: A line that may begin with a file, and the number of a line in it.
         path: The folder or bag that was read; files in other places are not recognized.
     """
-    match = _PLACE.fullmatch(text)
+    match = _LINE.fullmatch(text)
     if match is None or not (match['path'] == str(path) or _is_below(match['path'], path)):
         return Breach(text, path)
     return Breach(
@@ -154,13 +154,13 @@ def breach_in(text: str, path: Path) -> Breach:
 
 
 def _is_below(name: str, path: Path) -> bool:
-    place = as_path(name)
-    return place.is_absolute() == path.is_absolute() and (
-        path in place.parents or path.parent in place.parents
+    file = as_path(name)
+    return file.is_absolute() == path.is_absolute() and (
+        path in file.parents or path.parent in file.parents
     )
 
 
-def _without_place(text: str, path: str, line: int | None) -> str:
+def _without_path(text: str, path: str, line: int | None) -> str:
     for head in (f'{path}:{line}: ', f'{path}: '):
         if text.startswith(head):
             return text[len(head) :]
@@ -258,7 +258,7 @@ class ValidationReport:
 
     @property
     def ok(self) -> bool:
-        """Whether there are no errors."""
+        """True if there are no errors."""
         return not self.errors
 
     @property
@@ -277,24 +277,25 @@ class FindingTally:
 
     rules: Mapping[str, Rule]  # type: ignore[type-arg] # of any subject
     _counts: Counter[str] = field(default_factory=Counter)
-    _kept: dict[str, dict[Breach, None]] = field(default_factory=dict)
+    _breaches: dict[str, dict[Breach, None]] = field(default_factory=dict)
 
     def add(self, breaches: Iterable[tuple[str, Breach]]) -> None:
         """Add breaches; one that was added before counts once."""
         for rule, breach in breaches:
-            kept = self._kept.setdefault(rule, {})
-            if breach in kept:
+            rule_breaches = self._breaches.setdefault(rule, {})
+            if breach in rule_breaches:
                 continue
             self._counts[rule] += 1
-            if len(kept) < MOST_KEPT:
-                kept[breach] = None
+            if len(rule_breaches) < MOST_KEPT:
+                rule_breaches[breach] = None
 
     def report(self, sources: Iterable[CheckedSource]) -> ValidationReport:
         """Return the report of all that was added."""
         order = list(RuleSeverity)
         positions = {rule: position for position, rule in enumerate(self.rules)}
         rule_ids = sorted(
-            self._kept, key=lambda rule: (order.index(self.rules[rule].severity), positions[rule])
+            self._breaches,
+            key=lambda rule: (order.index(self.rules[rule].severity), positions[rule]),
         )
         groups = tuple(map(self._group, rule_ids))
         totals = {
@@ -308,7 +309,7 @@ class FindingTally:
         severity = rule.severity.value
         findings = tuple(
             ValidationFinding(rule_id, severity, breach.path, breach.line, breach.text, rule.remedy)
-            for breach in self._kept[rule_id]
+            for breach in self._breaches[rule_id]
         )
         count = self._counts[rule_id]
         return RuleFindings(rule_id, severity, rule.checks, rule.remedy, count, findings)

@@ -87,7 +87,7 @@ class ViewerChannels(Transport):
         self._state = len(program.channels)
         self._index = {channel.topic: index for index, channel in enumerate(self.channels)}
         self._lock = threading.Lock()
-        self._kept: dict[int, deque[tuple[bytes, int]]] = {
+        self._latched: dict[int, deque[tuple[bytes, int]]] = {
             index: deque(maxlen=channel.depth)
             for index, channel in enumerate(self.channels)
             if channel.latched
@@ -106,15 +106,15 @@ class ViewerChannels(Transport):
         return Audience(int(watched > 0), watched)
 
     def has_subscriber(self, outlet: int) -> bool:
-        """Whether a viewer subscribes to an outlet."""
+        """Return whether a viewer subscribes to an outlet."""
         return bool(self._channels[outlet].has_sinks())
 
     def publish(self, outlet: int, data: bytes, stamp_ns: int) -> None:
         """Publish serialised data."""
-        kept = self._kept.get(outlet)
-        if kept is not None:
+        latched = self._latched.get(outlet)
+        if latched is not None:
             with self._lock:
-                kept.append((data, stamp_ns))
+                latched.append((data, stamp_ns))
             if self._renew_ns is not None:
                 return
         self._channels[outlet].log(data, log_time=stamp_ns)
@@ -122,7 +122,7 @@ class ViewerChannels(Transport):
     def publish_state(self, data: bytes, stamp_ns: int) -> None:
         """Publish a DiagnosticArray on the channel STATE."""
         with self._lock:
-            self._kept[self._state].append((data, stamp_ns))
+            self._latched[self._state].append((data, stamp_ns))
         self._channels[self._state].log(data, log_time=stamp_ns)
 
     def subscribed(self, topic: str) -> None:
@@ -145,22 +145,22 @@ class ViewerChannels(Transport):
         Seeks and messages have separate queues, so that either may arrive first.
         """
         with self._lock:
-            for outlet, kept in self._kept.items():
+            for outlet, latched in self._latched.items():
                 if outlet != self._state:
-                    kept.clear()
+                    latched.clear()
         if self._renew_ns is None:
             self._renew_ns = time.monotonic_ns() + _RENEW_AFTER_NS
         self._publish_jump(stamp_ns)
 
     def _renew(self) -> None:
         self._renew_ns = None
-        for outlet in self._kept:
+        for outlet in self._latched:
             self._give(outlet)
 
     def _give(self, outlet: int) -> None:
         with self._lock:
-            kept = list(self._kept.get(outlet, ()))
-        for data, stamp_ns in kept:
+            latched = list(self._latched.get(outlet, ()))
+        for data, stamp_ns in latched:
             self._channels[outlet].log(data, log_time=stamp_ns)
 
     def finish(self, seconds: float) -> tuple[str, ...]:

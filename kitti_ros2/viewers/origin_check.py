@@ -112,7 +112,7 @@ class OriginCheck:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or an address, IPv6 also in brackets, is this machine's loopback.
+    """Return whether a name or an address, IPv6 also in brackets, is this machine's loopback.
 
     Names under localhost never leave the machine (RFC 6761 section 6.3).
     """

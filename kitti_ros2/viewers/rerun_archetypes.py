@@ -78,10 +78,10 @@ _HEIGHTS_M = (-2.5, 2.5)
 
 def _palette() -> npt.NDArray[np.uint32]:
     """Return (256,) colours from dark to bright."""
-    places = np.linspace(0, len(_VIRIDIS) - 1, 256)
+    positions = np.linspace(0, len(_VIRIDIS) - 1, 256)
     channels = np.array(_VIRIDIS, np.float64).T
     red, green, blue = (
-        np.interp(places, range(len(_VIRIDIS)), channel).round().astype(np.uint32)
+        np.interp(positions, range(len(_VIRIDIS)), channel).round().astype(np.uint32)
         for channel in channels
     )
     packed: npt.NDArray[np.uint32] = red << 24 | green << 16 | blue << 8 | 0xFF
@@ -312,7 +312,7 @@ class PinholeConverter(Converter):
         except ValueError as error:
             self.context.note(f'{self.topic}: {error}; its images are shown without a pose')
             return
-        view = self.context.rig.place(self.topic, model)
+        view = self.context.rig.update(self.topic, model)
         for image in self._images:
             yield from _pinhole(image, model, view)
 
@@ -350,13 +350,13 @@ def _pinhole(image: str, model: CameraModel, view: Viewpoint) -> Iterator[Entity
 
 
 def is_rectified(image: str, model: CameraModel) -> bool:
-    """Whether an image is rectified (the target of P after R): by its name or its calibration.
+    """Return whether an image is rectified (the target of P after R), by name or calibration.
 
     image_proc names such images image_rect and image_rect_color.
     """
     name = image.removesuffix('/compressed').rpartition('/')[2]
-    turned = np.abs(model.r - np.eye(3)).max() > _SAME
-    plain = model.is_as_rectified or not (model.d.any() or turned)
+    rotated = np.abs(model.r - np.eye(3)).max() > _SAME
+    plain = model.is_as_rectified or not (model.d.any() or rotated)
     return 'rect' in name or plain or has_lens_of_larger_image(model)
 
 
@@ -471,7 +471,7 @@ def _arrows(markers: list[Any]) -> rr.AsComponents:
         ends = _points(marker)
         if len(ends) < 2:
             # Without points an arrow lies along x of its pose; its length is scale.x.
-            ends = _place(marker).apply([[0.0, 0.0, 0.0], [marker.scale.x, 0.0, 0.0]])
+            ends = _frame_t_marker(marker).apply([[0.0, 0.0, 0.0], [marker.scale.x, 0.0, 0.0]])
         origins.append(ends[0])
         vectors.append(ends[1] - ends[0])
     return rr.Arrows3D(
@@ -491,7 +491,7 @@ def _texts(markers: list[Any]) -> rr.AsComponents:
     )
 
 
-def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
+def _frame_t_marker(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
     """Return frame_T_marker; a quaternion of zeros means no rotation."""
     q = marker.pose.orientation
     if not any((q.x, q.y, q.z, q.w)):
@@ -502,7 +502,7 @@ def _place(marker: Any) -> Transform:  # noqa: ANN401 - a rosbags class
 
 def _points(marker: Any) -> Float64Array:  # noqa: ANN401 - a rosbags class
     """Return (N, 3) points in the marker's frame."""
-    return _place(marker).apply(rows_of(marker.points))
+    return _frame_t_marker(marker).apply(rows_of(marker.points))
 
 
 def _marker_colors(markers: list[Any]) -> list[tuple[int, int, int, int]]:
@@ -582,15 +582,15 @@ class TransformConverter(Converter):
         """Yield an update for each link."""
         for link in message.transforms:
             child = frame_name(link.child_frame_id)
-            place, turn = link.transform.translation, link.transform.rotation
-            components = _transform(link.header, place, turn, child)
+            translation, rotation = link.transform.translation, link.transform.rotation
+            components = _transform(link.header, translation, rotation, child)
             yield EntityUpdate(entity_path('transforms', child), [components])
 
 
 class PoseConverter(Converter):
     """geometry_msgs/PoseStamped, PoseWithCovarianceStamped and nav_msgs/Odometry: axes at a place.
 
-    If no transform places the child frame of an Odometry, the Odometry does.
+    If no transform positions the child frame of an Odometry, the Odometry does.
     """
 
     def convert(self, message: PoseStamped | Odometry) -> Iterator[EntityUpdate]:
@@ -608,8 +608,8 @@ class PathConverter(Converter):
 
     def convert(self, message: Path) -> Iterator[EntityUpdate]:
         """Yield one update."""
-        places = rows_of(stamped.pose.position for stamped in message.poses)
-        strips = [places] if len(places) > 1 else []
+        positions = rows_of(stamped.pose.position for stamped in message.poses)
+        strips = [positions] if len(positions) > 1 else []
         radii = rr.Radius.ui_points(_PATH_PX)
         components = rr.LineStrips3D(strips, colors=[_PATH_RGB], radii=radii)
         yield EntityUpdate(self.path, [components], frame_name(message.header.frame_id))
@@ -624,12 +624,12 @@ class FixConverter(Converter):
 
     def convert(self, message: NavSatFix) -> Iterator[EntityUpdate]:
         """Yield one update; none without a position (NaN in NavSatFix)."""
-        place = (message.latitude, message.longitude)
-        if all(map(math.isfinite, place)):
-            self._track.append(place)
+        lat_lon = (message.latitude, message.longitude)
+        if all(map(math.isfinite, lat_lon)):
+            self._track.append(lat_lon)
             radii = rr.Radius.ui_points(_FIX_PX)
             yield EntityUpdate(
-                self.path, [rr.GeoPoints(lat_lon=[place], radii=radii, colors=_FIX_RGB)]
+                self.path, [rr.GeoPoints(lat_lon=[lat_lon], radii=radii, colors=_FIX_RGB)]
             )
 
     def flush(self) -> Iterator[EntityUpdate]:
@@ -661,11 +661,11 @@ class TextConverter(Converter):
 
 
 def _transform(
-    header: Header, place: Point | Vector3, turn: Quaternion, child: str | None
+    header: Header, translation: Point | Vector3, rotation: Quaternion, child: str | None
 ) -> rr.Transform3D:
     return rr.Transform3D(
-        translation=(place.x, place.y, place.z),
-        quaternion=unit_quaternions([turn])[0],
+        translation=(translation.x, translation.y, translation.z),
+        quaternion=unit_quaternions([rotation])[0],
         parent_frame=frame_name(header.frame_id),
         child_frame=child,
     )

@@ -86,7 +86,7 @@ class ProgramSurvey:
         return FrameTree(fixed, [(self.parents[child], child) for child in moving])
 
     def _is_beside(self, info: str | None) -> bool:
-        """Whether a camera is beside its frame, like a right camera with the left one's frame."""
+        """Return whether a camera is beside its frame, as a right one with the left one's frame."""
         model = self.cameras.get(info or '')
         return model is not None and float(np.abs(model.offset).max()) > _BESIDE_M
 
@@ -113,7 +113,7 @@ class ProgramCameras:
         self._tree = survey.tree()
         self._models = dict(survey.cameras)
 
-    def place(self, topic: str, model: CameraModel) -> Viewpoint:
+    def update(self, topic: str, model: CameraModel) -> Viewpoint:
         """Set the model of a CameraInfo topic, and return the camera's viewpoint.
 
         The reference of a right camera's offset differs between bags; see

@@ -12,7 +12,7 @@ DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
 
 
 @pytest.mark.parametrize(
-    ('archive', 'name', 'place'),
+    ('archive', 'name', 'target'),
     [
         # As KITTI packs them.
         ('2011_09_26_drive_0005_sync.zip', f'{DRIVE}/oxts/data/0000000000.txt', None),
@@ -46,8 +46,8 @@ DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
         ('devkit_object.zip', 'devkit_object/cpp/a.h', 'devkit_object/cpp/a.h'),
     ],
 )  # fmt: skip
-def test_a_place(archive, name, place):
-    assert target_paths([name], archive) == [place or name]
+def test_a_place(archive, name, target):
+    assert target_paths([name], archive) == [target or name]
 
 
 def test_other_files_stay_beside_the_known_ones():
