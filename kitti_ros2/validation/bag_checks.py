@@ -43,17 +43,17 @@ if TYPE_CHECKING:
     from .rule import FindingTally
 
 
-# What the metadata.yaml of a bag says of its topics and times, against its files.
+# The topics and times in a bag's metadata.yaml, compared with its files.
 
 _ROUNDED_NS = NS_PER_S // 1000
 
 
 def find_differences(path: Path, index: BagIndex) -> list[str]:
-    """Compare metadata.yaml with the index of the files; a damaged one is reported by others.
+    """Compare metadata.yaml with the index of the files; other rules report a damaged one.
 
     Args:
         path: The bag.
-        index: Of its files.
+        index: The index of its files.
 
     Returns:
         Lines that begin with the path of metadata.yaml.
@@ -61,13 +61,13 @@ def find_differences(path: Path, index: BagIndex) -> list[str]:
     source = path / METADATA
     try:
         information = load_yaml(metadata_bytes(path))['rosbag2_bagfile_information']
-        differences = [*_of_topics(information, index), *_of_times(information, index)]
+        differences = [*_compare_topics(information, index), *_compare_times(information, index)]
     except (OSError, LookupError, TypeError, ValueError):
         return []
     return [f'{source}: {difference}' for difference in differences]
 
 
-def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
+def _compare_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
     counts = {key: sum(map(len, chunks)) for key, chunks in index.stamps.items()}
     types = dict(counts.keys())
     for entry in information.get('topics_with_message_count') or ():
@@ -80,7 +80,7 @@ def _of_topics(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
             yield f'{topic} has {listed} messages here, {count} in the files'
 
 
-def _of_times(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
+def _compare_times(information: dict[str, Any], index: BagIndex) -> Iterator[str]:
     stamps = [chunk for chunks in index.stamps.values() for chunk in chunks if len(chunk)]
     if not stamps:
         return
@@ -106,9 +106,9 @@ def check_bag(
 
     Args:
         path: A file or folder.
-        options: How much is read.
-        tally: Breaches are entered there.
-        progress: Called with the messages done, and the number expected.
+        options: Options of the checks.
+        tally: Collects the breaches.
+        progress: Called with the messages done and expected.
     """
     try:
         with OpenBag(path) as bag:
@@ -133,7 +133,7 @@ class _BagPass:
         """Read the bag, and apply the rules."""
         located = self._bag.located
         try:
-            # As stored: of ROS 1 only the messages that are checked are converted.
+            # As stored: only checked messages of ROS 1 are converted.
             with BagMessages([self._bag], as_stored=True, as_ros=True) as messages:
                 if not self._options.quick:
                     self._read(messages, progress)
@@ -144,7 +144,7 @@ class _BagPass:
                 self._facts.notes = [
                     problem for problem in messages.problems if problem not in messages.losses
                 ]
-        except BadBagError as error:  # none of its messages can be read
+        except BadBagError as error:  # all of its messages are unreadable
             self._facts.left_out = [str(error)]
         index = self._bag.index
         reported = {*self._facts.losses, *self._facts.notes, *self._facts.left_out}
@@ -189,7 +189,7 @@ class _BagPass:
         try:
             stamp_ns, frame = peek_header(message.data)
         except ValueError:
-            return  # it cannot be decoded either
+            return  # not decodable either
         self._tracks[message.topic].header_ns.append(stamp_ns)
         self._facts.frames.setdefault(frame.lstrip('/'), message.topic)
 
@@ -227,7 +227,7 @@ class _BagPass:
             if image_size is not None:
                 self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), image_size)
         elif message.topic == RECORDING and message.msgtype == STRING:
-            with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti says what is wrong
+            with suppress(KittiRos2Error, ValueError, LookupError):  # to-kitti reports the error
                 described = decoders()[RECORDING](value, BagContext(self._bag.path))
                 layout = Layout(described.values['layout'])
                 self._facts.per_frame = layout.traits.calibration_per_frame

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about a bag: as a whole, its single messages, its topics."""
+"""Rules about a whole bag, single messages, and topics."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ if TYPE_CHECKING:
 
 Size = tuple[int, int]
 _MOST_UNPAIRED = 64
-"""Sizes that are kept of a topic, to be compared with the other one of the same stamp."""
+"""Stored sizes of a topic, compared with those of the other topic by stamp."""
 _UNDEFINED = 'it is copied as it is'
 _GROUND_TRUTH = '/kitti/ground_truth/'
-"""Topics of to-bag, whose frames may be a tree of their own."""
+"""Topics of to-bag, whose frames may be a separate tree."""
 _FIXED = frozenset({'', 'map', 'odom', 'world', 'earth'})
 
 
@@ -77,7 +77,7 @@ class CameraSizes:
         self._paired: dict[tuple[str, str], tuple[Size, Size] | None] = {}
 
     def add_info(self, topic: str, stamp_ns: int, size: Size) -> None:
-        """Enter the size of a CameraInfo."""
+        """Add the size of a CameraInfo."""
         namespace = topic.rpartition('/')[0]
         if namespace:
             self._infos[namespace].add(topic)
@@ -86,7 +86,7 @@ class CameraSizes:
                 self._compare(topic, image, stamp_ns)
 
     def add_image(self, topic: str, stamp_ns: int, size: Size) -> None:
-        """Enter the size of an image."""
+        """Add the size of an image."""
         namespace, image, _ = topic.rpartition('/image')
         if image and namespace:
             self._images[namespace].add(topic)
@@ -108,9 +108,9 @@ class CameraSizes:
             self._paired[info, image] = None if sizes[0] == sizes[1] else (sizes[0], sizes[1])
 
     def differences(self) -> Iterator[tuple[str, Size, str, Size]]:
-        """Yield topics of CameraInfo and images whose sizes differ, with the first of these.
+        """Yield topics of CameraInfo and images with different sizes, and the first of these.
 
-        Without equal stamps they differ if no size is that of both.
+        Without equal stamps they differ if they have no common size.
         """
         for namespace, infos in sorted(self._infos.items()):
             for info, image in product(sorted(infos), sorted(self._images[namespace])):
@@ -124,19 +124,19 @@ class CameraSizes:
 
 @dataclass(eq=False)
 class BagFacts:
-    """What is known of a bag after one pass.
+    """The facts of a bag after one pass.
 
     Attributes:
         path: The bag.
         losses: Damage, one line each.
-        notes: Remarks that are no damage.
-        left_out: Topics that cannot be read, and why.
+        notes: Lines that are no damage.
+        left_out: Unreadable topics, each with the reason.
         messages: Number of messages.
-        tree: Its frames; None without transforms.
-        changing: Static links that were published with two values.
-        frames: Frames of the headers, each with a topic that has it.
-        sizes: Of CameraInfo and images.
-        per_frame: Whether the bag is an object set of to-bag, with a calibration a frame.
+        tree: The tree of its frames; None without transforms.
+        changing: Static links published with two values.
+        frames: Frames of the headers, each with a topic.
+        sizes: Sizes of CameraInfo and images.
+        per_frame: True for an object set of to-bag, with a calibration per frame.
     """
 
     path: Path
@@ -151,7 +151,7 @@ class BagFacts:
     per_frame: bool = False
 
     def breach(self, text: str) -> Breach:
-        """Return a breach in the bag, or in its file that a text begins with."""
+        """Return a breach in the bag, or in its file at the beginning of a text."""
         return breach_in(text, self.path)
 
 
@@ -284,12 +284,12 @@ def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
 # Rules about single messages of a bag: CameraInfo, PointCloud2, Image, transforms.
 
 HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
-"""Types of sensors and poses, which begin with a header."""
+"""Types of sensors and poses that begin with a header."""
 _READ_TYPES = frozenset(
     {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, MARKERS, PATH, TRACKED_OBJECTS}
 )
 CHECKED_TYPES = HEADED_TYPES | TF_TYPES | SCAN_TYPES | {STRING} | _READ_TYPES
-"""Types of messages that are decoded: all that `to-kitti` and the evaluations read."""
+"""Decoded types of messages: all that `to-kitti` and the evaluations read."""
 _COEFFICIENTS = {
     'plumb_bob': {0, 4, 5},
     'rational_polynomial': {0, 8, 12, 14},
@@ -307,11 +307,11 @@ class CheckedMessage:
 
     Attributes:
         bag: The bag.
-        topic, msgtype: Of the message.
+        topic, msgtype: Topic and type.
         stamp_ns: Log time.
-        value: The decoded message; None if it cannot be decoded.
-        error: Why it cannot be decoded.
-        decode: Whether the pixels of images are decoded.
+        value: The decoded message; None if not decodable.
+        error: The error of decoding.
+        decode: True decodes the pixels of images.
     """
 
     bag: Path
@@ -496,11 +496,11 @@ class TopicTrack:
     Attributes:
         bag: The bag.
         topic: Its name.
-        latched: Whether its publisher keeps the last messages for late subscribers.
-        has_qos: Whether the bag stores the QoS of publishers.
-        profiles: rosbag2's text of it.
+        latched: True if its publisher resends the last messages to late subscribers.
+        has_qos: True if the bag stores the QoS of publishers.
+        profiles: QoS as rosbag2's text.
         log_ns: Log times, in the order of the bag.
-        header_ns: Stamps of the messages' headers, for types that have one.
+        header_ns: Stamps of the headers, for types with one.
     """
 
     bag: Path

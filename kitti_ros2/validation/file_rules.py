@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about one file: whether it can be read, labels, and calibrations."""
+"""Rules about one file: readable content, labels, calibrations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration
 
 
-# Rules about one file: it can be opened, has a possible size, and can be parsed.
+# Rules about one file: readable, of a possible size, parsable.
 
 _MOST_TEXT = 16 << 20  # the largest text file of KITTI has 1 MB
 _COPY = 'copy or download the file again'
@@ -48,10 +48,10 @@ class DataFile:
     Attributes:
         stream: Its stream.
         path: The file.
-        size: In bytes; 0 if it cannot be opened.
-        error: Why it cannot be opened or parsed.
-        regular: Whether it is a regular file, not a pipe or a folder.
-        point_bytes: Of a scan.
+        size: Bytes; 0 if it cannot be opened.
+        error: Error of opening or parsing it.
+        regular: True for a regular file, not a pipe or a folder.
+        point_bytes: Bytes of a point of a scan.
     """
 
     stream: Stream
@@ -62,8 +62,8 @@ class DataFile:
     point_bytes: int = POINT_BYTES
 
     @classmethod
-    def look(cls, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile:
-        """Return what the file system tells of a file."""
+    def from_path(cls, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile:
+        """Return a file with its size, or the error of the file system."""
         try:
             status = path.stat() if is_remote(path) else os.stat(path)  # noqa: PTH116 - a tenth of the time of Path.stat
         except OSError as error:
@@ -140,7 +140,7 @@ def _find_cut(file: DataFile) -> Iterator[Breach]:
 
 
 def _failed(*streams: Stream) -> Callable[[DataFile], Iterator[Breach]]:
-    """Return the function that finds files of some streams that cannot be parsed."""
+    """Return a function that finds unparsable files of some streams."""
 
     def find(file: DataFile) -> Iterator[Breach]:
         if file.stream in streams and isinstance(file.error, BadFileError):
@@ -161,7 +161,7 @@ FILE_RULES.add('text-file', ERROR, 'Text files are UTF-8; tracklets are whole XM
 )
 
 
-# Rules about a label file: what the devkits' readme.txt allow, and what contradicts itself.
+# Rules about a label file: values that the devkits' readme.txt allow, contradictions.
 #
 # Limits, from tracking 0000 (1089 rows) and object 000000..2: objects are up to 13 m long, tracks
 # move at most 0.9 m a frame relative to the car, so 15 m is far beyond oncoming traffic.
@@ -193,8 +193,8 @@ class LabelFile:
     Attributes:
         path: The file.
         lines: The valid lines.
-        errors: Those of the invalid lines.
-        tracking: Whether it is a tracking file, of many frames.
+        errors: Errors of the invalid lines.
+        tracking: True for a tracking file, of many frames.
     """
 
     path: Path
@@ -320,7 +320,7 @@ def _find_classes(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if box.class_name in CLASSES:
             continue
-        meant = _KNOWN.get(_plain(box.class_name), box.class_name)
+        meant = _BY_PLAIN.get(_plain(box.class_name), box.class_name)
         if meant != box.class_name:
             yield Breach(f'{box.class_name}: did you mean {meant}?', file.path, line)
 
@@ -329,8 +329,8 @@ def _plain(name: str) -> str:
     return ''.join(filter(str.isalnum, name)).lower()
 
 
-_KNOWN = {_plain(name): name for name in (*CLASSES, *_ALSO)}
-"""The names that others may resemble."""
+_BY_PLAIN = {_plain(name): name for name in (*CLASSES, *_ALSO)}
+"""The class names by their plain spelling."""
 
 
 @LABEL_RULES.add(
@@ -393,7 +393,7 @@ def _find_jumps(file: LabelFile) -> Iterator[Breach]:
 
 
 def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
-    """Yield each line of a track with the box of the track before it."""
+    """Yield each line of a track with the previous box of the track."""
     tracks: dict[int, list[LabelLine]] = {}
     for label_line in file.lines if file.tracking else ():
         if label_line.box.track_id is not None and label_line.box.track_id >= 0:
@@ -409,8 +409,8 @@ def _successors(file: LabelFile) -> Iterator[tuple[Box, LabelLine]]:
 # Limits, from KITTI's files (raw 2011_09_26, object 000000..2, odometry 00, tracking 0000):
 # rotations are orthonormal to 1e-7, both focal lengths are equal and there is no skew, right
 # cameras are 0.53 to 0.54 m to the right of the left ones, P_rect and R, T differ by 0.3 mm,
-# rectified cameras are parallel to 1.4e-7, the scanner is 0.3 m from camera 0 and looks where it
-# looks.
+# rectified cameras are parallel to 1.4e-7, the scanner is 0.3 m from camera 0 and faces the same
+# way.
 
 _ORTHONORMAL = 1e-5
 _FOCAL_RATIO = 1.1
@@ -429,7 +429,7 @@ class CalibrationFile:
     Attributes:
         calibration: The calibration.
         path: Its file, or the folder of several.
-        cameras: The cameras that have images.
+        cameras: The cameras with images.
     """
 
     calibration: Calibration
@@ -494,7 +494,7 @@ def _find_another_day(file: CalibrationFile) -> Iterator[Breach]:
 
 
 def _missing(file: CalibrationFile) -> Iterator[tuple[Breach, bool]]:
-    """Yield the missing parts, and whether they are absent instead of invalid."""
+    """Yield the missing parts, each with True if absent, False if invalid."""
     for reason in dict.fromkeys(file.calibration.missing.values()):
         breach = breach_in(reason, file.path)
         no_key = breach.line is None and breach.text.startswith('no ')

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .file_rules import LabelLine
 
 
-# Places of 3D boxes in a scan, and which boxes have no point of it inside.
+# Positions of 3D boxes in a scan, and boxes without points.
 
 _SAMPLED = 16
 _MARGIN_M = 0.05
@@ -52,9 +52,9 @@ class BoxInScan(NamedTuple):
     Attributes:
         middle: (3,) metres.
         rotation: (3, 3) velo_R_box.
-        half: (3,) half of length, width, height, with a margin.
-        radius: Of the sphere around it.
-        distance: Of its middle from the scanner.
+        half: (3,) half length, width, height, with a margin.
+        radius: Radius of the sphere around it.
+        distance: Distance of its middle from the scanner.
     """
 
     middle: Float64Array
@@ -65,7 +65,7 @@ class BoxInScan(NamedTuple):
 
 
 def locate_labels(boxes: Sequence[Box], velo_t_rect: Sequence[Transform]) -> list[BoxInScan]:
-    """Return the boxes of labels with positive sizes, each with the transform of its frame."""
+    """Return the boxes of labels with positive sizes, by the transform of each frame."""
     location = np.array([box.location for box in boxes], np.float64).reshape(-1, 3)
     half = np.array([box.size_hwl[::-1] for box in boxes], np.float64).reshape(-1, 3) / 2
     location[:, 1] -= half[:, 2]
@@ -95,11 +95,11 @@ def _in_scan(middle: Float64Array, rotation: Float64Array, half: Float64Array) -
 
 
 def boxes_without_points(points: Float32Array, located: Sequence[BoxInScan]) -> list[int]:
-    """Return the indices of boxes without a point; most have one in a sample of the points.
+    """Return the indices of boxes without points; a sample of the points settles most.
 
     Args:
         points: (N, 4), a scan.
-        located: In its frame.
+        located: Boxes in its frame.
     """
     indices = list(range(len(located)))
     for step in (_SAMPLED, 1):
@@ -128,22 +128,22 @@ _LEAST_IOU = 0.3
 _ALPHA_RAD = 0.2
 _BEYOND_PX = 2.0
 _MIDDLE = 0.25  # of the image's size
-_FARTHEST_LABEL_M = 1000.0  # labels beyond have a finding of their own, and overflow
+_FARTHEST_LABEL_M = 1000.0  # labels beyond overflow, and have a rule
 _LABELLED_CAMERA = 2
 _NEAR_M = 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """The parsed files of a frame, but for its scan.
+    """The parsed files of a frame without its scan.
 
     Attributes:
-        number: Of the frame.
-        calibration: Of the frame.
-        sizes: (width, height) of its images, by camera.
+        number: File number.
+        calibration: Calibration of the frame.
+        sizes: (width, height) of its images by camera.
         calibration_path, label_path: The files.
         lines: The labels.
-        cuboids: Those of tracklets, in velo_link.
+        cuboids: Boxes of tracklets, in velo_link.
     """
 
     number: int
@@ -167,19 +167,19 @@ class FrameFiles:
 
     @property
     def p_rect(self) -> Float64Array | None:
-        """The projection of the camera that labels refer to."""
+        """The projection of the camera of the labels."""
         camera = self.calibration.cameras.get(_LABELLED_CAMERA)
         is_usable = camera is not None and not self.calibration.independent_cameras
         return camera.p_rect if is_usable and camera is not None else None
 
 
 class NearBox(NamedTuple):
-    """A 3D box that is visible and near the scanner.
+    """A visible 3D box near the scanner.
 
     Attributes:
-        name: Its class; of a tracklet also its identity.
-        line: Of the label file, from 1; None for a tracklet.
-        box_in_scan: Its box.
+        name: Class; of a tracklet also its identity.
+        line: Line of the label file, from 1; None for a tracklet.
+        box_in_scan: The box in velo_link.
     """
 
     name: str
@@ -197,7 +197,7 @@ class LabelledScan:
 
 
 def near_boxes(frames: Sequence[FrameFiles]) -> dict[int, list[NearBox]]:
-    """Return the boxes that are visible and near, by frame: numpy takes them all at once."""
+    """Return the visible and near boxes by frame, computed for all at once."""
     calibrated = [
         (frame, velo_t_rect)
         for frame in frames
@@ -377,7 +377,7 @@ class ImageFile:
 
     @cached_property
     def pixels(self) -> npt.NDArray[np.uint8 | np.uint16] | str:
-        """The decoded pixels; the reason if they cannot be decoded."""
+        """The decoded pixels, or the reason why not."""
         try:
             return decode_image(self.image)
         except ValueError as error:
@@ -419,7 +419,7 @@ _NOT_METRES = 10_000.0
 _COLUMNS = 4
 _LOOKED_AT = HEAD_BYTES // 16
 _FOLDED = 4096
-"""Values that are reduced side by side: numpy reduces columns of four ten times slower."""
+"""Values reduced side by side: numpy reduces columns of four ten times slower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -429,7 +429,7 @@ class ScanFile:
     Attributes:
         path: The file.
         points: (N, 4) float32, at least one.
-        missing: Why labels of points are missing.
+        missing: Reason for missing labels of points.
     """
 
     path: Path
@@ -438,7 +438,7 @@ class ScanFile:
 
     @cached_property
     def bounds(self) -> tuple[list[float], list[float]]:
-        """The least and the greatest x, y, z and reflectance; NaN if a value of the column is."""
+        """The least and greatest x, y, z and reflectance; NaN for a column with NaN."""
         flat = self.points.reshape(-1)
         return _reduce(np.minimum, flat), _reduce(np.maximum, flat)
 
@@ -451,10 +451,10 @@ class ScanFile:
 
 
 def _reduce(ufunc: np.ufunc, flat: Float32Array) -> list[float]:
-    """Return the least or greatest value of each column of points in a row."""
+    """Return the least or greatest value of each column."""
     if len(flat) > _FOLDED:
         rows = flat[: len(flat) // _FOLDED * _FOLDED].reshape(-1, _FOLDED)
-        flat = ufunc(ufunc.reduce(rows), flat[-_FOLDED:])  # values may be seen twice
+        flat = ufunc(ufunc.reduce(rows), flat[-_FOLDED:])  # some values are reduced twice
     columns: list[float] = ufunc.reduce(flat.reshape(-1, _COLUMNS).T.copy(), axis=1).tolist()
     return columns
 

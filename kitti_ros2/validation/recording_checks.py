@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a recording of any layout: its own text files, its frames, and all of them together."""
+"""Checks of a recording of any layout: its text files, its frames, and all together."""
 
 from __future__ import annotations
 
@@ -72,25 +72,25 @@ if TYPE_CHECKING:
     from .rule import Breach, FindingTally
 
 
-# Checks of the files of one frame: each is read once, and checked alone and with the others.
+# Checks of the files of one frame: each is read once, checked alone and with the others.
 
 T = TypeVar('T')
-_MOST_KNOWN = 64
-"""Calibrations that are kept for frames with equal files."""
+_MOST_STORED = 64
+"""Number of stored calibrations, for frames with equal files."""
 
 
 @dataclass
 class FrameResult:
-    """What was found in the files of a frame.
+    """The result of checking the files of a frame.
 
     Attributes:
-        number: Of the frame.
-        breaches: Each with the id of its rule.
-        files, size_bytes: Of the frame.
+        number: File number.
+        breaches: Breaches, each with the id of its rule.
+        files, size_bytes: Number and size of its files.
         points: Number of points of the scan.
-        images: Shapes of the images, by stream.
-        packet: Its packet.
-        occlusions: Those of its labels but DontCare.
+        images: Shapes of the images by stream.
+        packet: OXTS packet.
+        occlusions: Occlusions of its labels except DontCare.
     """
 
     number: int
@@ -102,9 +102,9 @@ class FrameResult:
     packet: OxtsPacket | None = None
     occlusions: Sequence[int] = ()
 
-    def look(self, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile | None:
-        """Count a file and check its size; None if it is not worth reading."""
-        file = DataFile.look(stream, path, point_bytes)
+    def add(self, stream: Stream, path: Path, point_bytes: int = POINT_BYTES) -> DataFile | None:
+        """Count a file and check its size; return None for a wrong size."""
+        file = DataFile.from_path(stream, path, point_bytes)
         self.files += 1
         if file.is_worth_reading:
             self.size_bytes += file.size
@@ -113,7 +113,7 @@ class FrameResult:
         return None
 
     def try_read(self, stream: Stream, path: Path, read: Callable[[], T]) -> T | None:
-        """Return what a reader returns; None if it fails, which is a breach."""
+        """Return the result of a reader; None if it fails, which is a breach."""
         try:
             return read()
         except (BadFileError, OSError) as error:
@@ -126,9 +126,9 @@ class FrameChecks:
 
     Args:
         recording: The recording.
-        options: What is read.
+        options: Options of the checks.
         calibration_path: The file of a calibration for all frames, or the folder of several.
-        tracking: The labels of all frames, where they are in one file.
+        tracking: The labels of all frames, if in one file.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class FrameChecks:
         self._cameras = {
             stream: stream.camera for stream in self._numbers if stream.camera is not None
         }
-        self._known: dict[str, Calibration] = {}
+        self._calibrations: dict[str, Calibration] = {}
         self._point_bytes = (recording.options.columns or KITTI_COLUMNS).point_bytes
 
     @property
@@ -181,7 +181,7 @@ class FrameChecks:
         return results
 
     def _check_others(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
-        """Check the files of a frame but for its scan."""
+        """Check the files of a frame except its scan."""
         result = FrameResult(number)
         for stream in self._cameras:
             self._check_image(stream, number, result)
@@ -199,11 +199,11 @@ class FrameChecks:
         return result, frame
 
     def _path(self, stream: Stream, number: int, result: FrameResult) -> Path | None:
-        """Return the file of a stream if it is there and is to be read."""
+        """Return the file of a stream; None if missing or not to be read."""
         if number not in self._numbers.get(stream, ()):
             return None
         path = self._recording.path(stream, number)
-        file = result.look(stream, path, self._point_bytes)
+        file = result.add(stream, path, self._point_bytes)
         return None if file is None or self._options.quick else path
 
     def _check_scan(
@@ -257,7 +257,7 @@ class FrameChecks:
             return None, self._calibration_path
         text = result.try_read(Stream.CALIBRATION, path, lambda: STORE.read_text(path))
         # The frames of a day have equal files.
-        calibration = self._known.get(text or '')
+        calibration = self._calibrations.get(text or '')
         if calibration is not None or text is None:
             return calibration, path
         cameras = [
@@ -270,8 +270,8 @@ class FrameChecks:
         file = CalibrationFile(calibration, path, cameras)
         breaches = list(find_breaches(CALIBRATION_RULES, file))
         result.breaches += breaches
-        if not breaches and len(self._known) < _MOST_KNOWN:
-            self._known[text] = calibration
+        if not breaches and len(self._calibrations) < _MOST_STORED:
+            self._calibrations[text] = calibration
         return calibration, path
 
     def _check_labels(
@@ -301,20 +301,20 @@ class FrameChecks:
         return [], list(labels.cuboids), path
 
 
-# Checks of the text files of a whole recording: stamps, poses, packets, labels, calibration.
+# Checks of the text files of a recording: stamps, poses, packets, labels, calibration.
 
 
 class SequenceChecks:
-    """Checks of a recording's own text files.
+    """Checks the text files of a recording.
 
     Args:
-        facts: What is said by its rules is entered there as reported.
+        facts: Facts of the recording; errors of its files are added as reported.
 
     Attributes:
-        breaches: Each with the id of its rule.
-        files, size_bytes: Of the files.
-        labels: The labels of all frames, where they are in one file.
-        packets: The packets by number, where they are in one file.
+        breaches: Breaches, each with the id of its rule.
+        files, size_bytes: Number and size of the files.
+        labels: The labels of all frames, if in one file.
+        packets: The packets by number, if in one file.
     """
 
     def __init__(self, facts: RecordingFacts) -> None:
@@ -332,7 +332,7 @@ class SequenceChecks:
         return self._recording.path(Stream.CALIBRATION, 0)
 
     def run(self, *, quick: bool) -> None:
-        """Check the files; with quick their sizes only."""
+        """Check the files, or with quick their sizes only."""
         texts = {}
         of_set = self._recording.layout.traits.frame_set  # lists of frames: see set_rules
         for path in () if of_set else self._recording.text_paths():
@@ -356,7 +356,7 @@ class SequenceChecks:
         self._check_calibration()
 
     def check_packets(self) -> None:
-        """Check the packets, which may have been read with their frames, against each other."""
+        """Check the packets, read here or with their frames, against each other."""
         index = self._recording.streams.get(Stream.OXTS)
         if index is None:
             return
@@ -379,8 +379,8 @@ class SequenceChecks:
         self.breaches += find_breaches(OXTS_RULES, track)
 
     def _read(self, path: Path, *, quick: bool) -> str | None:
-        """Read a text file; None if that is impossible, which is a breach."""
-        file = DataFile.look(Stream.RECORDING, path)
+        """Read a text file; None if unreadable, which is a breach."""
+        file = DataFile.from_path(Stream.RECORDING, path)
         self.files += 1
         self.size_bytes += file.size
         text = None
@@ -394,12 +394,12 @@ class SequenceChecks:
         return text
 
     def _parsed(self, path: Path, text: str, parse: Callable[[str, Path], T]) -> T:
-        """Parse a text; if that is impossible it is a breach, and empty."""
+        """Parse a text; an invalid one is a breach, and empty."""
         try:
             return parse(text, path)
         except BadFileError as error:
             self._facts.reported.add(str(error))
-            file = replace(DataFile.look(Stream.RECORDING, path), error=error)
+            file = replace(DataFile.from_path(Stream.RECORDING, path), error=error)
             self.breaches += find_breaches(FILE_RULES, file)
             return parse('', path)
 
@@ -460,9 +460,9 @@ def _is_of_scans(path: Path) -> bool:
 
 
 _BATCH = 50
-"""Frames that are checked at a time."""
+"""Number of frames checked at a time."""
 _LEAST_FORKED = 4
-"""Batches from which on starting processes, 10 ms, is worth it."""
+"""Least number of batches for processes, which take 10 ms to start."""
 
 
 def check_recording(
@@ -480,16 +480,16 @@ def check_recording(
         candidate: The recording.
         layout: Its layout.
         read: The columns of scans.
-        root: The folder that it was found in, for one that cannot be opened.
-        options: How much is read.
-        tally: Breaches are entered there.
-        progress: Called with the frames done, and the number of all.
+        root: Its data set, named if it cannot be opened.
+        options: Options of the checks.
+        tally: Collects the breaches.
+        progress: Called with the frames done and the number of all.
 
     Returns:
-        What was checked, the numbers of its frames, and how these are named.
+        The checked source, the numbers of its frames, and their file names.
     """
     folder = candidate.folder or root
-    # Labels of points are checked where there are any.
+    # Labels of points are checked if present.
     semantic = layout.traits.point_labels and (folder / names.POINT_LABELS).is_dir()
     try:
         recording = candidate.open(replace(read, layout=layout, semantic=semantic))
@@ -558,7 +558,7 @@ class _Check:
 
 
 def _map(check: FrameChecks, batches: Sequence[Sequence[int]]) -> Iterator[list[FrameResult]]:
-    """Check batches of frames at once: half of the time is Python's own, so threads gain less."""
+    """Check batches of frames in processes: threads gain less, as half of the time is Python's."""
     workers = worker_count()
     if workers > 1 and len(batches) >= _LEAST_FORKED and can_fork():
         return forked_map(check, batches, workers)

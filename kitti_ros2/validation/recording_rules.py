@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about a recording: its folders and numbers, its stamps, and its motion."""
+"""Rules about a recording: folders, numbers, stamps, motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..model.samples import Int64Array, OxtsPacket
 
 
-# Rules about a recording: its folders, numbers, and what its files have in common.
+# Rules about a recording: its folders, numbers, and common facts of its files.
 
 _FEW_POINTS = 0.5  # of the median; KITTI's scans have 113,000 to 127,000 points
 _LEAST_SCANS = 3
@@ -44,12 +44,12 @@ ImageShape = tuple[int, int, int]
 
 @dataclass
 class RecordingFacts:
-    """What the files of a recording have in common.
+    """Common facts of the files of a recording.
 
     Attributes:
         recording: The recording, open.
-        scans, points: The numbers of the scans, and how many points each has.
-        images: The numbers of the images of each shape, by stream.
+        scans, points: File numbers of the scans, and their numbers of points.
+        images: File numbers of the images of each shape, by stream.
         reported: Beginnings of the reader's losses that other rules report.
         occlusions: Number of labels of each occlusion, without DontCare.
     """
@@ -62,16 +62,16 @@ class RecordingFacts:
     occlusions: Counter[int] = field(default_factory=Counter)
 
     def enter_scan(self, number: int, points: int) -> None:
-        """Enter the number of a scan's points."""
+        """Add the number of points of a scan."""
         self.scans.append(number)
         self.points.append(points)
 
     def enter_image(self, stream: Stream, number: int, shape: ImageShape) -> None:
-        """Enter the shape of an image."""
+        """Add the shape of an image."""
         self.images.setdefault(stream, {}).setdefault(shape, array('q')).append(number)
 
     def losses(self) -> Iterator[tuple[Loss, bool]]:
-        """Yield the losses that no other rule reports; whether files are just not there."""
+        """Yield the losses that no other rule reports, each with True for missing files."""
         for loss in self.recording.losses:
             if not loss.text().startswith(tuple(self.reported)):
                 yield loss, self._is_absence(loss)
@@ -199,7 +199,7 @@ def _find_other_channels(facts: RecordingFacts) -> Iterator[Breach]:
     'check the frame numbers of the labels; copy the missing files',
 )
 def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
-    """Find labels of frames that have neither an image nor a scan."""
+    """Find labels of frames without image and scan."""
     streams = facts.recording.streams
     data = [
         index.numbers
@@ -222,7 +222,7 @@ def _find_unlabelled_frames(facts: RecordingFacts) -> Iterator[Breach]:
     'evaluations leave out labels with 3, unknown: write 0 for visible objects',
 )
 def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
-    """Find labels that evaluations leave out; single ones are usual in KITTI."""
+    """Find labels that evaluations leave out; KITTI has single ones."""
     unknown, every = facts.occlusions[UNKNOWN_OCCLUSION], facts.occlusions.total()
     if unknown > _MOST_UNKNOWN * every:
         labels = facts.recording.streams[Stream.LABELS]
@@ -231,7 +231,7 @@ def _find_unknown_occlusion(facts: RecordingFacts) -> Iterator[Breach]:
 
 
 def _most_common(kinds: Mapping[ImageShape, T], shapes: Mapping[ImageShape, array[int]]) -> T:
-    """Return the kind of most images."""
+    """Return the most common shape of images."""
     counts: Counter[T] = Counter()
     for shape, numbers in shapes.items():
         counts[kinds[shape]] += len(numbers)
@@ -268,7 +268,7 @@ def _find_no_stamps(facts: RecordingFacts) -> Iterator[Breach]:
 # ms after the scan of the same number, turns take 0.102 to 0.105 s.
 
 _EARLIEST_NS = 946_684_800 * NS_PER_S
-"""2000-01-01 UTC: clocks that were not set begin in 1970 or 1980."""
+"""2000-01-01 UTC: unset clocks begin in 1970 or 1980."""
 _DAY_NS = 86_400 * NS_PER_S
 _WIDE_GAP = 3.5
 _PAIRED_NS = NS_PER_S // 20
@@ -280,10 +280,10 @@ class StampsFile:
 
     Attributes:
         path: The file.
-        lines: Its stamps, nanoseconds.
-        relative: Whether they are seconds from the start of the sequence.
-        scans: Those of the scans of the same numbers, None where these are not the same moments.
-        ends: Path and lines of the ends of turns, where path has their starts.
+        lines: Stamps, nanoseconds.
+        relative: True for seconds from the start of the sequence.
+        scans: Stamps of the scans with the same numbers; None if their times are independent.
+        ends: Path and lines of the ends of turns, if path has their starts.
     """
 
     path: Path
@@ -442,8 +442,8 @@ class PacketTrack:
 
     Attributes:
         path: The folder, or the file of all packets.
-        line_of: The file and line of the packet with a number.
-        numbers, stamps_ns, packets: The valid ones, ascending.
+        line_of: Returns the file and line of a packet by number.
+        numbers, stamps_ns, packets: The valid packets, ascending.
     """
 
     path: Path
@@ -463,7 +463,7 @@ class PacketTrack:
 
     @cached_property
     def steps_s(self) -> Float64Array:
-        """(N - 1,) seconds between packets; NaN for gaps, and stamps that do not ascend."""
+        """(N - 1,) seconds between packets; NaN for gaps and stamps that do not ascend."""
         steps: Float64Array = np.diff(np.array(self.stamps_ns, np.int64)).astype(np.float64)
         steps /= NS_PER_S
         return np.where((steps > 0) & (steps <= _LONGEST_STEP_S), steps, np.nan)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""A rule and its findings: what is checked, how bad a breach is, and what a validation found."""
+"""Rules with severity and remedy, and the findings of a validation."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-# A rule and its findings: what is checked, how bad a breach is, and what to do.
+# A rule: its check, the severity of a breach, and the remedy.
 
 S = TypeVar('S')
 
 _LINE = re.compile(r'(?P<path>.+?)(?::(?P<line>\d+))?: (?P<text>.+)', re.DOTALL)
 MOST_KEPT = 1000
-"""Findings of a rule that a report keeps; the others are counted, so that memory stays flat."""
+"""Most findings of a rule in a report; others are counted only, which bounds memory."""
 
 
 class RuleSeverity(str, Enum):
-    """How bad a breach of a rule is."""
+    """The severity of a breach."""
 
     ERROR = 'error'
     """Wrong or unreadable data: exit code 1."""
     WARNING = 'warning'
     """Suspicious data, or missing data that is usually there."""
     NOTE = 'note'
-    """A remark."""
+    """A line that costs no data."""
 
 
 ERROR, WARNING, NOTE = RuleSeverity
 
 
 class RuleScope(str, Enum):
-    """The extent of data that a rule sees at once."""
+    """The extent of the data that a rule checks at once."""
 
     FILE = 'file'
     FRAME = 'frame'
@@ -53,12 +53,12 @@ class RuleScope(str, Enum):
 
 
 class Breach(NamedTuple):
-    """A place that breaks a rule.
+    """A breach of a rule, with its file and line.
 
     Attributes:
-        text: What was found there, without the path.
+        text: Description, without the path.
         path: The file or folder.
-        line: Of a text file, from 1.
+        line: Line of a text file, from 1.
     """
 
     text: str
@@ -72,11 +72,11 @@ class Rule(Generic[S]):
 
     Attributes:
         id: Its name in the output.
-        severity: How bad a breach is.
-        scope: The extent of data that it sees at once.
-        checks: What holds in valid data.
-        remedy: What to do about a breach.
-        find: Yields the places in a subject that break the rule.
+        severity: Severity of a breach.
+        scope: Extent of the data that it checks at once.
+        checks: Condition of valid data.
+        remedy: Remedy of a breach.
+        find: Yields the breaches in a subject.
     """
 
     id: str
@@ -91,7 +91,7 @@ class RuleTable(list[Rule[S]]):
     """The rules about a kind of subject, in the order of reports.
 
     Args:
-        scope: The extent of data that they see at once.
+        scope: Extent of the data that they check at once.
     """
 
     def __init__(self, scope: RuleScope) -> None:
@@ -106,7 +106,7 @@ class RuleTable(list[Rule[S]]):
         remedy: str,
         scope: RuleScope | None = None,
     ) -> Callable[[Callable[[S], Iterable[Breach]]], Callable[[S], Iterable[Breach]]]:
-        """Make a rule of the function that finds its breaches; see Rule."""
+        """Add a rule for the decorated function, which finds its breaches; see Rule."""
 
         def keep(find: Callable[[S], Iterable[Breach]]) -> Callable[[S], Iterable[Breach]]:
             self.append(Rule(rule_id, severity, scope or self._scope, checks, remedy, find))
@@ -116,18 +116,18 @@ class RuleTable(list[Rule[S]]):
 
 
 def find_breaches(rules: Iterable[Rule[S]], subject: S) -> Iterator[tuple[str, Breach]]:
-    """Yield the id of each broken rule with the place."""
+    """Yield the breaches of rules, each with the id of its rule."""
     for rule in rules:
         for breach in rule.find(subject):
             yield rule.id, breach
 
 
 def breach_of(error: Exception, path: Path) -> Breach:
-    """Return the place and the reason of an error of a reader.
+    """Return the breach of a reader's error.
 
     Args:
         error: A KittiRos2Error or OSError.
-        path: The file, for errors without one.
+        path: The file of errors without one.
     """
     line = error.line if isinstance(error, KittiRos2Error) else None
     error_path = error.path if isinstance(error, KittiRos2Error) else None
@@ -139,11 +139,11 @@ def breach_of(error: Exception, path: Path) -> Breach:
 
 
 def breach_in(text: str, path: Path) -> Breach:
-    """Split a reader's line into place and reason.
+    """Split a reader's line into file, line number and reason.
 
     Args:
-        text: A line that may begin with a file, and the number of a line in it.
-        path: The folder or bag that was read; files in other places are not recognized.
+        text: A line, possibly with a file and the number of a line at its beginning.
+        path: The folder or bag; files elsewhere are not recognized.
     """
     match = _LINE.fullmatch(text)
     if match is None or not (match['path'] == str(path) or _is_below(match['path'], path)):
@@ -167,20 +167,20 @@ def _without_path(text: str, path: str, line: int | None) -> str:
     return text
 
 
-# The result of a validation: findings by rule, with counts that are complete.
+# The result of a validation: findings by rule, with complete counts.
 
 
 @dataclass(frozen=True)
 class ValidationFinding:
-    """A place that breaks a rule.
+    """A breach of a rule, with its file and line.
 
     Attributes:
         rule: The id of the rule.
         severity: error, warning or note.
         path: The file or folder.
-        line: Of a text file, from 1; None where there is none.
-        message: What was found there.
-        remedy: What to do about it.
+        line: Line of a text file, from 1; None without one.
+        message: Description, without the path.
+        remedy: Remedy.
     """
 
     rule: str
@@ -192,7 +192,7 @@ class ValidationFinding:
 
     @property
     def place(self) -> str:
-        """The path, with the line if there is one."""
+        """The path, with the line if any."""
         return f'{self.path}' if self.line is None else f'{self.path}:{self.line}'
 
 
@@ -201,12 +201,12 @@ class RuleFindings:
     """The findings of a rule.
 
     Attributes:
-        rule: Its id.
+        rule: Id of the rule.
         severity: error, warning or note.
-        checks: What holds in valid data.
-        remedy: What to do about a breach.
+        checks: Condition of valid data.
+        remedy: Remedy of a breach.
         count: Number of findings.
-        findings: The first of them, at most 1000.
+        findings: The first findings, at most 1000.
     """
 
     rule: str
@@ -219,16 +219,16 @@ class RuleFindings:
 
 @dataclass(frozen=True)
 class CheckedSource:
-    """A recording or bag that was checked.
+    """A checked recording or bag.
 
     Attributes:
         path: The folder, or the bag.
         kind: Its layout or container.
-        name: Of the drive, split or sequence; the file name of a bag.
+        name: Name of the drive, split or sequence; file name of a bag.
         count: Number of frames, or of messages in a bag.
-        files: Number of files that were checked.
+        files: Number of checked files.
         size_bytes: Their size.
-        is_bag: Whether it is a bag.
+        is_bag: True for a bag.
     """
 
     path: Path
@@ -245,8 +245,8 @@ class ValidationReport:
     """The result of a validation.
 
     Attributes:
-        sources: The recordings and bags that were checked.
-        rules: The rules that were broken, errors first.
+        sources: The checked recordings and bags.
+        rules: The broken rules, errors first.
         errors, warnings, notes: Number of findings of each severity.
     """
 
@@ -272,7 +272,7 @@ class FindingTally:
     """Collects breaches by rule.
 
     Attributes:
-        rules: All by id.
+        rules: All rules by id.
     """
 
     rules: Mapping[str, Rule]  # type: ignore[type-arg] # of any subject
@@ -280,7 +280,7 @@ class FindingTally:
     _breaches: dict[str, dict[Breach, None]] = field(default_factory=dict)
 
     def add(self, breaches: Iterable[tuple[str, Breach]]) -> None:
-        """Add breaches; one that was added before counts once."""
+        """Add breaches; equal ones count once."""
         for rule, breach in breaches:
             rule_breaches = self._breaches.setdefault(rule, {})
             if breach in rule_breaches:
@@ -290,7 +290,7 @@ class FindingTally:
                 rule_breaches[breach] = None
 
     def report(self, sources: Iterable[CheckedSource]) -> ValidationReport:
-        """Return the report of all that was added."""
+        """Return the report of all added breaches."""
         order = list(RuleSeverity)
         positions = {rule: position for position, rule in enumerate(self.rules)}
         rule_ids = sorted(
@@ -315,16 +315,16 @@ class FindingTally:
         return RuleFindings(rule_id, severity, rule.checks, rule.remedy, count, findings)
 
 
-# Rules about what is given: it can be opened, and searched to the end.
+# Rules about the arguments: openable, and searched to the end.
 
 
 @dataclass(frozen=True, eq=False)
 class Unopened:
-    """A recording, data set or bag that cannot be opened; or a folder not searched to the end.
+    """A recording, data set or bag that cannot be opened, or a folder not searched to the end.
 
     Attributes:
         path: The folder or bag.
-        error: Why it cannot be opened; None if the search ended early.
+        error: Error of opening; None if the search ended early.
     """
 
     path: Path

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of data sets and bags: everything at some paths, by the table of rules."""
+"""Validation of all data sets and bags at some paths, by the table of rules."""
 
 from __future__ import annotations
 
@@ -59,16 +59,16 @@ if TYPE_CHECKING:
     from .rule import CheckedSource, ValidationReport
 
 
-# Finds what there is to check at a path: data sets with their recordings, and bags.
+# The data sets with their recordings, and the bags, at a path.
 
 
-class Found(NamedTuple):
-    """What there is at a path.
+class PathSources(NamedTuple):
+    """The data sets and bags at a path.
 
     Attributes:
         data_sets: Folders with recordings.
-        bags: Files and folders.
-        complete: Whether all folders below were searched.
+        bags: Bags, files or folders.
+        complete: True if all folders below were searched.
     """
 
     data_sets: list[DataSet]
@@ -76,12 +76,12 @@ class Found(NamedTuple):
     complete: bool = True
 
 
-def find_sources(path: Path, options: ReadOptions) -> Found:
-    """Find the data sets and bags at a path, or below a folder that is none itself.
+def find_sources(path: Path, options: ReadOptions) -> PathSources:
+    """Find the data sets and bags at a path, or below a folder that is neither.
 
     Args:
         path: A KITTI folder, a folder of several, a bag, or a folder of bags.
-        options: A layout and a sequence, if only those are to be checked.
+        options: The only layout and sequence to check, if given.
 
     Raises:
         KittiRos2Error: There is nothing to check; or the layout is ambiguous.
@@ -89,20 +89,20 @@ def find_sources(path: Path, options: ReadOptions) -> Found:
     """
     if not path.is_dir():
         if path.is_file() and _is_bag_file(path):  # opening a pipe would wait
-            return Found([], [path])
+            return PathSources([], [path])
         raise _explain_file(path) if path.is_file() else explain(path)
     if (path / METADATA).is_file():
-        return Found([], [path])
+        return PathSources([], [path])
     data_sets = [data._replace(folder=absolute(path)) for data in data_sets_at(path, options)]
     bags = list(_bags_in(path)) if options.layout is None else []
     if options.layout is not None and not data_sets:
         raise not_of_layout(path, options.layout)
     if data_sets:
-        return Found(data_sets, bags)
+        return PathSources(data_sets, bags)
     below, complete = data_sets_below(path)
     if not below and not bags:
         raise explain(path)
-    return Found(below, bags, complete)
+    return PathSources(below, bags, complete)
 
 
 def _explain_file(path: Path) -> KittiRos2Error:
@@ -119,7 +119,7 @@ def _is_bag_file(path: Path) -> bool:
 
 
 def _bags_in(folder: Path) -> Iterator[Path]:
-    """Yield the bags in a folder: files of their own, and rosbag2 directories."""
+    """Yield the bags in a folder: single files, and rosbag2 directories."""
     names = STORE.names(folder)
     yield from (bag for bag in bags_among(folder, names) if bag == folder or bag.is_file())
     for name in names:
@@ -140,7 +140,7 @@ class SplitLists:
 
     Attributes:
         folder: ImageSets.
-        lists: The frame numbers by name of the list, without suffix; an error if it is unreadable.
+        lists: The frame numbers by name of the list, without suffix; else its error.
         frames: The numbers of the frames by split (training, testing).
     """
 
@@ -160,7 +160,7 @@ class SplitLists:
         Args:
             root: The set.
             frames: The numbers of the frames by split.
-            file_names: How they are named, by split.
+            file_names: Their file names, by split.
         """
         ways = [*(file_names or {}).values()] or [names.SIX_DIGITS]
         folder = root / names.IMAGE_SETS
@@ -180,7 +180,7 @@ class SplitLists:
         return self.folder / f'{name}{names.TXT}'
 
     def numbers(self) -> dict[str, dict[int, int]]:
-        """Return by list the first line of each number, from 1."""
+        """Return the first line of each number, from 1, by list."""
         first_lines: dict[str, dict[int, int]] = {}
         for name, lines in self.lists.items():
             first = first_lines.setdefault(name, {})
@@ -189,7 +189,7 @@ class SplitLists:
         return first_lines
 
     def frames_of(self, name: str) -> frozenset[int] | None:
-        """Return the frames that a list chooses from; None if the split is not there."""
+        """Return the frames of the split of a list; None if the split is missing."""
         training, testing = (self.frames.get(split) for split in names.SPLITS)
         if name == _TEST:
             return testing if testing is not None else None
@@ -250,7 +250,7 @@ def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
     numbers = splits.numbers()
     chosen = [name for name in numbers if name in _DISJOINT]
     for one, other in combinations(chosen, 2):
-        # The frames of testing have numbers of their own.
+        # The frames of testing have separate numbers.
         separate = _TEST in (one, other) and 'testing' in splits.frames
         common = [] if separate else sorted(numbers[one].keys() & numbers[other].keys())
         if common:
@@ -303,11 +303,11 @@ FOLDER_RULES: tuple[Rule[Any], ...] = (
     *RECORDING_RULES,
     *SET_RULES,
 )
-"""Rules about KITTI folders, and about what is given."""
+"""Rules about KITTI folders, and about the arguments."""
 
 
 def rules_by_id(*, bags: bool) -> dict[str, Rule[Any]]:
-    """Return the rules by id; those about bags only if they are needed: messages take 0.1 s."""
+    """Return the rules by id; those about bags only if needed, as messages take 0.1 s."""
     rules: Sequence[Rule[Any]] = FOLDER_RULES
     if bags:
         from .bag_rules import BAG_RULES, MESSAGE_RULES, TOPIC_RULES  # noqa: PLC0415 - see above
@@ -329,18 +329,18 @@ def validate(
 ) -> ValidationReport:
     """Check KITTI folders and bags, as `kitti-ros2 validate` does.
 
-    Every recording at a path is checked, and every file of it: sizes, contents, and whether they
-    agree. Memory does not grow with the number of files.
+    Every file of every recording at a path is checked: size, content, agreement with others.
+    Memory does not grow with the number of files.
 
     Args:
         path: A KITTI folder, a folder of several, a bag, or several of these.
-        progress: Called with the frames or messages done, and the number of all, of the recording
-            or bag that is being checked.
+        progress: Called with the frames or messages done and the number of all, of the current
+            recording or bag.
         options: Those of `kitti-ros2 validate --help`: layout, sequence, columns, quick,
             decode.
 
     Returns:
-        The findings by rule with severity, file, line and remedy; ok without errors.
+        The findings by rule, with severity, file, line and remedy; ok without errors.
 
     Raises:
         KittiRos2Error: There is nothing to check at a path, or an option is invalid.
