@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of the library: options as keywords, and the source that is opened."""
+"""Arguments of the library: options as keywords, and open sources."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from ..pictures.recording_frames import RecordingFrames
 
 
-# Options as keywords; keywords.py in options/ has their types.
+# Options as keywords; options/keywords.py has their types.
 
 
 def keyword_of(option: Option) -> str:
-    """Return the keyword of an option: its long flag with underscores, if Python allows it."""
+    """Return the keyword of an option: its long flag with underscores, unless reserved."""
     long = [flag for flag in option.flags if flag.startswith('--')]
     word = (long[0] if long else option.name).lstrip('-').replace('-', '_')
     return option.name if iskeyword(word) else word
 
 
 def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[str, object]:
-    """Return the values by name of option; unknown keywords are kept, and refused later."""
+    """Return the values by option name; unknown keywords are passed on, and refused later."""
     names = {keyword_of(option): option.name for option in options}
     return {names.get(keyword, keyword): value for keyword, value in keywords.items()}
 
@@ -45,7 +45,7 @@ _OPTIONS = options_of(ReadOptions)
 
 
 class OpenSource:
-    """The open files of a recording, opened again in a process that was forked or unpickled."""
+    """The open files of a recording, opened again after a fork or unpickling."""
 
     def __init__(self, path: Path, options: Mapping[str, Any]) -> None:
         self.path = path
@@ -55,7 +55,7 @@ class OpenSource:
 
     @property
     def frames(self) -> RecordingFrames:
-        """The frames; file positions of a bag are not shared between processes."""
+        """The frames; processes do not share file positions of a bag."""
         if self._frames is None or self._process != os.getpid():
             read = make_options(ReadOptions, parse_values(self.options, _OPTIONS))
             self._frames = open_frames(self.path, read)
@@ -73,11 +73,11 @@ class OpenSource:
 
 
 class KittiRos2Warning(UserWarning):
-    """Data was skipped because it is missing or damaged; the text contains the path and line."""
+    """Missing or damaged data was skipped; the text contains the path and line."""
 
 
 def require(path: Path) -> Path:
-    """Return a path that exists.
+    """Return an existing path.
 
     Raises:
         MissingPathError: It does not.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The calibration of a frame: projection, its inverse, transforms; and files of calibrations."""
+"""The calibration of a frame: projection, its inverse, transforms, files."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 
 
 class CalibratedRig:
-    """The calibration of cameras, scanner and GPS/IMU unit at one frame.
+    """The calibration of cameras, scanner and GPS/IMU at one frame.
 
     Attributes:
-        model: The numbers as KITTI's files have them: cameras (p_rect, k, d, ...), r0_rect,
-            cam0_T_velo, velo_T_imu, and what is missing.
+        model: The numbers of KITTI's files: cameras (p_rect, k, d, ...), r0_rect, cam0_T_velo,
+            velo_T_imu, and missing parts.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class CalibratedRig:
         rect_T_velo: npt.ArrayLike,
         velo_T_imu: npt.ArrayLike | None = None,
     ) -> CalibratedRig:
-        """Make the calibration of a rig of your own, such as to write it to KITTI's files.
+        """Make the calibration of another rig, such as to write it to KITTI's files.
 
         Args:
             projections: KITTI's camera number to P, (3, 4): from the common rectified camera frame
                 (x right, y down, z forward) to pixels of rectified images.
             rect_T_velo: (4, 4) or (3, 4): points of the scanner to that frame.
-            velo_T_imu: (4, 4) or (3, 4): points of the GPS/IMU unit to the scanner's frame; KITTI's
-                by default.
+            velo_T_imu: (4, 4) or (3, 4): points of the GPS/IMU to the scanner's frame; KITTI's by
+                default.
 
         Raises:
             KittiRos2Error: A matrix has another shape.
@@ -101,7 +101,7 @@ class CalibratedRig:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the coordinate frames that transform knows, besides map."""
+        """Names of the coordinate frames of transform, besides map."""
         return tuple(sorted(self._tree.frames))
 
     def project(
@@ -109,13 +109,13 @@ class CalibratedRig:
     ) -> tuple[Float64Array, Float64Array]:
         """Project points into the images of a camera.
 
-        Rectified images: P_i R0_rect Tr_velo_to_cam x, as the devkit's readme.txt has it. Images of
-        raw extracts, which are not rectified: K and distortion (plumb bob) of the camera.
+        Rectified images: P_i R0_rect Tr_velo_to_cam x, as in the devkit's readme.txt. Unrectified
+        images of raw extracts: K and distortion (plumb bob) of the camera.
 
         Args:
             points: (N, 3) or more columns, of which x y z are used, metres.
             camera: KITTI's number.
-            frame: Of the points, as in transform.
+            frame: Coordinate frame of the points, as in transform.
 
         Returns:
             (N, 2) float64 pixels u (right), v (down), (0, 0) the centre of the first pixel, NaN for
@@ -148,7 +148,7 @@ class CalibratedRig:
             uv: (N, 2) pixels.
             depth: (N,) metres along the optical axis.
             camera: KITTI's number.
-            frame: Of the result, as in transform.
+            frame: Coordinate frame of the result, as in transform.
 
         Returns:
             (N, 3) float64, metres.
@@ -173,7 +173,7 @@ class CalibratedRig:
             target: base_link, imu_link, velo_link, an optical frame by its name, or KITTI's number
                 of a camera (x right, y down, z forward; of rectified images all cameras are
                 parallel to the rectified camera 0). map, if the pose is given.
-            source: The same.
+            source: A coordinate frame, as target.
             map_T_base: The pose of the frame, (4, 4).
 
         Raises:
@@ -199,16 +199,16 @@ class CalibratedRig:
         occluded: int = 0,
         camera: int = LABELLED_CAMERA,
     ) -> Box:
-        """Make a line of a KITTI label or result file of a box in velo_link.
+        """Make a line of a KITTI label or result file from a box in velo_link.
 
-        Its 2D box and its truncation are those of the projected corners.
+        The projected corners give its 2D box and its truncation.
 
         Args:
             class_name: A word, such as Car.
             box: (7,) centre x y z, length, width, height in metres, yaw in radians, as
                 FrameObject.box, OpenPCDet and mmdetection3d have it.
             size: (width, height) of the image, pixels.
-            score: Of a detection.
+            score: Score of a detection.
             track: Identity across frames.
             occluded: 0 visible, 1 partly, 2 largely, 3 unknown, which evaluations leave out.
             camera: KITTI's number of the camera of the 2D box.
@@ -310,7 +310,7 @@ def write_calibration(
 
     Args:
         path: The file; for raw the folder of the date, where three files are written.
-        calibration: Has at least one camera, and the place of the scanner. Loaders read four
+        calibration: At least one camera, and the transform of the scanner. Loaders read four
             cameras, so an absent one gets the projection of the first.
         layout: object, tracking, odometry or raw.
 

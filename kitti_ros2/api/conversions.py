@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The conversions from Python, of recordings and of one frame, with options of the command line."""
+"""Conversions of recordings and single frames, with the options of the command line."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .single_files import AnyPath
 
 
-# The conversions from Python, with the options of the command line.
+# Conversions with the options of the command line.
 
 if TYPE_CHECKING:
     Progress = Callable[[int, int], None]
@@ -59,13 +59,13 @@ def to_bag(
         src: A KITTI folder.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 folder.
         progress: Called with the samples done and the number of all.
-        jobs: Number of worker processes that encode, 1 to 256; 1: none, but threads. The bag is
-            the same. In a program that has threads, threads take their place.
+        jobs: Number of worker processes that encode, 1 to 256; 1 encodes in threads, as do
+            programs that have threads. The bag is the same.
         options: Those of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
             images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
 
     Returns:
-        What was written: path, counts by topic, frames, size_bytes, losses, notes. Each loss is
+        The written bag: path, counts by topic, frames, size_bytes, losses, notes. Each loss is
         also a KittiRos2Warning.
 
     Raises:
@@ -104,8 +104,8 @@ def to_kitti(
     """Write a bag as a KITTI data set, as `kitti-ros2 to-kitti` does.
 
     Args:
-        bag: A bag, or several of one drive. One that to-bag wrote becomes the original recording,
-            byte for byte.
+        bag: A bag, or several of one drive. A bag of to-bag becomes the original recording, byte
+            for byte.
         out: The folder to create; with append=True an object set to add to.
         plan: A plan file, as printed by `kitti-ros2 to-kitti BAG --plan`.
         progress: Called with the samples done and the number of all.
@@ -113,7 +113,7 @@ def to_kitti(
             layout='object', name='training', calib=..., split=0.8, append=True.
 
     Returns:
-        A report for each data set that was written: layout, name, counts, frames, losses, notes.
+        A report for each written data set: layout, name, counts, frames, losses, notes.
         Each loss is also a KittiRos2Warning.
 
     Raises:
@@ -145,7 +145,7 @@ def to_kitti(
 def _shown(
     progress: Progress | None,
 ) -> Callable[[int, int], AbstractContextManager[Callable[[int, int], None]]]:
-    """Return what the conversions call: with the number of samples, then with those done."""
+    """Return the callback of a conversion, for the library's progress function."""
 
     def begin(total: int, _frames: int) -> AbstractContextManager[Callable[[int, int], None]]:
         def show(done: int, _bytes: int) -> None:
@@ -165,18 +165,18 @@ _OF_RECORDING = (Stream.RECORDING, Stream.PATH)
 def encode(frame: Frame, **options: Unpack[ToBagKeywords]) -> dict[str, tuple[str, bytes]]:
     """Serialise the messages of a frame of a KITTI folder, without ROS.
 
-    They are the bytes that `kitti-ros2 to-bag` writes for the frame: its scan, images, camera_info,
+    The bytes equal those of `kitti-ros2 to-bag` for the frame: its scan, images, camera_info,
     IMU, labels and transforms. Topics of the whole recording (path, and the verbatim texts on
     /kitti/source) are left out.
 
     Args:
-        frame: Of a recording opened from a KITTI folder.
-        options: Those of `kitti-ros2 to-bag` that concern messages and topics: images='raw',
+        frame: A frame of a recording opened from a KITTI folder.
+        options: Options of `kitti-ros2 to-bag` about messages and topics: images='raw',
             topics=[...], ring_time=True, preset='kitti2bag', map='devkit', ...
 
     Returns:
-        Topic to the name of the type and the message, CDR with its encapsulation header; publish it
-        with rclpy as `publisher.publish(data)` of a publisher of that type.
+        Topic to the name of its type and its message, CDR with encapsulation header; with rclpy,
+        `publisher.publish(data)` of a publisher of that type publishes it.
 
     Raises:
         KittiRos2Error: The frame is of a bag, an option is invalid, or data cannot be read.

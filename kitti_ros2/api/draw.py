@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of frames as arrays, shown in a notebook."""
+"""Pictures of frames as arrays that notebooks show."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
         """Return it as a PNG file.
 
         Raises:
-            KittiRos2Error: It is not (H, W, 3) uint8, such as after an operation on the array.
+            KittiRos2Error: The array is not (H, W, 3) uint8, such as after an operation.
         """
         if not self._is_picture:
             raise UsageError(f'an array of shape {self.shape}, {self.dtype} is no RGB picture')
@@ -49,7 +49,7 @@ class Picture(np.ndarray[Any, np.dtype[np.uint8]]):
         Path(path).write_bytes(self.png())
 
     def show(self) -> None:
-        """Show it: in the output of a notebook, elsewhere in the program that opens PNG files."""
+        """Show it in the output of a notebook, or else in the program for PNG files."""
         ipython = sys.modules.get('IPython')  # a notebook has imported it
         if ipython is not None and ipython.get_ipython() is not None:
             ipython.display.display(ipython.display.Image(self.png()))
@@ -70,13 +70,13 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
     """Draw a frame as `kitti-ros2 view` does.
 
     Args:
-        frame: Of a recording.
+        frame: A frame of a recording.
         mode: camera, boxes, lidar, bev or panel, as --mode.
-        options: Options of view that concern a picture: camera, color_by, color_map, point_size,
+        options: Options of view about a picture: camera, color_by, color_map, point_size,
             range, resolution, classes.
 
     Raises:
-        KittiRos2Error: The frame has not the data of the mode, or an option is invalid.
+        KittiRos2Error: The frame has no data for the mode, or an option is invalid.
 
     Examples:
         >>> kitti_ros2.draw(recording[0], 'bev', range=(0, 40, -20, 20)).save('above.png')

@@ -60,7 +60,7 @@ class FrameObject:
         truncated: 0..1 (tracking: 0, 1, 2), None if unknown.
         occluded: 0 visible, 1 partly, 2 largely, 3 unknown; None without a value.
         track: Identity across frames, None without one.
-        score: Of a detection, None for ground truth.
+        score: Score of a detection; None for ground truth.
         label: The line of the label file, None for tracklets and objects of other bags.
     """
 
@@ -106,7 +106,7 @@ class FrameObject:
         """Return frame_T_box, (4, 4): the middle of the box, x along its heading, y left, z up.
 
         Args:
-            frame: As in Frame.transform.
+            frame: Coordinate frame, as in Frame.transform.
 
         Raises:
             MissingDataError: It has no 3D box, or the transform is missing.
@@ -124,7 +124,7 @@ class FrameObject:
         rear left, seen along the heading.
 
         Args:
-            frame: As in Frame.transform.
+            frame: Coordinate frame, as in Frame.transform.
 
         Raises:
             MissingDataError: It has no 3D box, or the transform is missing.
@@ -148,14 +148,14 @@ class FrameObject:
         return f'<kitti_ros2.FrameObject {self.class_name}{track}>'
 
 
-# One frame of a recording: each part is read when it is used.
+# One frame of a recording: each part is read when first used.
 
 
 class Frame:
-    """The data of one frame; every part is read from the disk when it is used first.
+    """The data of one frame; each part is read when first used.
 
     Attributes:
-        number: KITTI's file number; in a bag not written by to-bag the position, from 0.
+        number: KITTI's file number; in bags of others the position, from 0.
         source: The open files of its recording.
     """
 
@@ -175,15 +175,15 @@ class Frame:
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """The streams that have this frame: scan, image_2, oxts, pose, labels, ..."""
+        """The streams with this frame: scan, image_2, oxts, pose, labels, ..."""
         streams = self.source.frames.streams.items()
         return tuple(name for name, numbers in streams if self.number in numbers)
 
     @property
     def origin(self) -> FrameOrigin | None:
-        """The raw drive's frame that it was taken from: drive, number and stamp_ns.
+        """The original frame of the raw drive: drive, number and stamp_ns.
 
-        Of object sets opened with real_time=True, and of their bags; else None.
+        For object sets opened with real_time=True, and their bags; else None.
         """
         return self.source.frames.origins.get(self.number)
 
@@ -203,9 +203,9 @@ class Frame:
 
     @property
     def extra(self) -> dict[str, npt.NDArray[np.floating[Any]]]:
-        """Further columns of the scan by name, (N,) float32 or float64, such as ring.
+        """Additional columns of the scan by name, (N,) float32 or float64, such as ring.
 
-        Of recordings opened with columns='x y z intensity ring', and of their bags; else empty.
+        For recordings opened with columns='x y z intensity ring', and their bags; else empty.
 
         Raises:
             MissingDataError, KittiRos2Error: As points.
@@ -213,22 +213,22 @@ class Frame:
         return dict(self._scan.extra)
 
     def points_at(self, stamp_ns: int) -> Float32Array:
-        """Return the points as they would have been measured at one moment: motion compensation.
+        """Return the points as if measured at one time: motion compensation.
 
         Each point is moved by the motion of the car between its own time, which follows from its
-        azimuth, and the moment. Surroundings are taken as static.
+        azimuth, and that time. The surroundings are assumed to be static.
 
         Args:
             stamp_ns: Nanoseconds since 1970 UTC, such as `stamp_ns` of the frame, at which the
                 scanner faces forward, or the stamp of an image.
 
         Returns:
-            (N, 4) float32, x y z in velo_link at that moment and reflectance, in the order of
+            (N, 4) float32, x y z in velo_link at that time and reflectance, in the order of
             `points`.
 
         Raises:
-            MissingDataError: The frame has no scan; or there are no oxts packets or poses near, as
-                in the object layout; or the source is a bag not written by to-bag.
+            MissingDataError: The frame has no scan, or no oxts packets or poses near it, as in the
+                object layout; or the source is a bag of others.
 
         Examples:
             >>> points = frame.points_at(frame.stamp_ns)
@@ -261,7 +261,7 @@ class Frame:
             (H, W, 3) uint8, RGB; of grey cameras all three channels are equal.
 
         Raises:
-            MissingDataError: The frame has no image of it.
+            MissingDataError: The image is missing.
             KittiRos2Error: The image is damaged.
         """
         _check_camera(camera)
@@ -304,7 +304,7 @@ class Frame:
 
     @cached_property
     def oxts(self) -> OxtsPacket | None:
-        """The packet of the GPS/IMU unit, KITTI's 30 values by name; None without one."""
+        """The packet of the GPS/IMU, KITTI's 30 values by name; None without one."""
         packet = self.source.frames.read(Stream.OXTS, self.number)
         return packet if isinstance(packet, OxtsPacket) else None
 
@@ -312,7 +312,7 @@ class Frame:
     def objects(self) -> list[FrameObject]:
         """The labelled objects, in the order of the file; DontCare regions have a 2D box only.
 
-        Invalid lines are left out, and named by a KittiRos2Warning.
+        Invalid lines are skipped with a KittiRos2Warning.
         """
         labels = self.source.frames.read(Stream.LABELS, self.number)
         if not isinstance(labels, FrameLabels):
@@ -397,14 +397,13 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
     bags are numbered by position, from 0; topics and calibration are detected as by to-kitti.
 
     Args:
-        path: A folder or a bag. Of folders with several drives or sequences, `sequence` chooses
-            one.
-        options: Options of reading, as on the command line: layout, sequence, columns, epoch,
+        path: A folder or a bag. `sequence` chooses from several drives or sequences.
+        options: Reading options of the command line: layout, sequence, columns, epoch,
             semantic, period, scan_stamp, real_time, mapping, raw, deskew, undo_deskew.
 
     Raises:
-        FileNotFoundError: There is no such path; it is a KittiRos2Error as well.
-        KittiRos2Error: It is no KITTI folder or bag, or an option is invalid.
+        FileNotFoundError: The path does not exist; it is a KittiRos2Error as well.
+        KittiRos2Error: The path is no KITTI folder or bag, or an option is invalid.
 
     Examples:
         >>> recording = kitti_ros2.open('2011_09_26/2011_09_26_drive_0005_sync')
@@ -413,7 +412,7 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
     """
     source_path = as_path(path)
     if is_remote(source_path):
-        forget(source_path)  # it may have changed since an earlier call
+        forget(source_path)  # possibly changed since an earlier call
     source = OpenSource(source_path, options)
     recording = Recording(source, source.frames.numbers)
     if recording.losses:
@@ -426,8 +425,8 @@ class Recording(Sequence[Frame]):
     """The frames of a recording, in the order of their numbers; opened by kitti_ros2.open.
 
     Indices are positions, as in any sequence; `frame(8)` takes KITTI's file number. A slice is a
-    recording of fewer frames. Frames are read when their data are used, and nothing is kept:
-    iterating holds one frame. Recordings can be pickled, and used in worker processes.
+    recording of fewer frames. Frames are read when used and not cached: iterating holds one in
+    memory. Recordings can be pickled, and used in worker processes.
     """
 
     def __init__(self, source: OpenSource, numbers: Int64Array) -> None:
@@ -446,7 +445,7 @@ class Recording(Sequence[Frame]):
 
     @property
     def numbers(self) -> Int64Array:
-        """(N,) int64 KITTI file numbers of the frames, ascending; there may be holes."""
+        """(N,) int64 KITTI file numbers of the frames, ascending, possibly with gaps."""
         return np.array(self._numbers)
 
     @property
@@ -458,13 +457,13 @@ class Recording(Sequence[Frame]):
 
     @property
     def streams(self) -> dict[str, Int64Array]:
-        """The frames that each stream has, by name: scan, image_2, oxts, pose, labels, ..."""
+        """The frames of each stream by name: scan, image_2, oxts, pose, labels, ..."""
         streams = self._source.frames.streams.items()
         return {name: np.intersect1d(numbers, self._numbers) for name, numbers in streams}
 
     @property
     def cameras(self) -> dict[int, str]:
-        """KITTI's number of each camera with images, to its name, such as color_left."""
+        """KITTI's numbers of cameras with images, to their names, such as color_left."""
         return dict(self._source.frames.cameras)
 
     @property
@@ -474,7 +473,7 @@ class Recording(Sequence[Frame]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Remarks that are no loss, such as assumptions about a bag not written by to-bag."""
+        """Lines that cost no data, such as guesses about bags of others."""
         frames = self._source.frames
         return (*frames.guess_notes, *frames.notes)
 
@@ -497,7 +496,7 @@ class Recording(Sequence[Frame]):
         return Frame(self._source, int(self._numbers[index]))
 
     def frame(self, number: int) -> Frame:
-        """Return the frame with one of KITTI's file numbers.
+        """Return the frame with a KITTI file number.
 
         Raises:
             KittiRos2Error: There is none.
@@ -535,7 +534,7 @@ class Recording(Sequence[Frame]):
         )
 
     def close(self) -> None:
-        """Close the files of a bag; they are opened again when a frame is read."""
+        """Close the files of a bag; reading a frame opens them again."""
         self._source.close()
 
     def __enter__(self) -> Self:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Facts of a drive, and the parameter files of a stack that hold them."""
+"""Facts of a drive, and parameter files of a stack with these facts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 WRITTEN = '# Written by kitti-ros2 stacks'
-"""Beginning of the files that may be written again."""
+"""Beginning of the files that may be overwritten."""
 _LOWEST_DEG, _HIGHEST_DEG = -24.8, 2.0  # of the lasers of an HDL-64E
 _NOMINAL_HZ = 10.0
 _SCANS = 8
@@ -42,8 +42,8 @@ class CameraFacts:
 
     Attributes:
         fx, fy, cx, cy: Pixels.
-        baseline: Metres between it and the camera left of it; 0 for a left camera.
-        width, height: Pixels; 0 if there is no image.
+        baseline: Metres from the camera left of it; 0 for a left camera.
+        width, height: Pixels; 0 without images.
     """
 
     fx: float
@@ -62,11 +62,11 @@ class RigFacts:
     Attributes:
         base_T_imu: imu_link in base_link.
         imu_T_velo: velo_link in imu_link.
-        cameras: By KITTI's index.
+        cameras: The cameras by KITTI's index.
         imu_hz: Rate of the Imu.
         scan_hz: Rate of the scans.
-        lowest_deg, highest_deg: Elevations of the lasers, or of points beyond them.
-        has_times: Whether points have times; scans of odometry sequences are compensated.
+        lowest_deg, highest_deg: Elevations of the lasers, or of points beyond.
+        has_times: True if points have times; scans of odometry sequences are compensated.
     """
 
     base_T_imu: Transform
@@ -120,12 +120,12 @@ class RigFacts:
 
     @property
     def below_horizon_rad(self) -> float:
-        """Field of view below the horizon, a degree more than the points have."""
+        """Field of view below the horizon, a degree more than that of the points."""
         return round(radians(1.0 - self.lowest_deg), 6)
 
     @property
     def above_horizon_rad(self) -> float:
-        """Field of view above the horizon, a degree more than the points have."""
+        """Field of view above the horizon, a degree more than that of the points."""
         return round(radians(1.0 + self.highest_deg), 6)
 
 
@@ -133,7 +133,7 @@ class RigFacts:
 
 
 def facts_of(recording: ReadableRecording) -> tuple[RigFacts, tuple[str, ...]]:
-    """Return the facts of a recording, and notes on those that are not in its files.
+    """Return the facts of a recording, and notes on facts missing in its files.
 
     Raises:
         KittiRos2Error, OSError: The calibration or an image cannot be read.
@@ -176,7 +176,7 @@ def _camera(recording: ReadableRecording, calibration: Calibration, index: int) 
 
 
 def _size(recording: ReadableRecording, camera: int) -> tuple[int, int]:
-    """Return the size of the first image of a camera, zeros if there is none."""
+    """Return the size of the first image of a camera, zeros without images."""
     stream = IMAGE_STREAMS[camera]
     index = recording.streams.get(stream)
     if index is None or not len(index):
@@ -188,7 +188,7 @@ def _size(recording: ReadableRecording, camera: int) -> tuple[int, int]:
 def _elevations(recording: ReadableRecording) -> tuple[float, float]:
     """Return the lowest and the highest elevation of points in some scans, degrees.
 
-    The lasers are not in one point, so that near points are outside the angles of the lasers.
+    The lasers are not in one point, so near points are outside of the lasers' angles.
     """
     lowest, highest = _LOWEST_DEG, _HIGHEST_DEG
     index = recording.streams.get(Stream.SCAN)
@@ -203,7 +203,7 @@ def _elevations(recording: ReadableRecording) -> tuple[float, float]:
 
 
 def _rate(recording: ReadableRecording, stream: Stream) -> float:
-    """Return the rate of a stream, to a tenth of a hertz; 0 if it is not known."""
+    """Return the rate of a stream, to a tenth of a hertz; 0 if unknown."""
     index = recording.streams.get(stream)
     if index is None or len(index) < 2:
         return 0.0
@@ -211,7 +211,7 @@ def _rate(recording: ReadableRecording, stream: Stream) -> float:
     return round(1e9 / step_ns, 1) if step_ns > 0 else 0.0
 
 
-# Texts of parameter files, in the formats that stacks read.
+# Texts of parameter files, in the formats of stacks.
 
 
 def parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str]:
@@ -223,7 +223,7 @@ def parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str
         drive: The path of the drive, for errors.
 
     Raises:
-        MissingDataError: The drive has no calibration of a camera that the stack needs.
+        MissingDataError: The calibration of a camera that the stack needs is missing.
     """
     try:
         files = {name: _with_facts(values, facts) for name, values in stack.parameter_files.items()}
@@ -244,7 +244,7 @@ def parameter_texts(stack: Stack, facts: RigFacts, drive: Path) -> dict[str, str
 
 
 def _with_facts(value: Any, facts: RigFacts) -> Any:  # noqa: ANN401 - a value of a YAML file
-    """Return a value with the facts that it names."""
+    """Return a value with facts in place of their names."""
     if isinstance(value, dict):
         return {name: _with_facts(child, facts) for name, child in value.items()}
     if not (isinstance(value, str) and value.startswith('$')):
@@ -258,7 +258,7 @@ def _with_facts(value: Any, facts: RigFacts) -> Any:  # noqa: ANN401 - a value o
 
 
 def _yaml_lines(values: Mapping[str, Any]) -> Iterator[str]:
-    """Return a line for each value; lists are on one line."""
+    """Return a line for each value, also for a list."""
     import yaml  # noqa: PLC0415 - for one command
 
     for name, value in values.items():
@@ -271,7 +271,7 @@ def _yaml_lines(values: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _opencv_text(values: Mapping[str, Any]) -> str:
-    """Return a file of OpenCV's FileStorage: flat, with texts in quotes."""
+    """Return the text of a flat OpenCV FileStorage, with texts in quotes."""
     lines = (
         f'{name}: "{value}"' if isinstance(value, str) else f'{name}: {value}'
         for name, value in values.items()

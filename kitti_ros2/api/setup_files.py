@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the files of a stack for a drive: parameters, a launch file; the commands of a run."""
+"""Writes the files of a stack for a drive: parameters and a launch file; returns its commands."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ _OF_TRUTH = {'layout', 'sequence'}
 
 @dataclass(frozen=True)
 class RunCommands:
-    """The commands of a run, in the order of their use; '' where there is nothing to do.
+    """The commands of a run, in the order of their use; '' for none.
 
     Attributes:
-        record: In a terminal of its own, before the run.
-        run: Starts the stack, and plays the drive.
-        score: After the run.
+        record: Recording, in another terminal before the run.
+        run: The stack, and the player of the drive.
+        score: Evaluation after the run.
     """
 
     record: str
@@ -55,7 +55,7 @@ def play_words(stack: Stack, drive: str, source: Mapping[str, object]) -> list[s
     """Return the words of the command that plays a drive for a stack.
 
     Args:
-        stack: Its name.
+        stack: The stack.
         drive: The path of the drive.
         source: Options of the recording, such as sequence and imu_from.
     """
@@ -86,7 +86,7 @@ def _record(stack: Stack) -> str:
 
 
 def _score(stack: Stack, drive: str, source: Mapping[str, object]) -> str:
-    """Return the command that scores the trajectory; it names what the messages do not."""
+    """Return the command that scores the trajectory, with names missing in messages."""
     result = stack.result
     if not (result.odometry or result.file or result.tf):
         return ''
@@ -131,7 +131,7 @@ _IMPORTS = (
     ('launch_ros.descriptions', ('ComposableNode',)),
     ('launch_ros.substitutions', ('FindPackageShare',)),
 )
-"""Where each name of a launch file is from."""
+"""The module of each name of a launch file."""
 _TEMPLATE = '''{written}.
 """Starts {stack}, and plays a drive of KITTI for it."""
 
@@ -160,7 +160,7 @@ class _Call:
 
 @dataclass(frozen=True)
 class _Code:
-    """An expression as it is."""
+    """An unquoted expression."""
 
     text: str
 
@@ -169,7 +169,7 @@ def launch_text(stack: Stack, play: Sequence[str], parameters: Sequence[str]) ->
     """Return the text of a launch file.
 
     Args:
-        stack: What it starts.
+        stack: The stack to start.
         play: Words of the command that plays it.
         parameters: Names of the parameter files beside the launch file.
     """
@@ -259,7 +259,7 @@ def _text_or_path(text: str) -> object:
 
 
 def _written(value: object, depth: int) -> str:
-    """Return an expression as Python writes it, on several lines if it is long."""
+    """Return an expression as Python source, on several lines if it is long."""
     if isinstance(value, _Call):
         parts = [_written(part, depth + 1) for part in value.values]
         parts += [f'{word}={_written(part, depth + 1)}' for word, part in value.words.items()]
@@ -290,12 +290,12 @@ _OWN_FILES = keep_all_but_files('parameter file', [WRITTEN.encode(), b'%YAML:1.0
 
 @dataclass(frozen=True)
 class Setup:
-    """What was written.
+    """The written files of a stack.
 
     Attributes:
         files: The parameter files, and the launch file last.
         commands: The commands of a run.
-        notes: Facts that are not in the files of the drive.
+        notes: Facts missing in the files of the drive.
     """
 
     files: tuple[Path, ...]
@@ -317,10 +317,10 @@ def write_setup(
     Args:
         stack: The stack.
         drive: The KITTI folder.
-        folder: The folder; created if it does not exist.
-        settings: How to read the drive, and its 100 Hz packets.
-        source: The options of these that are given, for the player.
-        overwrite: Whether files of the same names, as written here, may be replaced.
+        folder: The folder; created if missing.
+        settings: Options for reading the drive and its 100 Hz packets.
+        source: The options of these that the user set, for the player.
+        overwrite: True replaces files of the same names that this wrote.
 
     Raises:
         KittiRos2Error, OSError: The drive cannot be read, or a file exists; none is written.
@@ -334,7 +334,7 @@ def write_setup(
     texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
     refusal = _OWN_FILES if overwrite else keep_all
     for name in texts:
-        Staging(folder / name, refusal).discard()  # refuses before the first is written
+        Staging(folder / name, refusal).discard()  # an error comes before the first write
     for name, text in texts.items():
         with staged_file(folder / name, refusal) as path:
             path.write_text(text, 'utf-8')

@@ -59,17 +59,17 @@ if TYPE_CHECKING:
     from ..model.samples import Float32Array, Int64Array, OxtsPacket
 
 
-# Paths of the files that are read and written one by one.
+# Paths of single files.
 #
-# A file that cannot be used raises a KittiRos2Error whose `path` and `line` say where; one that is
-# missing is a FileNotFoundError as well. Writers create folders, and replace a file that exists.
+# An unusable file raises a KittiRos2Error with `path` and `line`, a missing one also a
+# FileNotFoundError. Writers create folders, and replace existing files.
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 
 
 @contextmanager
 def file_at(path: AnyPath) -> Iterator[Path]:
-    """Yield the path; errors of the operating system are raised as KittiRos2Error."""
+    """Yield the path; raise errors of the operating system as KittiRos2Error."""
     try:
         yield as_path(path)
     except MissingPathError:
@@ -80,28 +80,28 @@ def file_at(path: AnyPath) -> Iterator[Path]:
         raise UnreadableFileError(error.filename or str(path), error) from None
 
 
-# Reading and writing of files with an array each: scans, labels of points, images.
+# Files with one array: scans, labels of points, images.
 
 _POINT_COLUMNS = 4
 _CHECKED: set[Path] = set()
-"""Folders whose scans have the columns of KITTI's."""
+"""Folders whose scans have KITTI's columns."""
 
 
 def read_scan(path: AnyPath, *, columns: str | None = None) -> Float32Array:
     """Read velodyne_points/data/*.bin or velodyne/*.bin (or .txt of a raw extract).
 
     Args:
-        path: Ends in .bin or .txt.
-        columns: Those of a .bin file that is not KITTI's, such as 'x y z intensity - ring': - skips
-            one, and :f8 behind a name is float64.
+        path: A .bin or .txt file.
+        columns: Columns of a .bin file of others, such as 'x y z intensity - ring': - skips one,
+            and :f8 behind a name is float64.
 
     Returns:
         (N, 4) float32, writable: x y z in metres in velo_link (x forward, y left, z up), and
-        reflectance 0..1. Other columns that are named follow: (N, 4 + K).
+        reflectance 0..1. Other named columns follow: (N, 4 + K).
 
     Raises:
-        KittiRos2Error: The file is missing, empty, or truncated inside a point; or it has other
-            columns, by its size and values.
+        KittiRos2Error: The file is missing, empty, or truncated inside a point; or its size or
+            values show other columns.
     """
     with file_at(path) as file:
         if file.suffix == names.TXT:
@@ -115,7 +115,7 @@ def read_scan(path: AnyPath, *, columns: str | None = None) -> Float32Array:
 
 
 def _check_first(file: Path, data: npt.NDArray[np.uint8]) -> None:
-    """Check the columns of the first scan that is read of a folder."""
+    """Check the columns of the first scan of a folder."""
     if file.parent not in _CHECKED:
         mismatch = find_mismatch([(data[:HEAD_BYTES].tobytes(), len(data))])
         if mismatch is not None:
@@ -127,8 +127,8 @@ def write_scan(path: AnyPath, points: npt.ArrayLike) -> None:
     """Write a scan; the inverse of read_scan. A .txt file has three decimals, as raw extracts.
 
     Args:
-        path: Ends in .bin or .txt.
-        points: (N, 4), as of read_scan.
+        path: A .bin or .txt file.
+        points: (N, 4), as read_scan returns.
 
     Raises:
         KittiRos2Error: Another shape, or the file cannot be written.
@@ -159,7 +159,7 @@ def write_point_labels(path: AnyPath, labels: npt.NDArray[np.uint32]) -> None:
 
 
 def read_image(path: AnyPath) -> npt.NDArray[np.uint8]:
-    """Read a PNG or JPEG: (H, W, 3) uint8 RGB; of a grey one all three channels are equal.
+    """Read a PNG or JPEG: (H, W, 3) uint8 RGB; a grey one has three equal channels.
 
     Raises:
         KittiRos2Error: The file is missing or damaged.
@@ -186,9 +186,9 @@ def write_image(path: AnyPath, pixels: npt.NDArray[np.uint8]) -> None:
         STORE.write(file, encode_png(np.ascontiguousarray(bgr)))
 
 
-# Reading and writing of text files: labels, packets of the GPS/IMU unit, poses, stamps, tracklets.
+# Text files: labels, packets of the GPS/IMU, poses, stamps, tracklets.
 #
-# Values keep the files' own units and frames.
+# Values have the units and coordinate frames of the files.
 
 T = TypeVar('T')
 
@@ -197,7 +197,7 @@ def read_labels(path: AnyPath) -> list[Box]:
     """Read label_2/*.txt (object), label_02/*.txt (tracking) or result files with a score.
 
     Returns:
-        A Box for each line, with the file's own values: pixels, metres in the rectified camera 0
+        A Box for each line, with the values of the file: pixels, metres in the rectified camera 0
         (x right, y down, z forward), radians. Boxes of tracking have frame and track_id.
 
     Raises:
@@ -208,12 +208,12 @@ def read_labels(path: AnyPath) -> list[Box]:
 
 
 def write_labels(path: AnyPath, boxes: Iterable[Box], decimals: int = 2) -> None:
-    """Write a label file: of tracking where all boxes have frame and track_id, else of object.
+    """Write a label file, of tracking if all boxes have frame and track_id, else of object.
 
     Args:
         path: The file.
-        boxes: As read_labels returns them, or made by CalibratedRig.label.
-        decimals: Of an object file; KITTI's own have two. Tracking files have six.
+        boxes: Boxes of read_labels or CalibratedRig.label.
+        decimals: Decimals of an object file; KITTI's have two. Tracking files have six.
 
     Raises:
         KittiRos2Error: The file cannot be written.
@@ -226,7 +226,7 @@ def write_labels(path: AnyPath, boxes: Iterable[Box], decimals: int = 2) -> None
 
 
 def read_oxts(path: AnyPath) -> list[OxtsPacket]:
-    """Read packets of the GPS/IMU unit: one of oxts/data/*.txt (raw), all of oxts/*.txt (tracking).
+    """Read packets of the GPS/IMU: one of oxts/data/*.txt (raw), all of oxts/*.txt (tracking).
 
     Returns:
         A packet for each line: KITTI's 30 values by name (lat, lon in degrees, alt in metres, roll,
@@ -241,7 +241,7 @@ def read_oxts(path: AnyPath) -> list[OxtsPacket]:
 
 
 def write_oxts(path: AnyPath, packets: Iterable[OxtsPacket]) -> None:
-    """Write packets, one a line; the inverse of read_oxts."""
+    """Write packets, one per line; the inverse of read_oxts."""
     with file_at(path) as file:
         STORE.write_text(file, ''.join(f'{format_packet(packet)}\n' for packet in packets))
 
@@ -268,7 +268,7 @@ def write_poses(path: AnyPath, poses: npt.ArrayLike) -> None:
 def read_stamps(path: AnyPath) -> Int64Array:
     """Read timestamps.txt (raw) or times.txt (odometry): (N,) int64 nanoseconds.
 
-    Of timestamps.txt since 1970, its times taken as UTC; of times.txt from the start.
+    timestamps.txt: since 1970, its times taken as UTC; times.txt: from the start.
 
     Raises:
         KittiRos2Error: The file is missing, or a line is invalid.

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The port that viewers connect to: which may, how many, and how much waits for each.
+"""The proxy that viewers connect to, with limits on origins, connections and queues.
 
 Foxglove's SDK accepts every handshake, keeps connections without one for ever, and queues a copy of
-each message for each viewer. Its server is therefore behind this one, at an address that is not
-told to anybody. The SDK also disconnects a viewer for whom a queue of controls is full, and counts
-times as such; the proxy sends these itself.
+each message for each viewer. Its server is therefore behind the proxy, at a secret address. The SDK
+also disconnects a viewer with a full queue of controls, and counts times as controls; the proxy
+sends times itself.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     from .origin_check import OriginCheck
 
 
-# Messages that wait for one viewer, bounded: its oldest are dropped, never a control.
+# The bounded queue of one viewer: its oldest messages are dropped, never a control.
 
 MESSAGE_LIMIT = 8 << 20
-"""Bytes of messages that wait for one viewer: more than a frame of a drive with all topics."""
+"""Bytes of queued messages of one viewer: more than a frame of a drive with all topics."""
 
 CONTROL_LIMIT = 4 << 20
-"""Bytes of controls that wait: channels with their definitions, states, answers."""
+"""Bytes of queued controls: channels with their definitions, states, answers."""
 
 _MESSAGE, _TIME = b'\1', b'\2'
 """Opcodes of Foxglove's protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md"""
@@ -53,14 +53,14 @@ Data: TypeAlias = 'str | bytes'
 
 
 class QueueFullError(Exception):
-    """More waits for a viewer than any viewer needs: it does not read."""
+    """The queue of a viewer is full: it does not read."""
 
 
 class SendQueue:
-    """Messages in the order in which they were put; of times only the newest waits.
+    """Messages in the order of their arrival; only the newest time is queued.
 
     Attributes:
-        dropped: Count of dropped messages.
+        dropped: Number of dropped messages.
     """
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class SendQueue:
         """Add a message of the server.
 
         Raises:
-            QueueFullError: Too many controls wait.
+            QueueFullError: Too many controls are queued.
         """
         self._number += 1
         self._waiting[self._number] = data
@@ -98,7 +98,7 @@ class SendQueue:
         self._changed.set()
 
     def end(self) -> None:
-        """Let get return None once nothing waits."""
+        """Let get return None once the queue is empty."""
         self._has_ended = True
         self._changed.set()
 
@@ -122,13 +122,13 @@ def _has_opcode(data: Data, opcode: bytes) -> bool:
     return isinstance(data, bytes) and data.startswith(opcode)
 
 
-# The connection of one viewer, with bounds that websockets leaves to its user.
+# The connection of one viewer, with bounds that websockets does not have.
 
 VIEWERS = 8
-"""Connected viewers."""
+"""Most connected viewers."""
 
 HANDSHAKES = 32
-"""Connections whose handshake is not done; a further one replaces the oldest."""
+"""Most connections without a handshake; a further one replaces the oldest."""
 
 HANDSHAKE_S = 10.0
 """Seconds from the connection to the end of its handshake."""
@@ -137,23 +137,23 @@ CLIENT_MESSAGE_LIMIT = 1 << 20
 """Bytes of a message of a viewer: subscriptions to some thousand topics."""
 
 _LEAVING_S = 30.0
-"""Seconds in which a viewer may read what waits after the server has closed, and then close."""
+"""Seconds for a viewer to read its queue after the server has closed, and then close."""
 
 _SERVER_CLOSING_S = 1.0
 
 _BACKLOG = 128
 
 _KEEPALIVE = (('TCP_KEEPIDLE', 30), ('TCP_KEEPINTVL', 10), ('TCP_KEEPCNT', 3))
-"""A viewer whose machine has vanished is noticed within a minute. Pings would also disconnect one
-that is suspended."""
+"""Options that detect a vanished machine within a minute; pings would also disconnect a suspended
+viewer."""
 
 _SUBPROTOCOLS = [Subprotocol('foxglove.sdk.v1.1'), Subprotocol('foxglove.sdk.v1')]
-"""Of foxglove-sdk 0.30, which prefers the newer one."""
+"""Subprotocols of foxglove-sdk 0.30, which prefers the newer one."""
 
 _MOST_REFUSALS = 20
 
 _SILENT = logging.getLogger(__name__)
-"""Of websockets, which logs what any client does wrong, with a traceback."""
+"""The logger of websockets, which would log every error of a client with a traceback."""
 _SILENT.setLevel(logging.CRITICAL + 1)
 
 
@@ -161,12 +161,12 @@ class ViewerConnection(ServerConnection):
     """A connection to the proxy, with or without a handshake.
 
     Args:
-        proxy: Counts it.
-        arguments: Of websockets.
-        options: Of websockets.
+        proxy: The proxy, which counts it.
+        arguments: Arguments of websockets.
+        options: Options of websockets.
 
     Attributes:
-        sending: Size of the message that is being sent.
+        sending: Size of the message being sent.
     """
 
     def __init__(
@@ -180,19 +180,19 @@ class ViewerConnection(ServerConnection):
         self._proxy = proxy
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Note the connection."""
+        """Count the connection."""
         super().connection_made(transport)
         self._proxy.connected(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection."""
+        """Remove the connection."""
         super().connection_lost(exc)
         self._proxy.disconnected(self)
 
     def data_received(self, data: bytes) -> None:
-        """Disconnect a viewer with a message that is too long, or that pings and does not read.
+        """Disconnect a viewer that sends too long a message, or pings without reading.
 
-        websockets would wait until the viewer closes, and answers pings without a bound.
+        websockets would wait for the viewer to close, and answers pings without a bound.
         """
         super().data_received(data)
         close = self.protocol.close_sent
@@ -202,17 +202,17 @@ class ViewerConnection(ServerConnection):
             self._proxy.disconnect(self, f'more than {CONTROL_LIMIT} bytes of answers wait')
 
     async def send_all(self, queue: SendQueue) -> None:
-        """Send what a queue has, to its end."""
+        """Send the messages of a queue, to its end."""
         while (data := await queue.get()) is not None:
             self.sending = len(data)
             await self.send(data)
 
 
-# The server for viewers, and a client of the SDK's for each of them.
+# The server for viewers, with a connection to the SDK's server for each.
 
 
 def hidden_address() -> str:
-    """Return a random loopback address for a server that only this process shall find.
+    """Return a random loopback address, which other processes cannot guess.
 
     Linux accepts all 2 ** 24 addresses of 127.0.0.0/8; with the port a page would have to guess
     about 38 bits. Other systems have 127.0.0.1 only.
@@ -223,16 +223,16 @@ def hidden_address() -> str:
 
 
 class ViewerProxy:
-    """Listens for viewers and connects those that are accepted; runs in a thread of its own.
+    """Listens for viewers and connects accepted ones, in a separate thread.
 
     Args:
         host: Address to listen on: an IP address or a name.
         port: TCP port; 0 takes a free one.
         origin_check: Decides about handshakes.
-        warn: Called with each reason for a refusal once, from the proxy's thread.
+        warn: Called once with each reason for a refusal, from the proxy's thread.
 
     Attributes:
-        host: As given.
+        host: The requested host.
         port: The port that it listens on.
 
     Raises:
@@ -252,13 +252,13 @@ class ViewerProxy:
         self._listener = _listen(host, port)
         self.port = int(self._listener.getsockname()[1])
         self._loop = asyncio.new_event_loop()
-        self._loop.set_exception_handler(lambda *_: None)  # what clients do is no error
+        self._loop.set_exception_handler(lambda *_: None)  # misbehaviour of clients is no error
         self._closing: asyncio.Future[float] = self._loop.create_future()
         self._thread: threading.Thread | None = None
 
     @property
     def url(self) -> str:
-        """The address for viewers on this machine, or on others if it is bound to one of them."""
+        """The address for viewers on this machine, or on others if bound to one of theirs."""
         host = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(self.host, self.host)  # noqa: S104
         return f'ws://[{host}]:{self.port}' if ':' in host else f'ws://{host}:{self.port}'
 
@@ -273,13 +273,13 @@ class ViewerProxy:
     def publish_time(self, stamp_ns: int) -> None:
         """Send a time to all viewers, nanoseconds since 1970; any thread may call it.
 
-        Of several that a viewer has not received yet, only the newest is sent.
+        Only the newest of the times that a viewer has not received is sent.
         """
-        with suppress(RuntimeError):  # closed: nobody is left to be told
+        with suppress(RuntimeError):  # closed: no viewers
             self._loop.call_soon_threadsafe(self._send_time, stamp_ns)
 
     def close(self, seconds: float) -> None:
-        """Stop listening, send what waits for viewers for a time, and disconnect them."""
+        """Stop listening, send queued messages for a time, and disconnect the viewers."""
         if self._thread is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._closing.set_result, seconds)
             self._thread.join()
@@ -306,7 +306,7 @@ class ViewerProxy:
         )
         seconds = await self._closing
         self._loop.remove_reader(self._listener)
-        await asyncio.sleep(0)  # asyncio fails for connections that it is still accepting
+        await asyncio.sleep(0)  # asyncio fails for connections being accepted
         server.close(close_connections=False)
         self._close_oldest(0)
         with suppress(asyncio.TimeoutError):
@@ -316,17 +316,17 @@ class ViewerProxy:
         await server.wait_closed()
 
     def connected(self, viewer: ViewerConnection) -> None:
-        """Count a connection; the oldest without a handshake makes room."""
+        """Count a connection; too many drop the oldest without a handshake."""
         self._opening[viewer] = None
         self._close_oldest(0 if self._closing.done() else HANDSHAKES)
 
     def disconnected(self, viewer: ViewerConnection) -> None:
-        """Forget a connection."""
+        """Remove a connection."""
         self._opening.pop(viewer, None)
         self._viewers.discard(viewer)
 
     def disconnect(self, viewer: ViewerConnection, reason: str) -> None:
-        """Disconnect a viewer that breaks a limit."""
+        """Disconnect a viewer beyond a limit."""
         self._warn_once('limit', f'a viewer was disconnected: {reason}')
         viewer.transport.abort()
 
@@ -339,7 +339,7 @@ class ViewerProxy:
     def _check(
         self, connection: ServerConnection, request: Request, response: Response
     ) -> Response | None:
-        """Accept a handshake that websockets accepts, or return the answer that refuses it."""
+        """Return the response that refuses a handshake; None keeps that of websockets."""
         if response.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
             return None
         hosts = request.headers.get_all('Host')
@@ -393,11 +393,11 @@ class ViewerProxy:
     async def _from_server(
         self, server: ClientConnection, viewer: ViewerConnection, queue: SendQueue
     ) -> None:
-        """Put what the server sends into the queue; at its end give the viewer time to read it."""
+        """Queue the server's messages; at the end give the viewer time to read them."""
         with suppress(ConnectionClosed):
             async for message in server:
                 self._put(message, viewer, queue)
-                self._queues.add(queue)  # a viewer does not expect a time before this
+                self._queues.add(queue)  # viewers expect times only after this
         queue.end()
         await asyncio.sleep(_LEAVING_S)
 
@@ -411,7 +411,7 @@ class ViewerProxy:
             self._warn_once('slow', 'a viewer reads too slowly: it loses its oldest messages')
 
     async def _from_viewer(self, viewer: ViewerConnection, server: ClientConnection) -> None:
-        """Forward a viewer's messages, fragment by fragment: none is assembled here.
+        """Forward a viewer's messages by fragments, without assembling them.
 
         The rest is discarded when the server has closed.
         """
@@ -426,7 +426,7 @@ class ViewerProxy:
             queue.put(_TIME + struct.pack('<Q', stamp_ns))
 
     def _warn_once(self, key: str, text: str) -> None:
-        """Warn once for each key, and not of endlessly many."""
+        """Warn once for each key, up to a limit."""
         if key in self._refusals or len(self._refusals) > _MOST_REFUSALS:
             return
         self._refusals.add(key)
@@ -436,7 +436,7 @@ class ViewerProxy:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Listen on the first address that a name has. Accepted sockets inherit the options."""
+    """Listen on the first address of a name. Accepted sockets inherit the options."""
     infos = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     family, _, _, _, address = infos[0]
     listener = socket.create_server(address, family=family, backlog=_BACKLOG)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Foxglove's WebSocket server around a session, which viewers display and control."""
+"""Foxglove's WebSocket server: viewers display and control a session."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 # The topics of a program as WebSocket channels: CDR with its ros2msg definition.
 #
-# Latched messages are kept and sent to each new subscriber, like a transient local publisher does.
+# Latched messages are stored and sent to each new subscriber, as a transient local publisher does.
 
 _RENEW_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
@@ -59,12 +59,12 @@ _LAST_WAIT_S = 0.3
 class ViewerChannels(Transport):
     """The Transport of a session: a channel per topic, and one for the player's state.
 
-    Every type comes with its own definition, so that all topics can be published. There is always
-    room: a slow viewer loses its oldest messages.
+    Every channel has the definition of its type, so that all topics can be published. Publishing
+    never blocks: a slow viewer loses its oldest messages.
 
     Args:
         program: The program with the topics.
-        context: Connects the channels with a server.
+        context: The SDK's context of the server.
         publish_time: Sends the recording's time to viewers, nanoseconds since 1970.
         publish_jump: Sends the target of a seek to viewers.
     """
@@ -95,7 +95,7 @@ class ViewerChannels(Transport):
         self._renew_ns: int | None = None
 
     def query_wanted(self) -> frozenset[int]:
-        """Return the on-demand outlets with a subscriber now; resend what a seek left to send."""
+        """Return the on-demand outlets with a subscriber; resend latched messages after a seek."""
         if self._renew_ns is not None and time.monotonic_ns() >= self._renew_ns:
             self._renew()
         return super().query_wanted()
@@ -126,7 +126,7 @@ class ViewerChannels(Transport):
         self._channels[self._state].log(data, log_time=stamp_ns)
 
     def subscribed(self, topic: str) -> None:
-        """Handle a new subscription: look again, and send latched messages; from any thread.
+        """Handle a new subscription: query again, and send latched messages; from any thread.
 
         Other subscribers receive them again: the server cannot address a single one.
         """
@@ -140,9 +140,9 @@ class ViewerChannels(Transport):
         self._publish_time(stamp_ns)
 
     def jump(self, stamp_ns: int) -> None:
-        """Tell viewers, which then drop their messages; resend latched ones after a short delay.
+        """Send a seek, for which viewers drop their messages; resend latched ones after a delay.
 
-        Seeks and messages have separate queues, so that either may arrive first.
+        Seeks and messages have separate queues, so either may arrive first.
         """
         with self._lock:
             for outlet, latched in self._latched.items():
@@ -178,7 +178,7 @@ class ViewerChannels(Transport):
 
 
 def _open(channel: Channel, typestore: Typestore, context: Context) -> foxglove.Channel:
-    """Open a viewer's channel with the same schema that a bag has for the topic."""
+    """Open a viewer's channel with the schema of the topic in a bag."""
     text, _ = typestore.generate_msgdef(channel.msgtype, ros_version=2)
     schema = foxglove.Schema(name=channel.msgtype, encoding='ros2msg', data=text.encode())
     return foxglove.Channel(channel.topic, message_encoding='cdr', schema=schema, context=context)
@@ -190,14 +190,14 @@ _GOODBYE_S = 1.0
 _BACKLOG = 64
 """Messages that the SDK queues for each viewer, a quarter of a second of a drive with all topics.
 
-It queues a copy for each viewer. The proxy always reads; what a slow viewer does not take waits
-in its SendQueue, whose bound is in bytes.
+It queues a copy for each viewer. The proxy always reads; messages of a slow viewer are in its
+SendQueue, whose bound is in bytes.
 """
 
 _WEB_VIEWER = 'https://app.foxglove.dev'
 
 _SETTLED_NS = 100_000_000
-"""A viewer subscribes to all its topics in much less time than this."""
+"""Time in which a viewer has subscribed to all its topics."""
 
 _STATE_EVERY_NS = 200_000_000
 
@@ -209,14 +209,13 @@ class ViewerServer(ServerListener):
         program: The program; closed by stop.
         settings: Playback settings; with start_paused it also waits for a viewer's play button.
         port: TCP port; 0 takes a free one.
-        warn: Called once with each reason why something cannot be published, or a connection
-            is refused.
-        origin_check: The address to bind to, and which web pages may connect.
+        warn: Called once with each reason for unpublished data or a refused connection.
+        origin_check: The address to bind to, and the web pages that may connect.
 
     Attributes:
         session: The session.
         ended: Set when the session has ended or was stopped.
-        on_ended: Called then, from the session's thread.
+        on_ended: Called at its end, from the session's thread.
         error: The error that ended the session, if any.
 
     Raises:
@@ -241,7 +240,7 @@ class ViewerServer(ServerListener):
         self._sent: tuple[Any, float] | None = None
         self._state_ns = 0
         self._stopped = False
-        self._context = Context()  # the SDK does not hold it
+        self._context = Context()  # the SDK has no reference to it
         self._channels = ViewerChannels(
             program, self._context, self.publish_time, self._publish_jump
         )
@@ -265,7 +264,7 @@ class ViewerServer(ServerListener):
                 playback_time_range=(int(first), int(last)),
                 message_backlog_size=_BACKLOG,
             )
-        except RuntimeError as error:  # the SDK raises it for every failure
+        except RuntimeError as error:  # the SDK's only error
             self._proxy.close(0.0)
             raise UsageError(f'the server of foxglove-sdk does not start: {error}') from None
         self._proxy.open(host, server.port)
@@ -278,7 +277,7 @@ class ViewerServer(ServerListener):
 
     @property
     def web_url(self) -> str:
-        """The address of a web page that shows it."""
+        """The address of a web page with the viewer."""
         return f'{_WEB_VIEWER}?{urlencode({"ds": "foxglove-websocket", "ds.url": self.url})}'
 
     def start(self) -> None:
@@ -293,7 +292,7 @@ class ViewerServer(ServerListener):
             return
         self._stopped = True
         self.session.stop()
-        # The SDK waits until every viewer has read the close message; a suspended one never does.
+        # The SDK waits for every viewer to read the close message; a suspended one never does.
         goodbye = threading.Thread(target=self._server.stop, daemon=True)
         deadline = time.monotonic() + _GOODBYE_S
         goodbye.start()
@@ -331,12 +330,12 @@ class ViewerServer(ServerListener):
     # Requests of viewers; called from threads of the SDK.
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
-        """Send latched messages, and note the subscription."""
+        """Send latched messages, and register the subscription."""
         self._asked_ns = time.monotonic_ns()
         self._channels.subscribed(channel.topic)
 
     def on_playback_control_request(self, request: PlaybackControlRequest) -> PlaybackState:
-        """Play, pause, seek and change the rate; the answer goes to all viewers.
+        """Play, pause, seek and change the rate; all viewers receive the answer.
 
         A seek while paused shows the frame at its target. Play at the end starts again.
         """
@@ -370,8 +369,8 @@ class ViewerServer(ServerListener):
         """Send the recording's time, nanoseconds since 1970."""
         self._proxy.publish_time(stamp_ns)
 
-    def _publish_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - the state has it
-        # The answer to a seek request contains it already.
+    def _publish_jump(self, stamp_ns: int) -> None:  # noqa: ARG002 - see the state
+        # The answer to a seek request contains it.
         if not self._asked_to_seek:
             self._server.broadcast_playback_state(self._playback_state(did_seek=True))
         self._asked_to_seek = False
@@ -387,7 +386,7 @@ class ViewerServer(ServerListener):
             self.publish_state()
 
     def _begin_with_viewer(self, now: int) -> None:
-        """Resume once the first viewer has subscribed, unless a control was used."""
+        """Resume after the first viewer's subscription, unless a control was used."""
         if not self._waits:
             return
         if not self.playback.state().paused:
@@ -439,21 +438,20 @@ def _open_proxy(port: int, origin_check: OriginCheck, warn: Callable[[str], None
         ) from None
 
 
-# The log of Foxglove's SDK: a few lines of it, however much a viewer makes it write.
+# The log of Foxglove's SDK, limited to a few lines.
 #
-# The SDK logs by Python's logging, a line for each message that it does not understand. A client
-# may send thousands.
+# The SDK logs a line for each invalid message by Python's logging. A client may send thousands.
 
 LEVEL_VARIABLE = 'FOXGLOVE_LOG_LEVEL'
-"""Of the SDK: who sets it gets all lines of that level."""
+"""The SDK's variable; if set, all lines of that level are logged."""
 
 _OF_VIEWERS = 'foxglove.websocket'
 _MOST = 3
-"""Lines about viewers, and about everything else."""
+"""Most lines about viewers, and about everything else."""
 
 
 class _FewLines(logging.Handler):
-    """Passes the first lines of each kind on.
+    """A handler that forwards the first lines of each kind.
 
     Args:
         warn: Called with a line.
@@ -465,7 +463,7 @@ class _FewLines(logging.Handler):
         self._counts: Counter[str] = Counter()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Pass a record on; called by one thread at a time."""
+        """Forward a record; called by one thread at a time."""
         kind = 'viewers' if record.name.startswith(_OF_VIEWERS) else 'itself'
         self._counts[kind] += 1
         if self._counts[kind] <= _MOST:
@@ -479,7 +477,7 @@ class _FewLines(logging.Handler):
 
 @contextmanager
 def few_lines(warn: Callable[[str], None]) -> Iterator[None]:
-    """Limit what the SDK logs, unless the user has set a level of their own.
+    """Limit the log of the SDK, unless the user has set a level.
 
     Args:
         warn: Called with a line.
@@ -507,19 +505,19 @@ def run_bridge(
     stop_request: StopRequest,
     terminal: Terminal,
 ) -> int:
-    """Play until a stop is requested, or everything is played and the end is no pause.
+    """Play until a stop is requested, or to an end that is no pause.
 
     Args:
         source: KITTI folder or bag.
         settings: Playback settings.
         port: TCP port; 0 takes a free one.
-        origin_check: The address to bind to, and which web pages may connect.
+        origin_check: The address to bind to, and the web pages that may connect.
         stop_request: The request to stop.
-        terminal: Shows the program, its address, and what cannot be played.
+        terminal: Shows the program, its address, and losses.
 
     Returns:
-        The number of losses if everything was played: messages that could not be made, and data
-        missing from the start; 0 if a stop was requested.
+        The number of losses after a whole program: failed messages, and data missing from the
+        start; 0 if a stop was requested.
 
     Raises:
         KittiRos2Error: The source cannot be played, or the port is not available.
@@ -546,7 +544,7 @@ def run_bridge(
 
 
 def _refuse(settings: PlaySettings) -> None:
-    """Raise UsageError for options that only a node supports."""
+    """Refuse options that only a node supports."""
     delayed = settings.playback.delay_ns > 0
     meaningless = [
         ('--delay', delayed, 'it begins when the first viewer is there'),

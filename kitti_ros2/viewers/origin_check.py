@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which web pages may connect: the headers Origin and Host of a WebSocket handshake.
+"""Checks of web pages by the headers Origin and Host of a WebSocket handshake.
 
 Browsers let any page connect to any WebSocket, also on loopback addresses; the server must check
-the Origin, which pages cannot set (RFC 6455 section 10.2). A page that makes its own name resolve
-to a loopback address (DNS rebinding) is recognized by that name in Host.
+the Origin, which pages cannot set (RFC 6455 section 10.2). A page whose name resolves to a loopback
+address (DNS rebinding) is recognized by that name in Host.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ..model.errors import UsageError
 Address: TypeAlias = IPv4Address | IPv6Address
 
 KNOWN_ORIGINS = frozenset({'https://app.foxglove.dev', 'https://studio.foxglove.dev', 'file://'})
-"""Viewers that are not served from this machine.
+"""Origins of viewers that other machines serve.
 
 Foxglove in a browser, today (the SDK's WebSocketServer.app_url) and before 2024
 (https://github.com/foxglove/studio). Desktop applications such as Lichtblick's are pages of a local
 file (packages/suite-desktop/src/main/StudioWindow.ts of
-https://github.com/lichtblick-suite/lichtblick). Lichtblick in a browser is hosted by its users, by
+https://github.com/lichtblick-suite/lichtblick). Users host Lichtblick for browsers themselves, by
 default at http://localhost:8080; pages of this machine are accepted anyway.
 """
 
@@ -35,7 +35,7 @@ _SHOWN = 100
 
 
 def parse_origin(text: str) -> str:
-    """Return an origin of an option as browsers write it.
+    """Return the origin in an option, as browsers write it.
 
     Raises:
         UsageError: It is not scheme://host or scheme://host:port.
@@ -56,23 +56,23 @@ class OriginCheck:
     """Decides about handshakes.
 
     Args:
-        bound: Address that the server is bound to, as requested: a name or an IP address.
-        allowed: Further origins, as parse_origin returns them.
+        bound: Requested address of the server: a name or an IP address.
+        allowed: More origins, as parse_origin returns them.
     """
 
     bound: str
     allowed: frozenset[str] = frozenset()
 
     def refusal(self, host: str, origin: str | None, local: str) -> str | None:
-        """Return the reason to refuse a handshake, with the option that would accept it.
+        """Return the reason for refusing a handshake, with the option that accepts it.
 
         Args:
             host: Header Host.
-            origin: Header Origin; None if there is none, as for programs that are not browsers.
-            local: Address of this machine that the client has connected to.
+            origin: Header Origin; None without one, as of programs other than browsers.
+            local: Address of this machine that the client is connected to.
 
         Returns:
-            One line; None for a handshake that is accepted.
+            A line; None for an accepted handshake.
         """
         if not self._is_ours(host, local):
             return (
@@ -100,8 +100,8 @@ class OriginCheck:
         address, bound = _address(name), _address(self.bound)
         if address is None:
             return False
-        # Rebinding needs a name: an address in Host is one that the user has typed. With all
-        # addresses bound it may be one that a router or a container translates to this machine's.
+        # Rebinding needs a name: the user typed an address in Host. With all addresses bound, a
+        # router or a container may translate it to this machine's.
         if bound is not None and bound.is_unspecified:
             return True
         return address in {bound, _address(local)}
@@ -114,7 +114,7 @@ class OriginCheck:
 def is_loopback(host: str) -> bool:
     """Return whether a name or an address, IPv6 also in brackets, is this machine's loopback.
 
-    Names under localhost never leave the machine (RFC 6761 section 6.3).
+    Names under localhost resolve to this machine (RFC 6761 section 6.3).
     """
     name = host.lower().removesuffix('.')
     if name == 'localhost' or name.endswith('.localhost'):
@@ -148,6 +148,6 @@ def _remedy(origin: str) -> str:
 
 
 def shown(text: str) -> str:
-    """Return text of a client for one line of output: printable, and not too long."""
+    """Return a client's text for a line of output: printable and short."""
     printable = ''.join(char if char.isprintable() else '?' for char in text)
     return printable if len(printable) <= _SHOWN else f'{printable[:_SHOWN]}...'

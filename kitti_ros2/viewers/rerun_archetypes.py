@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of message types with their converters to Rerun archetypes.
 
-To support another type, add a row with its converter.
+A row with a converter adds a type.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ _PALETTE = _palette()
 
 
 def reflectance_colors(reflectance: Float32Array) -> npt.NDArray[np.uint32]:
-    """Return (N,) colours of reflectances 0..1, by their square root, as most are low."""
+    """Return (N,) colours of reflectances 0..1 by their square root, as most are low."""
     return _PALETTE.take((np.sqrt(reflectance) * 255).astype(np.uint8))
 
 
@@ -117,14 +117,14 @@ class TimePoint(NamedTuple):
 
 
 class EntityUpdate(NamedTuple):
-    """Components for one entity, at the time of their message.
+    """Components of one entity, at the time of their message.
 
     Attributes:
-        path: Entity path, escaped as entity_path does it.
+        path: Entity path, escaped by entity_path.
         components: Archetypes.
         frame: Coordinate frame of the entity, a header's frame_id; '' if unknown.
         always: Static archetypes, valid for all time.
-        scalars: Numbers of a curve; those of many times are sent together for efficiency.
+        scalars: Numbers of a curve; those of many times are sent together.
     """
 
     path: str
@@ -141,7 +141,7 @@ class Context:
     Attributes:
         survey: The survey of the program's beginning.
         rig: The cameras.
-        note: Takes a remark; equal remarks are shown once.
+        note: Shows a note; equal notes are shown once.
     """
 
     survey: ProgramSurvey
@@ -193,7 +193,7 @@ class Box3DConverter(Converter):
     """The boxes of a Detection3DArray topic."""
 
     def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
-        """Yield one update, also without boxes: it removes those of the last message."""
+        """Yield one update; without boxes it removes those of the last message."""
         boxes = [detection.bbox for detection in message.detections]
         names = [_class_and_score(detection) for detection in message.detections]
         components = rr.Boxes3D(
@@ -211,7 +211,7 @@ class Box2DConverter(Converter):
     """The boxes of a Detection2DArray topic, over the images of their camera."""
 
     def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
-        """Yield one update for each of those images, or a single one if there is none."""
+        """Yield one update for each of those images, or a single one without images."""
         survey = self.context.survey
         boxes = [detection.bbox for detection in message.detections]
         centers = [getattr(box.center, 'position', box.center) for box in boxes]
@@ -221,7 +221,7 @@ class Box2DConverter(Converter):
             sizes=rows_of(boxes, ('size_x', 'size_y')),
             colors=_class_colors(self.topic, names),
             labels=_labels(message.detections, names),
-            # With 3D boxes the same objects already have labels.
+            # The 3D boxes of the same objects have labels.
             show_labels=not survey.of_type(DETECTIONS_3D),
         )
         frame = _frame_of(message)
@@ -234,7 +234,7 @@ class Box2DConverter(Converter):
 
 
 def rows_of(messages: Iterable[Any], fields: Sequence[str] = ('x', 'y', 'z')) -> Float64Array:
-    """Return (N, len(fields)) numbers of N messages with these fields."""
+    """Return the (N, len(fields)) numbers in fields of N messages."""
     rows = [[getattr(message, name) for name in fields] for message in messages]
     return np.array(rows, np.float64).reshape(-1, len(fields))
 
@@ -248,13 +248,13 @@ def unit_quaternions(turns: Iterable[Any]) -> list[rr.Quaternion]:
 
 
 def _frame_of(message: Any) -> str:  # noqa: ANN401 - a rosbags class
-    """Return the frame of an array, or if it is empty that of the first detection."""
+    """Return the frame of an array, or else of its first detection."""
     headers = [message.header, *(detection.header for detection in message.detections[:1])]
     return next((name for header in headers if (name := frame_name(header.frame_id))), '')
 
 
 def _class_and_score(detection: Any) -> tuple[str, float]:  # noqa: ANN401 - a rosbags class
-    """Return those of the best hypothesis, the first of equals; ('', 1) without any."""
+    """Return class and score of the first best hypothesis; ('', 1) without any."""
     hypotheses = [getattr(result, 'hypothesis', result) for result in detection.results]
     if not hypotheses:
         return '', 1.0
@@ -297,7 +297,7 @@ class PinholeConverter(Converter):
         self._last: Hashable = None
 
     def convert(self, message: CameraInfo) -> Iterator[EntityUpdate]:
-        """Yield nothing if nothing changed, or if the camera is not calibrated."""
+        """Yield updates if the message changed and the camera is calibrated."""
         matrices = (message.k, message.d, message.r, message.p)
         key = (
             *(matrix.tobytes() for matrix in matrices),
@@ -532,12 +532,12 @@ _AXES = rr.SeriesLines(names=list('xyz'), colors=((231, 76, 60), (46, 204, 113),
 
 
 class CloudConverter(Converter):
-    """sensor_msgs/PointCloud2: points coloured by reflectance, or by height without it."""
+    """sensor_msgs/PointCloud2: points coloured by reflectance, else by height."""
 
     _scale: float | None = None
 
     def convert(self, message: PointCloud2) -> Iterator[EntityUpdate]:
-        """Yield one update without points that are not finite."""
+        """Yield one update with the finite points."""
         if self._scale is None and message.width * message.height:
             self._scale = guess_intensity_scale([message])
         points, _ = decode_cloud(message, self._scale or 1.0)
@@ -548,7 +548,7 @@ class CloudConverter(Converter):
 
 
 class ImageConverter(Converter):
-    """sensor_msgs/Image: its pixels; CameraInfo gives the place in space."""
+    """sensor_msgs/Image: its pixels; CameraInfo gives the pose."""
 
     def convert(self, message: ImageMsg) -> Iterator[EntityUpdate]:
         """Yield one update."""
@@ -575,7 +575,7 @@ class CompressedImageConverter(Converter):
 class TransformConverter(Converter):
     """tf2_msgs/TFMessage: links between named frames.
 
-    Rerun needs all links of a frame to its parent at one entity, whatever their topic.
+    Rerun needs all links of a frame to its parent at one entity, for all topics.
     """
 
     def convert(self, message: TFMessage) -> Iterator[EntityUpdate]:
@@ -588,9 +588,9 @@ class TransformConverter(Converter):
 
 
 class PoseConverter(Converter):
-    """geometry_msgs/PoseStamped, PoseWithCovarianceStamped and nav_msgs/Odometry: axes at a place.
+    """geometry_msgs/PoseStamped, PoseWithCovarianceStamped and nav_msgs/Odometry: axes.
 
-    If no transform positions the child frame of an Odometry, the Odometry does.
+    An Odometry also gives the pose of a child frame without transforms.
     """
 
     def convert(self, message: PoseStamped | Odometry) -> Iterator[EntityUpdate]:
@@ -675,7 +675,7 @@ VECTORS: Mapping[str, tuple[str, str]] = {
     'geometry_msgs/msg/TwistStamped': ('linear', 'angular'),
     'sensor_msgs/msg/Imu': ('linear_acceleration', 'angular_velocity'),
 }
-"""The vectors of a message type that are shown as curves."""
+"""The vectors of message types shown as curves."""
 TABLE: Mapping[str, type[Converter]] = {
     'geometry_msgs/msg/PoseStamped': PoseConverter,
     'geometry_msgs/msg/PoseWithCovarianceStamped': PoseConverter,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A survey of the beginning of a program: the frames of its topics, and its transforms.
 
-It is made before anything is shown: a camera's boxes may come before its first image, and a view
-needs its frame at the start.
+It precedes all output: a camera's boxes may come before its first image, and a view needs its frame
+at the start.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class ProgramSurvey:
 
     Attributes:
         topics: Topic to message type, in the program's order.
-        frames: Topic of clouds, cameras and their boxes to the frame of its first message.
-        cameras: CameraInfo topic to the model of its first message.
+        frames: Topic of clouds, cameras and their boxes to the frame of the first message.
+        cameras: CameraInfo topic to the model of the first message.
         parents: Frame to its parent.
         links: Frame to its parent and parent_T_frame, static links only.
     """
@@ -91,7 +91,7 @@ class ProgramSurvey:
         return model is not None and float(np.abs(model.offset).max()) > _BESIDE_M
 
     def vehicle(self) -> str:
-        """Return the frame to look from: the mount of clouds, else of cameras; '' without any."""
+        """Return the frame of the view: the mount of clouds, else of cameras; '' without any."""
         for topic in (*self.of_type(CLOUD), *self.of_type(*IMAGES), *self.of_type(CAMERA_INFO)):
             if topic in self.frames:
                 return self._mount(self.frames[topic])
@@ -129,7 +129,7 @@ class ProgramCameras:
 def make_survey(program: Program) -> ProgramSurvey:
     """Survey the messages up to the first of every topic, at most three seconds.
 
-    Messages that cannot be decoded are ignored here.
+    Undecodable messages are ignored here.
     """
     survey = ProgramSurvey({outlet.topic: outlet.msgtype for outlet in program.channels})
     unseen = set(range(len(program.channels)))

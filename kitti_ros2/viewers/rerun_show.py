@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _MARKERS = (MARKERS, 'visualization_msgs/msg/Marker')
 _FIX = (FIX,)
 _MOST_CAMERAS = 2
-# Behind and above the vehicle, whose x points forward and z up (REP 103).
+# Behind and above the vehicle: x forward, z up (REP 103).
 _EYE_M = (-14.0, 0.0, 9.0)
 _BACKGROUND_RGB = (13, 16, 17)
 _LOOK_AT_M = (8.0, 0.0, 0.0)
@@ -80,8 +80,8 @@ def _boxed_images(survey: ProgramSurvey) -> set[str]:
 def _space(survey: ProgramSurvey, cameras: list[str]) -> rrb.View:
     """Make the 3D view from behind the vehicle, with one camera: more would hide each other.
 
-    Detections and markers often are the same boxes: then only the detections are shown, which have
-    classes and ids. Of predictions the markers are shown, whose colours are right and wrong.
+    If detections and markers are the same boxes, only the detections are shown, with classes and
+    ids; of predictions the markers, with colours for right and wrong.
     """
     hidden = [image for image in survey.of_type(*IMAGES) if image not in cameras[:1]]
     hidden += [topic for topic in survey.of_type(DETECTIONS_3D) if topic in prediction_topics()]
@@ -138,9 +138,9 @@ class ShowReport:
         messages: Number of messages shown.
         frames: Number of their frames.
         size_bytes: Total size of the messages.
-        losses: Number of messages that could not be shown, by reason, one line each.
+        losses: Number of messages not shown, by reason, one line each.
         missing: Data missing from the start, one line each.
-        notes: Remarks.
+        notes: Lines that cost no data.
     """
 
     messages: int
@@ -166,14 +166,14 @@ def show(
     """Show all messages of a program.
 
     Timeline `time` is the recording's own: the stamp of a KITTI sample, the log time of a bag's
-    message. The first message of a latched topic is valid from the start, whenever it was recorded.
+    message. The first message of a latched topic is valid from the start.
 
     Args:
         program: The program; it is not closed.
         stream: A recording with a sink.
         progress: Called with the samples done and the bytes shown.
     """
-    # Otherwise the SDK only prints a warning on stderr for invalid data, and drops it.
+    # By default the SDK drops invalid data with a warning on stderr.
     rr.set_strict_mode(True)
     survey = make_survey(program)
     stream.send_blueprint(make_blueprint(survey))
@@ -231,7 +231,7 @@ class _StreamLogger:
         self.losses: Counter[str] = Counter()
 
     def take(self, due: Message, time: TimePoint) -> None:
-        """Show a message unless it is unchanged; count it as a loss if it cannot be decoded."""
+        """Show a changed message; count an undecodable one as a loss."""
         converter = self._converters.get(due.channel)
         if converter is None or self._last_keys.repeats(due.channel, due.key):
             return

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rerun's viewer as a separate process, native or in a browser, local only.
 
-The SDK's own servers always listen on all interfaces; its command line has an option.
+The SDK's servers always listen on all interfaces; its command line has an option.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Viewer:
     """A running viewer.
 
     Args:
-        web: Whether it is a web page; else a window.
+        web: True for a web page, False for a window.
 
     Attributes:
         url: Address to send data to.
@@ -70,7 +70,7 @@ class Viewer:
         if web:
             web_port = _free_port(_WEB_PORT)
             self.page = f'http://{_HOST}:{web_port}/?{urlencode({"url": self.url})}'
-            # The server buffers what a page has not fetched yet; by default at most 1 GB.
+            # The server buffers data that a page has not fetched; by default at most 1 GB.
             words += ['--serve-web', '--web-viewer-port', str(web_port)]
             words += ['--server-memory-limit', '75%']
         else:
@@ -83,7 +83,7 @@ class Viewer:
             stdin=subprocess.DEVNULL,
             stdout=self._log,
             stderr=self._log,
-            # Ctrl-C is for this process only; the window stays open after its end.
+            # Ctrl-C ends this process only; the window stays open.
             start_new_session=True,
             env={**os.environ, 'RERUN_APP_ONLY': 'true', 'NO_COLOR': '1'},
         )
@@ -122,7 +122,7 @@ class Viewer:
         """
         stream = make_recording(program)
         stream.connect_grpc(self.url)
-        # Without a reference to it the recording would be closed.
+        # Without a reference the recording would be closed.
         self._stream = stream
         report = show(program, stream, progress)
         while True:
@@ -138,7 +138,7 @@ class Viewer:
         """Wait until a stop is requested.
 
         Raises:
-            UsageError: The viewer ended before that.
+            UsageError: The viewer ended before.
         """
 
         def watch() -> None:
@@ -181,7 +181,7 @@ class Viewer:
 
 
 def _executable() -> str:
-    """Return the viewer that is part of the SDK, independent of PATH."""
+    """Return the viewer of the SDK, independent of PATH."""
     spec = find_spec('rerun_cli')
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ('Rerun.app/Contents/MacOS/Rerun', 'rerun', 'rerun.exe'):
@@ -211,7 +211,7 @@ def _free_port(preferred: int) -> int:
 
 # Writes the .rrd file of a program.
 #
-# The SDK's own file writer does not report errors and may then block forever. So it writes to a
+# The SDK's file writer does not report errors, and may block forever after one. So it writes to a
 # named pipe, and a thread here writes the file.
 
 _BLOCK_BYTES = 1 << 20
@@ -239,7 +239,7 @@ def write_file(program: Program, path: Path, progress: Callable[[int, int], None
     pipe = folder / 'rrd'
     try:
         os.mkfifo(pipe)
-        # A reader must exist before the SDK opens the pipe, or opening blocks.
+        # Opening the pipe blocks without a reader.
         source = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
         stream = make_recording(program)
         stream.save(pipe)
@@ -267,7 +267,7 @@ class _PipeToFile:
         self._error: OSError | None = None
 
     def begin(self, source: int) -> None:
-        # A daemon: a signal while it starts must not keep the process from its end.
+        # A daemon: a signal while it starts must not block the end of the process.
         self._thread = threading.Thread(
             target=self._run, args=(source,), name='rrd-file', daemon=True
         )
