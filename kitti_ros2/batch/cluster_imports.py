@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the server of a local Dask cluster's worker processes imports, once for all."""
+"""Imports of the server of a local Dask cluster's worker processes."""
 
 from importlib import import_module
 

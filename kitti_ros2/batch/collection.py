@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a command over a collection: skips what is done, records what happens in the manifest."""
+"""Runs a command over a collection: skips jobs that are done, records all in the manifest."""
 
 from __future__ import annotations
 
@@ -39,10 +39,9 @@ if TYPE_CHECKING:
 
 # Fingerprints of a job's input: the names, sizes and times of change of its files.
 #
-# Of files in stores also their ETags. All come from the listings of the folders; those of web
-# servers have names only.
+# Files in stores also have ETags. All come from listings of folders; web servers list names only.
 
-_SHARED_MEMORY = '.db3-shm'  # that readers of SQLite make
+_SHARED_MEMORY = '.db3-shm'  # made by readers of SQLite
 
 
 class InputFile(NamedTuple):
@@ -62,14 +61,14 @@ class InputFile(NamedTuple):
 
     @property
     def number(self) -> int | None:
-        """The number in its name, if that is a frame's."""
+        """The number of a frame in its name; None in others."""
         return number_of(Path(self.name).stem)
 
 
 def fingerprint(job: Job) -> str:
-    """Return the fingerprint of a job's files; of a slice those of its frames and common files.
+    """Return the fingerprint of a job's files: for a slice, those of its frames and common ones.
 
-    A file that does not exist has no part in it.
+    Missing files are left out.
 
     Raises:
         OSError: A folder cannot be read.
@@ -88,7 +87,7 @@ def fingerprint(job: Job) -> str:
 
 
 def fingerprint_paths(paths: Iterable[Path]) -> str:
-    """Return the fingerprint of files and folders that options name.
+    """Return the fingerprint of files and folders in options.
 
     Raises:
         OSError: A folder cannot be read.
@@ -105,18 +104,18 @@ def _digest(files: Iterable[InputFile]) -> str:
     return digest.hexdigest()
 
 
-@lru_cache(maxsize=1)  # slices of one set follow each other
+@lru_cache(maxsize=1)  # slices of a set are successive
 @cached_listings()
 def _files_of(source: Path, layout: Layout, sequence: str | None) -> tuple[InputFile, ...]:
     try:
         parts = parts_of(source, layout, sequence)
     except KittiRos2Error:
-        parts = [source]  # its job will fail with this error, until something there changes
+        parts = [source]  # its job fails with this error, until something there changes
     return tuple(sorted({input_file for part in parts for input_file in _walk(part, source)}))
 
 
 def _walk(path: Path, base: Path) -> Iterator[InputFile]:
-    """Yield the files at a path; those that disappear meanwhile are left out."""
+    """Yield the files at a path, except those that disappear meanwhile."""
     if is_remote(path):
         yield from _walk_store(path, relative_path(path, base))
         return
@@ -166,27 +165,27 @@ def _stored(name: str, entry: RemoteEntry) -> InputFile:
 
 
 _OF_DISK = {'overwrite', 'fsync'}
-"""Options that change nothing in an output."""
-_ATTEMPTS = 2  # a killed worker may have been unlucky once
+"""Options without effect on the content of an output."""
+_ATTEMPTS = 2  # the cause of a killed worker may be another process
 
 
 class Progress:
-    """What a collection reports while it runs; this one shows nothing."""
+    """Reports of a running collection; this one shows nothing."""
 
     def skip(self, job: str) -> None:
-        """A job was done, or had failed, before."""
+        """Report a job that was done, or failed, before."""
 
     def begin(self, job: str) -> None:
-        """A job begins."""
+        """Report the start of a job."""
 
     def advance(self, job: str, done: int, total: int) -> None:
-        """A job has converted so many of its samples."""
+        """Report the converted samples of a job."""
 
     def end(self, job: str) -> None:
-        """A job has ended."""
+        """Report the end of a job."""
 
     def note(self, text: str) -> None:
-        """Something about the workers, such as that there are none yet."""
+        """Report a line about the workers, such as that none has joined yet."""
 
 
 def _own_version() -> str:
@@ -202,11 +201,11 @@ class Collection:
     Attributes:
         command: Its name.
         out: The folder of outputs.
-        suffix: What is added to the name of a job for its output.
+        suffix: Suffix of outputs, added to the names of jobs.
         options: Values of the command's options by name.
-        batch: How the collection is run.
-        run: Runs a job; a function of a module.
-        version: Of this package.
+        batch: Options of collections.
+        run: Function of a module that runs a job.
+        version: Version of this package.
     """
 
     command: str
@@ -218,13 +217,13 @@ class Collection:
     version: str = field(default_factory=_own_version)
 
     def convert(self, jobs: Sequence[Job], progress: Progress) -> CollectionReport:
-        """Run all jobs that are not done.
+        """Run all unfinished jobs.
 
         Raises:
             OutputError: Another run is writing there, or the disk refuses.
             ClusterError: The cluster cannot be used, or has ended.
-            UsageError: The folder has the outputs of another command, or a cluster is requested and
-                Dask is not installed.
+            UsageError: The folder has the outputs of another command, or a cluster is requested
+                without Dask.
         """
         workers = min(self.batch.jobs or worker_count(), max(len(jobs), 1))
         if self.batch.scheduler is None:
@@ -256,7 +255,7 @@ class Collection:
         return CollectionReport(self.out, tuple(records), frozenset(queue.ran), workers)
 
     def _check(self, command: str | None) -> None:
-        """Refuse a folder whose jobs another command would take for its own."""
+        """Refuse a folder with the jobs of another command."""
         if command not in {None, self.command}:
             raise UsageError(
                 f'{self.out}: has the outputs of kitti-ros2 {command}; give {self.command} a folder'
@@ -286,7 +285,7 @@ class Collection:
         return self.out / f'{name}{self.suffix}'
 
     def options_text(self) -> str:
-        """Return the command and its options as JSON, with the state of the files they name."""
+        """Return the command and its options as JSON, with fingerprints of the files they name."""
         chosen = {name: value for name, value in self.options.items() if name not in _OF_DISK}
         paths = [value for value in chosen.values() if isinstance(value, Path)]
         named = {'files': fingerprint_paths(paths)} if paths else {}
@@ -302,7 +301,7 @@ class CollectionReport:
     Attributes:
         out: The folder of outputs.
         records: All jobs of the collection.
-        ran: Names of the jobs that this run has run; the others were done or had failed before.
+        ran: Names of the jobs of this run; the others were done or failed before.
         workers: Number of worker processes.
     """
 
@@ -318,7 +317,7 @@ class CollectionReport:
 
 
 class _Queue:
-    """The tasks of a collection, chosen when a worker is free."""
+    """The tasks of a collection, chosen for each free worker."""
 
     def __init__(
         self,
@@ -353,7 +352,7 @@ class _Queue:
         return None
 
     def settle(self, outcome: Outcome) -> None:
-        """Record an outcome; the job of a lost worker is run once more."""
+        """Record an outcome; repeat the job of a lost worker once."""
         task, result = outcome
         name = task.job.name
         if isinstance(result, LostWorker):
@@ -371,11 +370,11 @@ class _Queue:
         self._progress.end(name)
 
     def _task(self, job: Job) -> JobTask | None:
-        """Return the task of a job; None if it is done or has failed, and is not to be retried."""
+        """Return the task of a job; None for one that is done, or failed without retry."""
         record = self._known[job.name]
         try:
             files = fingerprint(job)
-        except OSError as error:  # its job will fail with it
+        except OSError as error:  # its job fails with it
             files = describe_error(error)
         identity = Identity(job.origin, files, self._options, self._collection.version)
         out = self._collection.output_of(job.name)
@@ -387,12 +386,12 @@ class _Queue:
                 return None
         self._identities[job.name] = identity
         options = self._collection.options
-        if self._is_ours(record, job, out):
+        if self._may_replace(record, job, out):
             options = {**options, 'overwrite': True}
         return JobTask(job, out, options)
 
-    def _is_ours(self, record: JobRecord, job: Job, out: Path) -> bool:
-        """Return whether a job may replace what is at its output: nothing, or its own."""
+    def _may_replace(self, record: JobRecord, job: Job, out: Path) -> bool:
+        """Return whether the output of a job is absent or its own."""
         own = record.ours and record.identity.source == job.origin
         return own or not self._out_folder.has(out)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks on the workers of a Dask cluster: one that exists, or one started on this machine."""
+"""Tasks on the workers of a Dask cluster, existing or started on this machine."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ if TYPE_CHECKING:
     from .pool import JobTask, Outcome, RunJob, ShowJob, TaskQueue
 
 
-# A job as a task of Dask: runs on a worker, reports its progress, stops when it is cancelled.
+# A job as a task of Dask: runs on a worker, reports progress, stops when cancelled.
 
 TOPIC = 'kitti_ros2'
-"""Topic of the events that workers report: run, kind, name of the job, samples done, of all."""
-_ADVANCE_S = 1.0  # between two reports of progress: all go through the scheduler
+"""Topic of the workers' events: run, kind, name of the job, samples done, of all."""
+_ADVANCE_S = 1.0  # between reports of progress, which all go through the scheduler
 _RUNNING = 'executing'
 
 
 @dataclass(frozen=True)
 class DaskTask:
-    """A task as it is sent to a worker.
+    """A task for a worker.
 
     Attributes:
-        run: Runs a task; a function of a module.
+        run: Function of a module that runs a task.
         task: The task, with absolute paths.
-        number: Of the run over the collection, random: it tells its events from those of others.
-        version: Of this package, at the client.
-        witness: A file in the output folder, which every worker must see; None if it is remote.
+        number: Random number of the run over the collection, which its events have.
+        version: Version of this package at the client.
+        witness: A file in the output folder that every worker must see; None for a remote folder.
     """
 
     run: RunJob
@@ -61,16 +61,16 @@ class DaskTask:
 
 
 class _UnwantedError(BaseException):
-    """The task was cancelled. No Exception: functions of jobs turn those into results."""
+    """The task was cancelled. No Exception, which functions of jobs return as a result."""
 
 
 def distributed() -> Any:  # noqa: ANN401 - it has few types
-    """Return the package distributed of Dask; most commands do not need it."""
+    """Return Dask's package distributed, imported only here."""
     return import_module('distributed')
 
 
 def absolute_task(task: JobTask) -> JobTask:
-    """Return a task without relative paths: workers have working folders of their own."""
+    """Return a task without relative paths: workers have other working folders."""
     options: Mapping[str, object] = {
         name: _absolute(value) if isinstance(value, Path) else value
         for name, value in task.options.items()
@@ -80,7 +80,7 @@ def absolute_task(task: JobTask) -> JobTask:
 
 
 def is_url(path: Path) -> bool:
-    """Return whether a path is that of a store, which all workers reach under the same name."""
+    """Return whether a path is a store's, equal for all workers."""
     return '://' in str(path)
 
 
@@ -89,7 +89,7 @@ def _absolute(path: Path) -> Path:
 
 
 def run_dask_task(dask_task: DaskTask) -> JobResult | None:
-    """Run a job on a worker of Dask; None if it was cancelled.
+    """Run a job on a worker of Dask; return None if cancelled.
 
     Raises:
         ClusterError: The worker has another version of this package.
@@ -108,7 +108,7 @@ def run_dask_task(dask_task: DaskTask) -> JobResult | None:
     reporter = _Reporter(worker, dask_task)
     reporter.report('begin')
     try:
-        with taking_over():  # of an attempt on a worker that Dask has given up
+        with taking_over():  # by an attempt on a worker that Dask removed
             return dask_task.run(dask_task.task, reporter)
     except _UnwantedError:
         return None
@@ -117,7 +117,7 @@ def run_dask_task(dask_task: DaskTask) -> JobResult | None:
 
 
 def wrong_version(address: str, version: str | None, expected: str) -> str:
-    """Describe a worker, or the scheduler, that cannot run jobs of this version."""
+    """Describe a worker or scheduler of another version."""
     has = 'has no kitti_ros2' if version is None else f'has kitti_ros2 {version}'
     return (
         f'{address} {has}, expected {expected}; install the same version on the scheduler and on'
@@ -134,7 +134,7 @@ def own_version() -> str:
 
 
 def _unseen(dask_task: DaskTask) -> Path | None:
-    """Return a path that this worker does not see.
+    """Return a path that is missing on this worker; None without any.
 
     Without its folder an output would be written to the worker's own disk, and lost.
     """
@@ -146,7 +146,7 @@ def _unseen(dask_task: DaskTask) -> Path | None:
 
 
 class _Reporter:
-    """Reports the progress of a job; raises when it is not wanted any more."""
+    """Reports the progress of a job; raises once it is cancelled."""
 
     def __init__(self, worker: Any, dask_task: DaskTask) -> None:  # noqa: ANN401 - Dask is untyped
         self._worker = worker
@@ -166,10 +166,10 @@ class _Reporter:
             self.report('advance', done, total)
 
     def _is_wanted(self) -> bool:
-        """Return whether the worker still counts, and its task too.
+        """Return whether the worker and its task are still in use.
 
-        Threads cannot be killed: a worker that the scheduler has given up, or whose task the
-        client has cancelled, stops here.
+        Threads cannot be killed: a worker that the scheduler removed, or whose task the client
+        cancelled, stops here.
         """
         task = self._worker.state.tasks.get(self._key)
         closing = self._worker.status.name in {'closing', 'closed', 'failed'}
@@ -180,7 +180,7 @@ class _Reporter:
 
 _CONNECT_S = 10.0
 _CLOSE_S = 10.0
-_FAILURES = 1  # of a local cluster: how often a job may lose its worker and be run again
+_FAILURES = 1  # of a local cluster: lost workers before a job fails
 
 
 @contextmanager
@@ -228,7 +228,7 @@ def _client(target: object, name: str) -> Iterator[Any]:
 
 
 async def _greet(address: str) -> None:
-    """Connect once: the client waits without end for a server that accepts and says nothing."""
+    """Connect once: the client waits without end for a server that accepts and is silent."""
     connection = await distributed().comm.connect(address, timeout=_CONNECT_S)
     await connection.close()
 
@@ -237,15 +237,15 @@ async def _greet(address: str) -> None:
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Start a scheduler and worker processes on the loopback interface."""
     prepare_workers(cluster=True)
-    # The server of workers runs: Dask would import pandas here, for a list of what it is to import.
+    # The server of workers runs already: Dask would import pandas here for its list of imports.
     distributed().utils._forkserver_preload_set = True  # noqa: SLF001
     folder = tempfile.TemporaryDirectory(prefix='kitti_ros2_')
     settings = {
-        'temporary-directory': folder.name,  # of the scheduler; it would leave one behind
+        'temporary-directory': folder.name,  # of the scheduler, which does not remove its own
         'distributed.scheduler.allowed-failures': _FAILURES,
         'distributed.worker.multiprocessing-method': 'forkserver',
-        'distributed.worker.profile.enabled': False,  # no dashboard shows it
-        # Dask lets malloc return freed memory at once; reading images would fetch it again.
+        'distributed.worker.profile.enabled': False,  # for dashboards only
+        # Dask makes malloc return freed memory at once, which slows reading of images.
         'distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_': None,
     }
     with folder, distributed().dask.config.set(settings):
@@ -253,10 +253,10 @@ def _local_cluster(workers: int) -> Iterator[Any]:
             cluster = distributed().LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                env=dict(os.environ),  # the server of workers has the one of its start
+                env=dict(os.environ),  # the server's is that of its start
                 processes=True,
                 host='127.0.0.1',
-                # Without an address it takes port 8787, and warns if that is in use.
+                # The default is port 8787, with a warning if in use.
                 dashboard_address='127.0.0.1:0',
                 scheduler_kwargs={'dashboard': False},
                 memory_limit=0,
@@ -274,15 +274,14 @@ def first_line(error: BaseException) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
-# Runs tasks on the workers of a Dask cluster, one that exists or one that is started here.
+# Runs tasks on the workers of a Dask cluster.
 #
-# Dask places the tasks, moves those of a lost worker to another one, and uses workers that join.
-# Only a few tasks for each thread are at the scheduler at a time, so that a collection may be of
-# any size.
+# Dask distributes the tasks, also those of lost workers, and uses workers that join. Few tasks for
+# each thread are at the scheduler at a time, for collections of any size.
 
-_POLL_S = 1.0  # between two looks at the number of workers
-_PATIENCE_S = 10.0  # for cancelled jobs to remove their partial outputs
-_AHEAD = 2  # tasks for each thread: the one that runs and the next
+_POLL_S = 1.0  # between two queries of the number of workers
+_PATIENCE_S = 10.0  # for removing the partial outputs of cancelled jobs
+_AHEAD = 2  # tasks for each thread: the running one and the next
 _VERSION = 'kitti_ros2.__version__'
 
 
@@ -295,7 +294,7 @@ def open_cluster(
     Args:
         scheduler: Address of the scheduler; LOCAL starts one on the loopback interface.
         workers: Number of worker processes of a local cluster, of one thread each.
-        version: Of this package, which the workers must have.
+        version: Version of this package, required of the workers.
         note: Called with a line about the workers.
 
     Raises:
@@ -311,12 +310,12 @@ class DaskCluster:
     """A cluster whose workers have the same version of this package.
 
     Attributes:
-        workers: Number of threads of its workers, when it was last seen.
+        workers: Number of threads of its workers, at the last query.
 
     Args:
-        client: Of Dask.
-        name: The cluster in messages.
-        version: Of this package.
+        client: Dask's client.
+        name: Name of the cluster in messages.
+        version: Version of this package.
         note: Called with a line about the workers.
 
     Raises:
@@ -347,15 +346,15 @@ class DaskCluster:
         self._check_scheduler()
 
     def run(self, queue: TaskQueue, run: RunJob, show: ShowJob, witness: Path) -> Iterator[Outcome]:
-        """Yield the results of tasks in the order in which they end.
+        """Yield the results of tasks in the order of their ends.
 
         When the iterator ends early, all tasks are cancelled.
 
         Args:
-            queue: The tasks; asked for more after each outcome.
-            run: Runs a task; a function of a module, since it is pickled.
-            show: As in run_serially.
-            witness: A file in the output folder, which shows a worker that it sees that folder.
+            queue: The tasks, queried after each outcome.
+            run: Function of a module that runs a task; it is pickled.
+            show: Callback as of run_serially.
+            witness: A file in the output folder that every worker must see.
 
         Raises:
             ClusterError: The scheduler has ended, or a worker has another version.
@@ -371,7 +370,7 @@ class DaskCluster:
             self._cancel()
 
     def _submit(self, queue: TaskQueue, run: RunJob, witness: Path | None) -> bool:
-        """Keep a few tasks for each thread at the scheduler; return False when all have ended."""
+        """Submit a few tasks for each thread; return False when all have ended."""
         window = _AHEAD * max(self._count_workers(), 1)
         while len(self._pending) < window and (task := queue.take()) is not None:
             dask_task = DaskTask(run, absolute_task(task), self._number, self._version, witness)
@@ -382,7 +381,7 @@ class DaskCluster:
         return bool(self._pending)
 
     def _receive(self, show: ShowJob) -> Outcome | None:
-        """Wait a moment for an event; return the outcome if a task has ended."""
+        """Wait briefly for an event; return the outcome of an ended task."""
         try:
             kind, content = self._events.get(timeout=_POLL_S)
         except Empty:
@@ -427,7 +426,7 @@ class DaskCluster:
         return result
 
     def _count_workers(self) -> int:
-        """Return the number of threads of all workers, as it is now and then; say when none."""
+        """Return the number of threads of all workers, queried at intervals; note when none."""
         now = time.monotonic()
         if now - self._looked < _POLL_S:
             return self.workers
@@ -445,7 +444,7 @@ class DaskCluster:
         return self.workers
 
     def _check_workers(self, joined: Collection[str]) -> None:
-        """Refuse workers of another version; one that has gone meanwhile is ignored."""
+        """Refuse workers of another version; ignore lost ones."""
         if not joined:
             return
         versions = self._client.run(pydoc.locate, _VERSION, workers=list(joined), on_error='return')
@@ -455,12 +454,12 @@ class DaskCluster:
                 self._checked.add(address)
 
     def _check_scheduler(self) -> None:
-        """Refuse a scheduler of another version: it reads the tasks, too."""
+        """Refuse a scheduler of another version, which unpickles the tasks, too."""
         try:
             version = self._client.run_on_scheduler(pydoc.locate, _VERSION)
         except OSError as error:
             raise self._ended() from error
-        except Exception:  # noqa: BLE001 - the package fails to import there
+        except Exception:  # noqa: BLE001 - the import fails there
             version = None
         self._compare(f'the scheduler of {self._name}', version)
 
@@ -476,7 +475,7 @@ class DaskCluster:
         )
 
     def _cancel(self) -> None:
-        """Cancel the tasks, and wait until those that run have removed their partial outputs."""
+        """Cancel the tasks, and wait until running ones have removed their partial outputs."""
         futures = [future for future, _ in self._pending.values()]
         self._pending.clear()
         if not futures or self._client.status != 'running':

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The functions that run the jobs of each command: a task in, its result out.
+"""Functions that run the jobs of each command: from a task to its result.
 
 Worker processes import them by name.
 """
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
     from .pool import Advance, JobTask, RunJob
 
 
-# Shared by the functions that run jobs: errors become reasons, losses lines of text.
+# Helpers of the functions that run jobs: errors become reasons, losses lines of text.
 
 _KEPT_LINES = 20
 
 
 def guarded(work: RunJob) -> RunJob:
-    """Let a function of a job measure its time, and return errors of its data as the reason.
+    """Decorate a function of jobs: measure its time, return errors of its data as the reason.
 
-    A signal that ends it passes, also where that broke a lock.
+    Signals that end it are raised, also as broken locks.
     """
 
     @wraps(work)
@@ -59,7 +59,7 @@ def guarded(work: RunJob) -> RunJob:
         except MemoryError:
             reason = 'not enough memory; lower --jobs, and run it again with --retry'
             result = JobResult(reason=reason)
-        except Exception as error:  # noqa: BLE001 - one bad unit does not stop the rest
+        except Exception as error:  # noqa: BLE001 - one bad job does not stop the rest
             if interruption := interruption_of(error):
                 raise interruption from None
             reason = f'internal error, {type(error).__name__}: {error}; please report it'
@@ -92,7 +92,7 @@ def write_job_json(task: JobTask, values: object) -> None:
 
 @contextmanager
 def samples_shown(advance: Advance, samples: int, _frames: int) -> Iterator[Advance]:
-    """Show the progress of a conversion: yield a function of the samples done and the bytes."""
+    """Yield a function that shows the samples done and the bytes of a conversion."""
     yield lambda done, _bytes: advance(done, samples)
 
 
@@ -100,7 +100,7 @@ def samples_shown(advance: Advance, samples: int, _frames: int) -> Iterator[Adva
 
 
 def bag_suffix(options: Mapping[str, object]) -> str:
-    """Return the ending of the bags: a container's, or empty where a bag is a directory.
+    """Return the suffix of the bags: a container's, or empty for directories.
 
     Raises:
         UsageError: An option is invalid.
@@ -117,7 +117,7 @@ def bag_suffix(options: Mapping[str, object]) -> str:
 
 @guarded
 def run_bag_job(task: JobTask, advance: Advance) -> JobResult:
-    """Convert a job; errors of its data become the reason of a failed result."""
+    """Convert a recording; errors of its data become the reason of failure."""
     report = _exported(task, advance)
     return JobResult(
         counts={
@@ -132,7 +132,7 @@ def run_bag_job(task: JobTask, advance: Advance) -> JobResult:
 
 
 def _exported(task: JobTask, advance: Advance) -> ExportReport:
-    # Imports of one kind of jobs take tenths of a second; workers import this file at their start.
+    # Imports of one kind of jobs take tenths of a second; workers import this file at the start.
     from ..bags.open_source import open_folder  # noqa: PLC0415
     from ..kitti.extract_oxts import add_extract  # noqa: PLC0415
     from ..kitti.prepare import add_predictions  # noqa: PLC0415
@@ -158,7 +158,7 @@ def _exported(task: JobTask, advance: Advance) -> ExportReport:
     )
 
 
-# The job of to-kitti: one bag, to a folder of its own.
+# The job of to-kitti: one bag, to one folder.
 
 PLAN_FILE = 'plan_file'
 """Name of the plan among the options of a job."""
@@ -166,7 +166,7 @@ PLAN_FILE = 'plan_file'
 
 @guarded
 def run_kitti_job(task: JobTask, advance: Advance) -> JobResult:
-    """Convert a bag; errors of its data become the reason of a failed result."""
+    """Convert a bag; errors of its data become the reason of failure."""
     from ..bags.open_source import open_bag_source  # noqa: PLC0415 - as above
     from ..options.table import make_import_options  # noqa: PLC0415 - as above
     from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
@@ -180,7 +180,7 @@ def run_kitti_job(task: JobTask, advance: Advance) -> JobResult:
             [bag],
             task.out,
             options,
-            plan_file,  # type: ignore[arg-type] # a path, put there by the command
+            plan_file,  # type: ignore[arg-type] # a path, set by the command
             notes.append,
             partial(samples_shown, advance),
         )
@@ -229,7 +229,7 @@ def run_report_job(task: JobTask, advance: Advance) -> JobResult:
 
 @guarded
 def run_statistics_job(task: JobTask, advance: Advance) -> JobResult:
-    """Count what is in a recording or bag; errors of its data become the reason of failure."""
+    """Count the contents of a recording or bag; errors of its data become the reason of failure."""
     from ..datasets.set_statistics import count_set, find_sources, plain_values  # noqa: PLC0415 - as above
     from ..options.datasets import make_statistics_options  # noqa: PLC0415 - as above
 
@@ -253,7 +253,7 @@ def run_statistics_job(task: JobTask, advance: Advance) -> JobResult:
 def run_validation_job(task: JobTask, advance: Advance) -> JobResult:
     """Check a recording or bag; its errors are findings, not failures.
 
-    A job that cannot be checked at all has failed.
+    Only a job that cannot be checked at all fails.
     """
     from ..validation.validate import validate  # noqa: PLC0415 - as above
 
@@ -286,14 +286,14 @@ def _error_lines(report: ValidationReport) -> Iterator[str]:
 
 @guarded
 def run_detection_job(task: JobTask, _: Advance) -> JobResult:
-    """Score detections; errors of the data become the reason of a failed result."""
+    """Score detections; errors of the data become the reason of failure."""
     from ..evaluation.detection import score_detection  # noqa: PLC0415 - as above
     from ..evaluation.score_values import detection_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_detection_options  # noqa: PLC0415 - as above
 
     read, options, recorded = make_detection_options(_chosen(task))
     layout = task.job.layout
-    if layout is None or not layout.traits.frame_set:  # whose labels are read as label_2
+    if layout is None or not layout.traits.frame_set:  # read from label_2
         read = _read(task.job, read)
     scores = score_detection(task.job.source, _result(task.job), read, options, recorded)
     return _finish(task, detection_values(scores), scores.frames, scores.losses)
@@ -301,7 +301,7 @@ def run_detection_job(task: JobTask, _: Advance) -> JobResult:
 
 @guarded
 def run_tracking_job(task: JobTask, advance: Advance) -> JobResult:
-    """Score tracks; errors of the data become the reason of a failed result."""
+    """Score tracks; errors of the data become the reason of failure."""
     from ..evaluation.score_values import tracking_values  # noqa: PLC0415 - as above
     from ..evaluation.track_metrics import plain_parts  # noqa: PLC0415 - as above
     from ..evaluation.tracking import score_tracking  # noqa: PLC0415 - as above
@@ -316,7 +316,7 @@ def run_tracking_job(task: JobTask, advance: Advance) -> JobResult:
 
 @guarded
 def run_odometry_job(task: JobTask, _: Advance) -> JobResult:
-    """Score a trajectory; errors of the data become the reason of a failed result."""
+    """Score a trajectory; errors of the data become the reason of failure."""
     from ..evaluation.odometry import score_odometry  # noqa: PLC0415 - as above
     from ..evaluation.score_values import odometry_values  # noqa: PLC0415 - as above
     from ..options.evaluation import make_odometry_options  # noqa: PLC0415 - as above
@@ -346,7 +346,7 @@ def _result(job: Job) -> Path:
 def _finish(
     task: JobTask, values: dict[str, Any], frames: int, losses: Sequence[Loss]
 ) -> JobResult:
-    """Write the scores, with what they are of and the losses."""
+    """Write the scores with their inputs and losses."""
     about = {'ground_truth': task.job.source, 'sequence': task.job.sequence}
     write_job_json(
         task,

@@ -57,11 +57,11 @@ def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> l
     A list is a text file with one path or URL per line, relative to the list; # begins a comment.
 
     Args:
-        source: A path as the user gave it.
-        is_file: Whether a file that a glob matches is meant, too; None for folders only.
+        source: The user's path.
+        is_file: Returns True for files that a glob may match; None for folders only.
 
     Raises:
-        KittiRos2Error: There is no such path.
+        KittiRos2Error: The path does not exist.
         OSError: The list cannot be read.
     """
     noun = 'folder' if is_file is None else 'folder or file'
@@ -110,15 +110,15 @@ def _matches(pattern: Path) -> list[Path]:
         from ..files.remote_reads import matches_of  # noqa: PLC0415 - for URLs only
 
         return [*matches_of(pattern)]
-    matches = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - it may be absolute
+    matches = glob.glob(str(pattern), recursive=True)  # noqa: PTH207 - possibly absolute
     return [Path(match) for match in sorted(matches)]
 
 
 def common_folder(roots: Sequence[Path]) -> Path:
-    """Return the only root, or the folder that holds all of several.
+    """Return the only root, or the common folder of several.
 
     Raises:
-        UsageError: They are in several stores, or in a store and on this machine.
+        UsageError: The roots are in several stores, or in a store and on this machine.
     """
     if len(roots) == 1:
         return absolute(roots[0])
@@ -131,30 +131,30 @@ def common_folder(roots: Sequence[Path]) -> Path:
 
 
 def relative_name(path: Path, base: Path) -> str:
-    """Return the name of a path below a folder; of the folder itself its own name."""
+    """Return the name of a path below a folder, or of the folder itself."""
     return path.name if path == base else Path(remote.relative_path(path, base)).as_posix()
 
 
 @dataclass
 class FolderSearch:
-    """A search of folders for jobs, and what it could not search.
+    """A search of folders for jobs, with its problems.
 
     Attributes:
-        exclude: Folders that are not searched, such as the output.
-        problems: What could not be searched, or has no counterpart, one line for each.
+        exclude: Folders to skip, such as the output.
+        problems: Unreadable folders, and paths without a counterpart, one line each.
     """
 
     exclude: Sequence[Path] = ()
     problems: list[str] = field(default_factory=list)
 
     def nothing(self) -> UsageError | None:
-        """Return the error for a search that found nothing, if folders could not be read."""
+        """Return the error for a search without results, if folders were unreadable."""
         return UsageError(f'nothing is found; {self.problems[0]}') if self.problems else None
 
     def walk(self, root: Path, visit: Visit) -> None:
-        """Visit a folder and the folders below it, each once, also if links lead back.
+        """Visit a folder and the folders below it once, also if links form cycles.
 
-        Hidden folders are not visited, nor those more than eight levels below.
+        Hidden folders, and those more than eight levels below, are skipped.
 
         Args:
             root: The first folder.
@@ -169,7 +169,7 @@ class FolderSearch:
         stack = [(root, 0)]
         while stack:
             folder, level = stack.pop()
-            real_path = remote.canonical_path(folder)  # links may lead back
+            real_path = remote.canonical_path(folder)  # for cycles of links
             if real_path in seen or real_path in excluded:
                 continue
             seen.add(real_path)
@@ -191,7 +191,7 @@ class FolderSearch:
 
 
 def _entries(folder: Path) -> tuple[list[str], list[str]]:
-    """Return the names of the folders in a folder, and of its other entries, without hidden."""
+    """Return the names of the folders in a folder, and of its other visible entries."""
     folders: list[str] = []
     others: list[str] = []
     if remote.is_remote(folder):
@@ -225,12 +225,12 @@ class Job:
     """A recording, a slice of one, a bag, or a result with its ground truth.
 
     Attributes:
-        name: Its path below the root of the collection; it names the output, too.
+        name: Path below the root of the collection, also the name of the output.
         source: The folder or file to open.
-        layout: Its layout; None for a bag, or another file.
+        layout: Layout; None for a bag or another file.
         sequence: The recording in the folder; None for the only one.
         first, last: File numbers of a slice, both included; None for all frames.
-        result: What is compared with the source; None for nothing.
+        result: Result to compare with the source; None without any.
     """
 
     name: str
@@ -243,12 +243,12 @@ class Job:
 
     @property
     def read(self) -> ReadOptions:
-        """Options that open the recording."""
+        """Options for opening the recording."""
         return ReadOptions(layout=self.layout, sequence=self.sequence)
 
     @cached_property
     def origin(self) -> str:
-        """What it is made from, as text."""
+        """Its inputs as text."""
         against = '' if self.result is None else f'{self.result} with '
         return f'{against}{self.source}'
 
@@ -265,7 +265,7 @@ def find_jobs(
         roots: Folders: a drive, a data set, or a folder of any number of them.
         layout: Only recordings of this layout; None takes all.
         slice_frames: Frames of a slice of an object set; None does not divide it.
-        search: Knows which folders are left out; gets those that could not be read.
+        search: Has the folders to skip; collects unreadable ones.
 
     Raises:
         KittiRos2Error: There is no recording, a layout is ambiguous, or two jobs have one name.
@@ -291,9 +291,9 @@ def recordings_at(root: Path, base: Path, layout: Layout | None, search: FolderS
 
     Args:
         root: The folder.
-        base: What names are relative to.
+        base: Folder that names are relative to.
         layout: Only recordings of this layout; None takes all.
-        search: As in find_jobs.
+        search: Search as of find_jobs.
     """
     top = absolute(root)
     jobs: list[Job] = []
@@ -330,10 +330,10 @@ def in_order(jobs: Iterable[Job], roots: Sequence[Path]) -> list[Job]:
 
 
 def refuse_within(jobs: Iterable[Job], out: Path) -> None:
-    """Refuse an output folder inside an input; it may lie between those of a root.
+    """Refuse an output folder inside an input; it may lie between inputs of a root.
 
     Raises:
-        UsageError: It lies inside.
+        UsageError: The output lies inside an input.
     """
     target = out.resolve() if is_remote(out) else Path(canonical_path(out))
     around = {str(folder) for folder in (target, *target.parents)}
@@ -344,7 +344,7 @@ def refuse_within(jobs: Iterable[Job], out: Path) -> None:
 
 
 def _job(base: Path, data_set: DataSet, candidate: Candidate) -> Job:
-    if candidate.folder is None:  # it shares its folders, and has a name in the data set
+    if candidate.folder is None:  # its folders are shared, and it has a name in the data set
         folder = absolute(data_set.folder)
         path = Path(relative_path(folder, base), candidate.name)
         return Job(path.as_posix(), folder, data_set.layout, candidate.name)
@@ -355,13 +355,13 @@ def _job(base: Path, data_set: DataSet, candidate: Candidate) -> Job:
 def _data_set_at(root: Path, layout: Layout | None) -> DataSet | None:
     try:
         data_sets = data_sets_at(root, ReadOptions(layout=layout))
-    except PermissionError:  # of one of its recordings; the others are found in their folders
+    except PermissionError:  # for one of its recordings; the others are found in their folders
         return None
     return data_sets[0] if data_sets else None
 
 
 def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidate]) -> set[str]:
-    """Return the names of the folders in a folder that belong to recordings found there."""
+    """Return the names of the folders in a folder that belong to recordings there."""
     names = set()
     for recording in recordings:
         if recording.folder is None or recording.folder == folder:
@@ -371,7 +371,7 @@ def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidat
 
 
 def _slices(job: Job, frames: int) -> Iterator[Job]:
-    """Divide an object split into slices of so many present frames; keep other jobs whole."""
+    """Divide an object split into slices of existing frames; keep other jobs whole."""
     if job.layout is None or not job.layout.traits.frame_set:
         yield job
         return
@@ -388,14 +388,14 @@ def _slices(job: Job, frames: int) -> Iterator[Job]:
 
 
 def find_bag_jobs(roots: Sequence[Path], search: FolderSearch) -> list[Job]:
-    """Find the bags of a collection; the endings of files are no part of the names of jobs.
+    """Find the bags of a collection; names of jobs have no suffixes.
 
     Args:
         roots: Bags, and folders of any number of them.
-        search: Knows which folders are left out; gets those that could not be read.
+        search: Has the folders to skip; collects unreadable ones.
 
     Raises:
-        KittiRos2Error: There is no bag, or the outputs of two would be at one place.
+        KittiRos2Error: There is no bag, or two have the same output.
         OSError: A root cannot be read.
     """
     base = common_folder(roots)
@@ -434,12 +434,12 @@ def _refuse_nested(jobs: Iterable[Job]) -> None:
 def find_source_jobs(
     roots: Sequence[Path], layout: Layout | None, search: FolderSearch
 ) -> list[Job]:
-    """Find the recordings and the bags of a collection; names of bags have their endings.
+    """Find the recordings and the bags of a collection; names of bags have their suffixes.
 
     Args:
         roots: Recordings, data sets, bags, and folders of any number of them.
         layout: Only recordings of this layout, and no bags; None takes all.
-        search: Knows which folders are left out; gets those that could not be read.
+        search: Has the folders to skip; collects unreadable ones.
 
     Raises:
         KittiRos2Error: A root has none, a layout is ambiguous, or two jobs have one name.
@@ -462,8 +462,8 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
     """Yield the bags at a path and below it, except within the folder of another.
 
     Args:
-        root: A folder, or a file, which is taken as a bag whatever its name.
-        search: As in find_bag_units.
+        root: A folder, or a file of any name, which is a bag.
+        search: Search as of find_bag_jobs.
 
     Raises:
         OSError: The root cannot be read.
@@ -483,7 +483,7 @@ def bags_at(root: Path, search: FolderSearch) -> Iterator[Path]:
     yield from bag_paths
 
 
-# The jobs of evaluations: results, each with the ground truth that it is compared with.
+# The jobs of evaluations: results, each with its ground truth.
 
 _DATA = 'data'
 """Folder of a tracker's files, below the name of the tracker."""
@@ -492,13 +492,13 @@ _TRAJECTORIES = (TXT, '.tum')
 
 @dataclass(frozen=True)
 class PairKind:
-    """What an evaluation compares.
+    """The kind of data that an evaluation compares.
 
     Attributes:
-        stream: What the ground truth has, of a recording.
+        stream: Stream of a recording with the ground truth.
         layout: The only layout of the ground truth; None for any, and bags.
-        frames: Whether a folder of files named by frame is a result.
-        texts: Whether a text file of any name is a result, or only one named by sequence.
+        frames: True if a folder of files named by frame is a result.
+        texts: True if a text file of any name is a result, not only one named by sequence.
     """
 
     stream: Stream
@@ -521,15 +521,15 @@ def find_pairs(
 ) -> list[Job]:
     """Find the results of an evaluation, each with its ground truth.
 
-    If there is one ground truth, all results are compared with it. Otherwise a result is compared
-    with the ground truth whose last name it has, or most of whose last names.
+    A single ground truth is compared with all results. Otherwise a result is compared with the
+    ground truth that shares most last names with it, at least one.
 
     Args:
         truth: A root, a glob or a list of recordings or bags; of trajectories also of poses files.
         results: A root, a glob or a list of result files, folders of them, or bags.
-        kind: Of the evaluation.
+        kind: Kind of the evaluation.
         layout: Only recordings of this layout; None takes all.
-        search: Knows which folders are left out; gets the paths that have no counterpart.
+        search: Has the folders to skip; collects paths without a counterpart.
 
     Raises:
         KittiRos2Error: There is no ground truth, no result, or no pair of both.
@@ -566,7 +566,7 @@ def _closest(name: str, truths: Iterable[Job]) -> list[Job]:
 
 
 def _common_tail(name: str, truth: Job) -> int:
-    """Return how many last names a result shares with a ground truth."""
+    """Return the number of last names that a result shares with a ground truth."""
     path = PurePosixPath(truth.name)
     own = (*path.parent.parts, stem_of(Path(path.name)) if truth.layout is None else path.name)
     pairs = zip(reversed(PurePosixPath(name).parts), reversed(own), strict=False)
@@ -581,7 +581,7 @@ def _common_tail(name: str, truth: Job) -> int:
 def _truths(
     source: Path, kind: PairKind, layout: Layout | None, search: FolderSearch
 ) -> Iterator[Job]:
-    """Yield the ground truths: recordings that have it, bags, files of poses."""
+    """Yield the ground truths: recordings with the stream, bags, files of poses."""
     roots = find_roots(source, lambda path: is_bag_name(path) or (kind.texts and _is_text(path)))
     base = common_folder(roots)
     for root in roots:
@@ -679,7 +679,7 @@ def _is_sequence(path: Path) -> bool:
 
 
 def _result_name(path: Path, base: Path) -> str:
-    """Return the name of a result or ground truth: without ending, and folders named data."""
+    """Return the name of a result or ground truth, without suffix and folders named data."""
     last = path.name
     if path.is_file():
         last = path.stem if path.suffix in _TRAJECTORIES else stem_of(path)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The manifest of a collection: a SQLite file in the output folder, one row for each job.
 
-One process writes it. A rollback journal, not a write-ahead log: that needs shared memory, which
-network file systems do not have. Changes are transactions, so that a killed process leaves the
-state before or after one. The end of a job and the start of the next are one transaction, and the
-journal is truncated, not removed: this takes 2 calls of fdatasync for a job, not 6.
+One process writes it, with a rollback journal: a write-ahead log needs shared memory, which network
+file systems do not have. Changes are transactions, so that a killed process leaves the state before
+or after one. The end of a job and the start of the next are one transaction, and the journal is
+truncated, not removed: this takes 2 calls of fdatasync for a job, not 6.
 
 After a power cut the file is whole: with synchronous = NORMAL, SQLite syncs the journal before it
 changes the file, and the file before it truncates the journal. Only the truncation is not synced,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 # The SQLite file of a manifest: its tables, checks and errors.
 
-_VERSION = 1  # of the tables, in user_version
+_VERSION = 1  # version of the tables, in user_version
 _BUSY_S = 30.0
 _TABLES = """
 CREATE TABLE units (
@@ -96,7 +96,7 @@ def create_tables(database: sqlite3.Connection) -> None:
 
 
 def check(database: sqlite3.Connection, path: Path) -> None:
-    """Refuse a database of others, or of another version of these tables."""
+    """Refuse a database of another program, or of another version of these tables."""
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
     version = version_of(database)
     if version not in {0, _VERSION} or (version == 0 and tables):
@@ -137,13 +137,13 @@ TODO, RUNNING, DONE, FAILED = STATES = ('todo', 'running', 'done', 'failed')
 
 @dataclass(frozen=True)
 class Identity:
-    """Dependencies of the output of a job.
+    """The inputs of the output of a job.
 
     Attributes:
         source: The folder of the job.
         input: Fingerprint of its files.
         options: The command with its options, as JSON.
-        version: Of this package.
+        version: Version of this package.
     """
 
     source: str
@@ -157,18 +157,18 @@ class JobRecord:
     """The row of a job.
 
     Attributes:
-        name: Of the job.
-        state: One of STATES.
-        identity: Of the last run of the job.
-        ours: Whether what is at its output was written by a run that this manifest knows.
-        counts: What was written: frames, messages, bytes.
-        bad: Number of samples and files that were skipped.
-        losses: What was skipped, the first few reasons.
-        reason: Why it failed.
+        name: Name of the job.
+        state: State, one of STATES.
+        identity: Identity of the last run of the job.
+        ours: True if a run in this manifest wrote its output.
+        counts: Number of written frames, messages, bytes.
+        bad: Number of skipped samples and files.
+        losses: First few reasons for skipping.
+        reason: Reason of failure.
         seconds: Time taken.
-        attempts: How often it was begun with this identity.
-        run: Number of the last run that changed it.
-        ended: When it was done or failed, seconds since 1970; None before.
+        attempts: Number of starts with this identity.
+        run: Number of the last run with a change of it.
+        ended: Time of the end or failure, seconds since 1970; None before.
     """
 
     name: str
@@ -227,7 +227,7 @@ class Manifest:
         return None if row is None else str(row[0])
 
     def begin(self, command: str, workers: int) -> None:
-        """Begin a run. Jobs that a killed run left running are to do again."""
+        """Begin a run; jobs left running by a killed run are to do again."""
         with self._transaction():
             cursor = self._database.execute(
                 'INSERT INTO runs (command, jobs, started) VALUES (?, ?, ?)',
@@ -237,7 +237,7 @@ class Manifest:
             self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
 
     def add(self, jobs: Mapping[str, str]) -> None:
-        """Add jobs, name to source; those that are known stay as they are."""
+        """Add jobs, name to source; existing ones are unchanged."""
         with self._transaction():
             self._database.executemany(
                 'INSERT OR IGNORE INTO units (name, source, state) VALUES (?, ?, ?)',
@@ -245,7 +245,7 @@ class Manifest:
             )
 
     def claim(self, names: Iterable[str]) -> None:
-        """Record that nothing is at the outputs of jobs: what will be there is of a known run."""
+        """Record that the outputs of jobs are absent, so that later ones are of a known run."""
         with self._transaction():
             self._database.executemany(
                 'UPDATE units SET ours = 1 WHERE name = ?', [(name,) for name in names]
@@ -257,7 +257,7 @@ class Manifest:
             return _records(self._database)
 
     def start(self, name: str, identity: Identity, *, attempt: int, ours: bool) -> None:
-        """Record that a job is running, with all results that are not yet committed."""
+        """Record the start of a job, and commit all results."""
         with self._transaction():
             self._database.execute(
                 'UPDATE units SET state = ?, source = ?, input = ?, options = ?, version = ?,'
@@ -289,12 +289,12 @@ class Manifest:
                 pass
 
     def release(self) -> None:
-        """Record that no job is running any more: the rest is to do."""
+        """Record that no job is running: the rest is to do."""
         with self._transaction():
             self._database.execute('UPDATE units SET state = ? WHERE state = ?', (TODO, RUNNING))
 
     def close(self) -> None:
-        """Close the file and remove the empty journal; what was committed outlasts a power cut.
+        """Close the file and remove the empty journal; commits outlast a power cut.
 
         Raises:
             OSError: The disk refuses.
@@ -319,7 +319,7 @@ class Manifest:
 
     @contextmanager
     def _transaction(self, *, commit: bool = True) -> Iterator[None]:
-        """Begin a transaction, or continue the one that is open."""
+        """Begin a transaction, or continue the open one."""
         with manifest_errors(self._path):
             if not self._database.in_transaction:
                 self._database.execute('BEGIN IMMEDIATE')
@@ -373,23 +373,23 @@ def _record(row: tuple[Any, ...]) -> JobRecord:
     )  # fmt: skip
 
 
-# How much of a collection is done, and how fast it goes.
+# The progress and pace of a collection.
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How much is done, and how fast.
+    """The progress and pace of a collection.
 
     Attributes:
-        states: Number of jobs by state, each of STATES.
-        lossy: Jobs that are done, with some data skipped.
-        bad: Samples and files that were skipped.
-        frames, messages, bytes: Sums over the jobs that are done.
-        unit_seconds: Sum of the times of the jobs, however many ran at a time.
-        recent: Jobs that the last run has ended.
-        recent_seconds: From the start of the last run to the end of its last job.
-        recent_bytes: What they have written.
-        seconds_left: Estimate for the jobs that are left; None without a measured one.
+        states: Number of jobs by state, for all STATES.
+        lossy: Number of jobs that are done with losses.
+        bad: Number of skipped samples and files.
+        frames, messages, bytes: Sums over jobs that are done.
+        unit_seconds: Sum of the times of jobs, also of parallel ones.
+        recent: Number of jobs ended by the last run.
+        recent_seconds: Time from the start of the last run to the end of its last job.
+        recent_bytes: Bytes written by these.
+        seconds_left: Estimate for the remaining jobs; None without a measured one.
     """
 
     states: dict[str, int]
@@ -419,7 +419,7 @@ def measure_pace(records: Sequence[JobRecord], run: CollectionRun | None) -> Pac
         totals.update(record.counts)
     recent = [record for record in records if run and record.run == run.number and record.ended]
     ends = [record.ended for record in recent if record.ended is not None]
-    # A clock that was set back gives no rate.
+    # A clock set back gives no rate.
     seconds = max(0.0, max(ends) - run.started) if run and ends else 0.0
     remaining = states[TODO] + states[RUNNING]
     return Pace(
@@ -438,16 +438,16 @@ def measure_pace(records: Sequence[JobRecord], run: CollectionRun | None) -> Pac
 
 
 def totals_bad(records: Sequence[JobRecord]) -> int:
-    """Return the number of samples and files that were skipped."""
+    """Return the number of skipped samples and files."""
     return sum(record.bad for record in records)
 
 
-# The folder of a collection's outputs and manifest: a local folder, or a folder of a store.
+# The folder of a collection's outputs and manifest, local or in a store.
 #
 # SQLite needs a file. The manifest of a collection in a store is kept in a local state folder,
 # fetched from OUT/manifest.sqlite at the start, and put back every few seconds and at the end.
-# Where the state folder has what this machine put there last, it is newer than the store: a run
-# that was killed goes on from it.
+# If the store has the manifest that this machine put there last, the state folder is newer: a run
+# after a killed one continues from it.
 
 _LOCK = f'.{MANIFEST}.lock'
 _PUT_BACK = 'put_back'
@@ -462,8 +462,8 @@ class OutFolder:
     """A local folder of outputs, locked against other runs.
 
     Attributes:
-        folder: Where the manifest is.
-        lock: The descriptor that holds the lock; it ends with the last process that has it open.
+        folder: Folder of the manifest.
+        lock: Descriptor of the lock, which ends with the last process that has it open.
     """
 
     def __init__(self, folder: Path, lock: int) -> None:
@@ -471,15 +471,15 @@ class OutFolder:
         self.lock = lock
 
     def has(self, out: Path) -> bool:
-        """Return whether there is something at an output."""
+        """Return whether an output exists."""
         return os.path.lexists(out)
 
     def remove_leftovers(self, out: Path) -> None:
-        """Remove what an earlier run has left beside an output that it made, or gave up."""
+        """Remove temporary files of an earlier run beside an output."""
         remove_leftovers(out)
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:  # noqa: ARG002 - as StoreOutFolder
-        """Return the outputs that a run may claim beforehand; here a start is recorded at once."""
+        """Return the outputs to claim beforehand: none, as starts are recorded at once."""
         return []
 
     def make_room(self, out: Path) -> None:
@@ -489,23 +489,23 @@ class OutFolder:
             OutputError: The disk refuses.
         """
         with reported(out):
-            # Here, as a worker that fails would remove a folder that another one counts on.
+            # Here, as a failing worker would remove a folder that another one needs.
             make_folder(out.parent)
 
     def changed(self) -> None:
-        """Take note that the manifest has changed."""
+        """Handle a change of the manifest."""
 
     def save(self) -> None:
-        """Save the manifest; here it is where it belongs."""
+        """Do nothing: the manifest is in its folder."""
 
 
 class StoreOutFolder(OutFolder):
-    """A folder of a store, locked against other runs as well as the store allows.
+    """A folder of a store, locked against other runs as far as the store allows.
 
     Args:
         out: The folder.
         folder: The local state folder.
-        lock: As OutFolder.lock.
+        lock: Descriptor, as OutFolder.lock.
         store_lock: The lock in the store.
     """
 
@@ -518,17 +518,17 @@ class StoreOutFolder(OutFolder):
         self._fetch()
 
     def has(self, out: Path) -> bool:
-        """Return whether there is something at an output, as listed at the start of the run."""
+        """Return whether an output existed at the start of the run."""
         return out.relative_to(self._out).as_posix() in self._names
 
     def remove_leftovers(self, out: Path) -> None:
-        """Do nothing: what is in a store without its marker is complete."""
+        """Do nothing: objects without a marker are complete."""
 
     def absent(self, outs: Iterable[Path]) -> list[Path]:
-        """Return the outputs that are not there.
+        """Return the absent outputs.
 
-        The store may get the manifest some time after an output, so that all that this run may
-        write are recorded as its own beforehand.
+        The store may get the manifest some time after an output, so all outputs of this run are
+        recorded as its own beforehand.
         """
         return [out for out in outs if not self.has(out)]
 
@@ -536,7 +536,7 @@ class StoreOutFolder(OutFolder):
         """Do nothing: stores have no folders."""
 
     def changed(self) -> None:
-        """Put the manifest back, not too often.
+        """Put the manifest back, at intervals.
 
         Raises:
             OutputError: The store refuses, or another run has taken the lock.
@@ -574,12 +574,12 @@ class StoreOutFolder(OutFolder):
 
 @contextmanager
 def open_out_folder(out: Path) -> Iterator[OutFolder]:
-    """Lock a folder of outputs, with its manifest in a local folder.
+    """Lock a folder of outputs; its manifest is in a local folder.
 
-    In a store, the manifest is put back at the end, also of a run that fails.
+    In a store, the manifest is put back at the end, also of a failed run.
 
     Args:
-        out: The folder; a local one is made.
+        out: The folder; a local one is created.
 
     Raises:
         OutputError: Another run is writing there, or the disk or the store refuses.
@@ -610,8 +610,8 @@ def manifest_folder(out: Path) -> Iterator[Path]:
     """Yield a local folder with the manifest of a folder of outputs, for reading.
 
     Raises:
-        MissingPathError: There is none.
-        StoreError: The store cannot be asked.
+        MissingPathError: The manifest is missing.
+        StoreError: The store does not respond.
     """
     if not is_remote(out):
         yield out
@@ -626,7 +626,7 @@ def manifest_folder(out: Path) -> Iterator[Path]:
 
 
 def _complete_names(objects: Iterable[str]) -> set[str]:
-    """Return the names of objects and folders without those whose upload was not completed."""
+    """Return the names of objects and folders with complete uploads."""
     names: set[str] = set()
     for name in objects:
         while name and name not in names:
@@ -641,7 +641,7 @@ def _marker_name(name: str) -> str:
 
 
 def _snapshot(path: Path) -> bytes | None:
-    """Return a database as of its last transaction; None if it is being written, or absent."""
+    """Return a database as of its last transaction; None if absent or being written."""
     if not path.is_file():
         return None
     target = path.with_name(_COPY)
@@ -658,7 +658,7 @@ def _snapshot(path: Path) -> bytes | None:
 
 
 def _state_folder(out: RemotePath) -> Path:
-    """Return the folder of this user for a URL, made if needed."""
+    """Return the user's state folder for a URL, created if needed."""
     home = os.environ.get('XDG_STATE_HOME') or Path.home() / '.local' / 'state'
     name = hashlib.sha256(str(out).encode()).hexdigest()[:16]
     folder = Path(home, 'kitti_ros2', 'collections', name)
@@ -670,7 +670,7 @@ def _state_folder(out: RemotePath) -> Path:
 
 @contextmanager
 def _locked(folder: Path, out: Path) -> Iterator[int]:
-    """Lock a folder against other runs; yield the descriptor that holds the lock."""
+    """Lock a folder against other runs; yield the descriptor of the lock."""
     with reported(folder):
         lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -681,7 +681,7 @@ def _locked(folder: Path, out: Path) -> Iterator[int]:
 
 
 def _wait_for(acquire: Callable[[], None]) -> None:
-    """Acquire a lock that the workers of a killed run hold for another moment."""
+    """Acquire a lock that workers of a killed run may hold for a short time."""
     end = time.monotonic() + _LOCK_WAIT_S
     while True:
         try:

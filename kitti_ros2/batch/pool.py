@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs tasks one after the other, or on worker processes.
 
-Workers are forked from a server process, a new interpreter that imports what they need once: a fork
-of this process would copy locks that other threads hold. They ignore Ctrl-C, which a terminal sends
-to all processes, and end with the process that started them.
+Workers are forked from a server process, a new interpreter with their imports: a fork of this
+process would copy locks that other threads hold. They ignore Ctrl-C, which a terminal sends to all
+processes, and end with the process that started them.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
     from .jobs import Job
 
 
-# Descriptions of work and its results; both are pickled.
+# Tasks and results; both are pickled.
 
 Advance: TypeAlias = Callable[[int, int], None]
-"""Called with the samples done and the number of all."""
+"""A callback for the samples done and the number of all."""
 
 
 @dataclass(frozen=True)
 class JobTask:
-    """A job with all that is needed to run it.
+    """A job with its output and options.
 
     Attributes:
         job: The job.
-        out: Its output.
+        out: Path of its output.
         options: Values of the command's options by name.
-        attempt: 1, or more after a worker process was lost.
+        attempt: Number of the attempt, from 1; later ones follow lost workers.
     """
 
     job: Job
@@ -63,11 +63,11 @@ class JobResult:
     """The result of a job.
 
     Attributes:
-        counts: What was written: frames, messages, bytes.
-        bad: Number of samples and files that were skipped.
-        losses: What was skipped, one line for each reason; the first few.
+        counts: Number of written frames, messages, bytes.
+        bad: Number of skipped samples and files.
+        losses: First few reasons for skipping, one line each.
         notes: Lines that cost no data.
-        reason: Why it failed; empty if it did not.
+        reason: Reason of failure; empty for success.
         seconds: Time taken.
     """
 
@@ -80,7 +80,7 @@ class JobResult:
 
     @property
     def failed(self) -> bool:
-        """True if there is no output."""
+        """True without an output."""
         return bool(self.reason)
 
 
@@ -89,7 +89,7 @@ class LostWorker:
     """A worker process ended in the middle of a job.
 
     Attributes:
-        how: By which signal, or with which exit code.
+        how: The signal or exit code.
     """
 
     how: str
@@ -103,26 +103,26 @@ if TYPE_CHECKING:
 _EXIT_TERMINATED = 143
 _LONGEST_FOLDER = 60  # bytes; multiprocessing adds 32
 _ADVANCE_S = 0.2  # between two reports of progress
-_PATIENCE_S = 10.0  # for a worker to remove its partial output
+_PATIENCE_S = 10.0  # for removing the partial output of a worker
 
 
 def prepare_workers(*, cluster: bool = False) -> None:
-    """Start the server of workers: it imports what they need while this process goes on.
+    """Start the server of workers, which imports their modules in parallel.
 
     Args:
-        cluster: They are to be workers of a local Dask cluster.
+        cluster: True for workers of a local Dask cluster.
     """
     context = multiprocessing.get_context('forkserver')
     imports = 'cluster_imports' if cluster else 'worker_imports'
     context.set_forkserver_preload([f'{__package__}.{imports}'])
-    resource_tracker.ensure_running()  # when it starts, it lets Ctrl-C through again
+    resource_tracker.ensure_running()  # its start unblocks Ctrl-C
     with no_interrupt(), _short_socket_names():
         forkserver.ensure_running()
 
 
 @contextmanager
 def _short_socket_names() -> Iterator[None]:
-    """Keep multiprocessing's sockets out of a TMPDIR of a long name: unix(7) allows 107 bytes."""
+    """Keep multiprocessing's sockets out of a TMPDIR with a long name: unix(7) allows 107 bytes."""
     before = tempfile.tempdir
     if len(os.fsencode(tempfile.gettempdir())) > _LONGEST_FOLDER:
         tempfile.tempdir = '/tmp'  # noqa: S108 - mkdtemp makes a folder of this user in it
@@ -134,9 +134,9 @@ def _short_socket_names() -> Iterator[None]:
 
 
 def use_one_thread() -> None:
-    """Hold this process to one thread: of this package, and of OpenCV."""
+    """Limit this package and OpenCV to one thread."""
     limit_to_one_thread()
-    os.environ['OPENCV_FOR_THREADS_NUM'] = '1'  # read when it is imported
+    os.environ['OPENCV_FOR_THREADS_NUM'] = '1'  # read at its import
     if 'cv2' in sys.modules:
         sys.modules['cv2'].setNumThreads(1)
 
@@ -145,7 +145,7 @@ class TaskQueue(Protocol):
     """Tasks to run."""
 
     def take(self) -> JobTask | None:
-        """Return the next task; None if there is none now."""
+        """Return the next task; None without any now."""
 
 
 def run_serially(queue: TaskQueue, run: RunJob, show: ShowJob) -> Iterator[Outcome]:
@@ -153,7 +153,7 @@ def run_serially(queue: TaskQueue, run: RunJob, show: ShowJob) -> Iterator[Outco
 
     Args:
         queue: The tasks.
-        run: Runs a task.
+        run: Function that runs a task.
         show: Called with the name of a job, the samples done and the number of all.
     """
     while (task := queue.take()) is not None:
@@ -164,17 +164,17 @@ def run_serially(queue: TaskQueue, run: RunJob, show: ShowJob) -> Iterator[Outco
 def run_on_processes(
     queue: TaskQueue, run: RunJob, show: ShowJob, workers: int, lock_fd: int
 ) -> Iterator[Outcome]:
-    """Yield the results of tasks in the order in which they end, run on worker processes.
+    """Yield the results of tasks on worker processes, in the order of their ends.
 
-    A task whose worker was killed yields LostWorker; another worker takes its place. The workers
-    end with the iterator.
+    A task whose worker was killed yields LostWorker; another worker replaces it. The workers end
+    with the iterator.
 
     Args:
-        queue: The tasks; asked for another after each outcome.
-        run: Runs a task; a function of a module, since it is pickled.
-        show: As in run_serially.
+        queue: The tasks, queried after each outcome.
+        run: Function of a module that runs a task; it is pickled.
+        show: Callback as of run_serially.
         workers: Number of processes.
-        lock_fd: A descriptor that workers keep open until they end, such as that of a lock.
+        lock_fd: A descriptor that workers keep open to their end, such as that of a lock.
     """
     pool: list[_Worker] = []
     try:
@@ -193,7 +193,7 @@ def run_on_processes(
                 worker.stop()
             for worker in pool:
                 worker.join()
-        except BaseException:  # Ctrl-C or SIGTERM again: one may not end, and be waited for at exit
+        except BaseException:  # Ctrl-C or SIGTERM again: exit would wait for a hanging worker
             for worker in pool:
                 worker.kill()
             raise
@@ -202,7 +202,7 @@ def run_on_processes(
 def _busy(
     pool: list[_Worker], queue: TaskQueue, start: Callable[[], _Worker], workers: int
 ) -> dict[Any, _Worker]:
-    """Give tasks to idle workers, and to new ones up to their number; return the busy ones."""
+    """Send tasks to idle workers, and to new ones up to their number; return the busy ones."""
     for worker in pool:
         if worker.task is None:
             worker.give(queue.take())
@@ -213,7 +213,7 @@ def _busy(
 
 
 class _Worker:
-    """A worker process and the task that it runs."""
+    """A worker process and its task."""
 
     def __init__(self, run: RunJob, lock_fd: int) -> None:
         prepare_workers()
@@ -234,7 +234,7 @@ class _Worker:
                 self.connection.send(task)
 
     def receive(self, show: ShowJob) -> Outcome | None:
-        """Receive a result; None if it was progress only."""
+        """Receive a result; None for progress."""
         task = self.task
         if task is None:
             raise RuntimeError('a worker without a job reports')
@@ -256,7 +256,7 @@ class _Worker:
         return f'was killed by signal {-code}' if code < 0 else f'ended with exit code {code}'
 
     def stop(self) -> None:
-        """Ask the process to end: it removes its partial output."""
+        """Terminate the process, which removes its partial output."""
         self._process.terminate()
 
     def kill(self) -> None:
@@ -264,7 +264,7 @@ class _Worker:
         self._process.kill()
 
     def join(self) -> None:
-        """Wait until the process has ended; kill one that does not."""
+        """Wait for the end of the process, or kill it."""
         self._process.join(_PATIENCE_S)
         self.kill()
         self._process.join()
@@ -273,7 +273,7 @@ class _Worker:
 
 @contextmanager
 def no_interrupt() -> Iterator[None]:
-    """Block Ctrl-C here, and for good in a process that is started inside."""
+    """Block Ctrl-C here, and permanently in processes started inside."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -287,10 +287,10 @@ def _serve(
     lock: Any,  # noqa: ANN401, ARG001 - a Connection, kept open until this process ends
     environment: dict[str, str],
 ) -> None:
-    """Run the tasks that come, in a worker process.
+    """Run received tasks in a worker process.
 
-    Its environment is that of the process that wants the tasks done: the server of workers has the
-    one of its start, which a program may have changed since, as for another store.
+    Its environment is that of the client: the server of workers has that of its start, which a
+    program may have changed since, as for another store.
     """
     os.environ.clear()
     os.environ.update(environment)
@@ -306,7 +306,7 @@ def _serve(
 
 
 class _Advancing:
-    """Reports the progress of a task, not too often."""
+    """Reports the progress of a task at intervals."""
 
     def __init__(self, connection: Any) -> None:  # noqa: ANN401 - a Connection
         self._connection = connection
@@ -320,7 +320,7 @@ class _Advancing:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it does; a lock on its output ends with it."""
+    """End this process with its parent, which also ends a lock on its output."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""Imports of the server of worker processes: the functions of jobs, and those of to-bag."""
+"""Imports of the server of worker processes: functions of jobs, and those of to-bag."""
 
 from ..files.processes import imports_of_a_worker
 
