@@ -257,8 +257,8 @@ class CalibratedRig:
 
 
 def _move(points: Float64Array, matrix: Float64Array) -> Float64Array:
-    moved: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
+    target_points: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return target_points
 
 
 def _matrix(name: str, values: npt.ArrayLike, shapes: tuple[tuple[int, int], ...]) -> Float64Array:

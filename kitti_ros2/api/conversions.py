@@ -61,7 +61,7 @@ def to_bag(
         progress: Called with the samples done and the number of all.
         jobs: Number of worker processes that encode, 1 to 256; 1 encodes in threads, as do
             programs that have threads. The bag is the same.
-        options: Those of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
             images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
 
     Returns:
@@ -109,7 +109,7 @@ def to_kitti(
         out: The folder to create; with append=True an object set to add to.
         plan: A plan file, as printed by `kitti-ros2 to-kitti BAG --plan`.
         progress: Called with the samples done and the number of all.
-        options: Those of `kitti-ros2 to-kitti --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 to-kitti --help`, with underscores and the same defaults:
             layout='object', name='training', calib=..., split=0.8, append=True.
 
     Returns:
@@ -132,10 +132,10 @@ def to_kitti(
             opened.append(exit_stack.enter_context(open_bag_source(path)))
         if not opened:
             raise UsageError('no bag; expected at least one')
-        chosen = make_import_options(by_name(options, TO_KITTI))
+        import_options = make_import_options(by_name(options, TO_KITTI))
         plan_file = None if plan is None else as_path(plan)
         reports = Conversion(
-            opened, target, chosen, plan_file, lambda _: None, _shown(progress)
+            opened, target, import_options, plan_file, lambda _: None, _shown(progress)
         ).run()
     for report in reports:
         warn_of(report.losses)

@@ -88,8 +88,8 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
     settings = make_view_settings({**by_name(options, DRAW), 'mode': mode})
     if settings.mode not in MODES:
         raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')
-    chosen = MODES[settings.mode]
+    view_mode = MODES[settings.mode]
     frames = frame.source.frames
-    streams = chosen.streams(frames.cameras, settings.pictures)
-    pixels = chosen.draw(frames.frame(frame.number, streams), settings.pictures)
+    streams = view_mode.streams(frames.cameras, settings.pictures)
+    pixels = view_mode.draw(frames.frame(frame.number, streams), settings.pictures)
     return np.ascontiguousarray(pixels[..., ::-1]).view(Picture)

@@ -114,8 +114,8 @@ class FrameObject:
         box = self._need().velo_T_box.matrix()
         if frame == 'velo_link':
             return box
-        moved: Float64Array = self._transform(frame, 'velo_link') @ box
-        return moved
+        frame_T_box: Float64Array = self._transform(frame, 'velo_link') @ box
+        return frame_T_box
 
     def corners(self, frame: str | int = 'velo_link') -> Float64Array:
         """Return the corners of the 3D box, (8, 3) metres.
@@ -133,8 +133,8 @@ class FrameObject:
         if frame == 'velo_link':
             return corners
         matrix = self._transform(frame, 'velo_link')
-        moved: Float64Array = corners @ matrix[:3, :3].T + matrix[:3, 3]
-        return moved
+        frame_corners: Float64Array = corners @ matrix[:3, :3].T + matrix[:3, 3]
+        return frame_corners
 
     def _need(self) -> Cuboid:
         if self._cuboid is None:
@@ -331,7 +331,7 @@ class Frame:
         Args:
             target: map, base_link, imu_link, velo_link, or KITTI's number of a camera for its
                 optical frame (x right, y down, z forward).
-            source: The same.
+            source: A coordinate frame, as target.
 
         Raises:
             MissingDataError: A frame is unknown, or calibration or pose is missing.

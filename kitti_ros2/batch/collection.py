@@ -199,7 +199,7 @@ class Collection:
     """A command over the jobs of a collection.
 
     Attributes:
-        command: Its name.
+        command: Name.
         out: The folder of outputs.
         suffix: Suffix of outputs, added to the names of jobs.
         options: Values of the command's options by name.
@@ -286,11 +286,11 @@ class Collection:
 
     def options_text(self) -> str:
         """Return the command and its options as JSON, with fingerprints of the files they name."""
-        chosen = {name: value for name, value in self.options.items() if name not in _OF_DISK}
-        paths = [value for value in chosen.values() if isinstance(value, Path)]
+        options = {name: value for name, value in self.options.items() if name not in _OF_DISK}
+        paths = [value for value in options.values() if isinstance(value, Path)]
         named = {'files': fingerprint_paths(paths)} if paths else {}
         return json.dumps(
-            {'command': self.command, **named, 'options': chosen}, default=str, sort_keys=True
+            {'command': self.command, **named, 'options': options}, default=str, sort_keys=True
         )
 
 
@@ -392,8 +392,8 @@ class _Queue:
 
     def _may_replace(self, record: JobRecord, job: Job, out: Path) -> bool:
         """Return whether the output of a job is absent or its own."""
-        own = record.ours and record.identity.source == job.origin
-        return own or not self._out_folder.has(out)
+        is_own = record.ours and record.identity.source == job.origin
+        return is_own or not self._out_folder.has(out)
 
     def _begin(self, task: JobTask) -> JobTask:
         name = task.job.name

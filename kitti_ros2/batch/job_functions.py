@@ -171,9 +171,9 @@ def run_kitti_job(task: JobTask, advance: Advance) -> JobResult:
     from ..options.table import make_import_options  # noqa: PLC0415 - as above
     from ..own_bags.to_kitti import Conversion  # noqa: PLC0415 - as above
 
-    chosen = dict(task.options)
-    plan_file = chosen.pop(PLAN_FILE, None)
-    options = make_import_options(chosen)
+    job_options = dict(task.options)
+    plan_file = job_options.pop(PLAN_FILE, None)
+    options = make_import_options(job_options)
     notes: list[str] = []
     with open_bag_source(task.job.source) as bag:
         conversion = Conversion(
@@ -234,8 +234,8 @@ def run_statistics_job(task: JobTask, advance: Advance) -> JobResult:
     from ..options.datasets import make_statistics_options  # noqa: PLC0415 - as above
 
     job = task.job
-    chosen = {name: value for name, value in task.options.items() if name != 'overwrite'}
-    read, options = make_statistics_options(chosen)
+    job_options = {name: value for name, value in task.options.items() if name != 'overwrite'}
+    read, options = make_statistics_options(job_options)
     read = replace(read, layout=job.layout, sequence=job.sequence)
     statistics = count_set(job.source, find_sources(job.source, read), options, advance)
     write_job_json(task, plain_values(statistics))
@@ -258,9 +258,9 @@ def run_validation_job(task: JobTask, advance: Advance) -> JobResult:
     from ..validation.validate import validate  # noqa: PLC0415 - as above
 
     job = task.job
-    chosen: Any = {name: value for name, value in task.options.items() if name != 'overwrite'}
-    chosen |= {'layout': job.layout, 'sequence': job.sequence}
-    report = validate(job.source, progress=advance, **chosen)
+    keywords: Any = {name: value for name, value in task.options.items() if name != 'overwrite'}
+    keywords |= {'layout': job.layout, 'sequence': job.sequence}
+    report = validate(job.source, progress=advance, **keywords)
     write_job_json(task, {**asdict(report), 'ok': report.ok})
     return JobResult(
         counts={

@@ -541,12 +541,12 @@ def find_pairs(
     truths = list(_truths(truth, kind, layout, replace(search, exclude=[*search.exclude, results])))
     jobs = []
     for name, path in result_paths.items():
-        chosen = truths if len(truths) == 1 else _closest(name, truths)
-        if len(chosen) == 1:
-            jobs.append(replace(chosen[0], name=name, result=path))
+        matches = truths if len(truths) == 1 else _closest(name, truths)
+        if len(matches) == 1:
+            jobs.append(replace(matches[0], name=name, result=path))
         else:
-            several = some_of([job.name for job in chosen])
-            why = f'fits {several} in {truth}' if chosen else f'has no ground truth in {truth}'
+            several = some_of([job.name for job in matches])
+            why = f'fits {several} in {truth}' if matches else f'has no ground truth in {truth}'
             search.problems.append(f'{path}: {why}; not scored')
     if not jobs:
         names = f'{some_of([*result_paths])} and {some_of([job.name for job in truths])}'
@@ -568,8 +568,8 @@ def _closest(name: str, truths: Iterable[Job]) -> list[Job]:
 def _common_tail(name: str, truth: Job) -> int:
     """Return the number of last names that a result shares with a ground truth."""
     path = PurePosixPath(truth.name)
-    own = (*path.parent.parts, stem_of(Path(path.name)) if truth.layout is None else path.name)
-    pairs = zip(reversed(PurePosixPath(name).parts), reversed(own), strict=False)
+    parts = (*path.parent.parts, stem_of(Path(path.name)) if truth.layout is None else path.name)
+    pairs = zip(reversed(PurePosixPath(name).parts), reversed(parts), strict=False)
     count = 0
     for one, other in pairs:
         if one != other:

@@ -32,7 +32,7 @@ class CatalogueEntry:
 
     Attributes:
         benchmark: raw, object, tracking or odometry.
-        part: Its name on the command line.
+        part: Name on the command line.
         name: Name of the file.
         path: Path below the base URL.
         about_bytes: Size, rounded; None if unknown.
@@ -187,16 +187,14 @@ class RawKinds:
         Raises:
             UsageError: None of them is of the categories.
         """
-        all_drives = list(drives)
-        chosen = [
-            drive
-            for drive in all_drives
-            if not self.categories or drive.category in self.categories
+        named = list(drives)
+        matching = [
+            drive for drive in named if not self.categories or drive.category in self.categories
         ]
-        if all_drives and not chosen:
+        if named and not matching:
             raise UsageError(f'none of these drives is of category {either(self.categories)}')
-        entries = [calib_entry(date) for date in dict.fromkeys(drive.date for drive in chosen)]
-        for drive in chosen:
+        entries = [calib_entry(date) for date in dict.fromkeys(drive.date for drive in matching)]
+        for drive in matching:
             kinds = (kind,) if kind else self.kinds or ('sync', *self._labels(drive))
             sizes = {'sync': drive.sync_bytes}
             entries += [raw_entry(drive.name, part, sizes.get(part)) for part in kinds]

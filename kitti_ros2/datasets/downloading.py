@@ -179,7 +179,7 @@ def needed_bytes(sizes: Iterable[int], present: int, options: DownloadOptions) -
     """Return the most bytes that archives and their content need on a disk at a time.
 
     Args:
-        sizes: Those of the archives.
+        sizes: Sizes of the archives.
         present: Bytes of existing archives, also partial ones.
         options: Options that keep archives, or do not extract them.
     """
@@ -232,7 +232,7 @@ def download(
         what: Words as on the command line, such as 'raw 2011_09_26_drive_0005'.
         root: The folder to download into; each benchmark gets a folder in it.
         progress: Called with the bytes downloaded and the bytes of all archives.
-        options: Those of `kitti-ros2 download --help`, with underscores and the same defaults.
+        options: Options of `kitti-ros2 download --help`, with underscores and the same defaults.
 
     Returns:
         Downloaded, extracted and skipped archives.
@@ -247,10 +247,10 @@ def download(
         DownloadReport(...)
     """
     words = what.split() if isinstance(what, str) else list(what)
-    chosen, extraction = make_download_options(options)
-    entries = select_entries(words, chosen)
+    download_options, extraction = make_download_options(options)
+    entries = select_entries(words, download_options)
     shown = progress or _show_nothing
-    return download_all(entries, Path(root), chosen, extraction, (shown, _show_nothing))
+    return download_all(entries, Path(root), download_options, extraction, (shown, _show_nothing))
 
 
 def _show_nothing(_done: int, _total: int) -> None:
@@ -279,8 +279,8 @@ def download_all(
     Args:
         entries: The archives.
         root: The folder.
-        options: Those of the download.
-        extraction: Those of extracting.
+        options: Options of the download.
+        extraction: Options of the extraction.
         progress: Called with the bytes done and those of all: of the transfers, then of the
             extraction.
     """

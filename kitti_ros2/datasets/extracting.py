@@ -189,8 +189,8 @@ class Tree:
 
         Args:
             member: The file as the archive lists it.
-            name: Its path below the root.
-            chunks: Its content; read only if needed.
+            name: Path below the root.
+            chunks: Content; read only if needed.
             advance: Called with the bytes of each chunk.
 
         Raises:
@@ -364,8 +364,8 @@ def list_files(path: Path, root: Path, limits: Limits) -> ArchiveFiles:
     """
     with open_archive(path) as packed:
         files = [member for member in checked(packed, limits) if not member.is_folder]
-    chosen = [file for file in files if not _is_noise(file.name)]
-    file_names = [file.name for file in chosen]
+    data_files = [file for file in files if not _is_noise(file.name)]
+    file_names = [file.name for file in data_files]
     kitti_names = [name for name in file_names if is_kitti(name, path.name)]
     if not kitti_names:
         what = f'contains no folder of KITTI in {format_count(len(file_names), "file")}'
@@ -378,9 +378,9 @@ def list_files(path: Path, root: Path, limits: Limits) -> ArchiveFiles:
             f'{root}: is a part of a data set, and {path} contains whole data sets;'
             f' give the folder above it'
         )
-    member_targets = list(zip(chosen, targets, strict=True))
+    member_targets = list(zip(data_files, targets, strict=True))
     _check_collisions(path, member_targets)
-    skipped = len(files) - len(chosen)
+    skipped = len(files) - len(data_files)
     note = f'{path}: {format_count(skipped, "file")} of desktop programs left out, as .DS_Store'
     return ArchiveFiles(path, tuple(member_targets), (note,) if skipped else ())
 
@@ -473,7 +473,7 @@ def extract(
         archives: Zip or tar archives, as KITTI has them or repacked.
         root: The folder; it is created.
         progress: Called with the bytes done and the bytes of all.
-        options: Those of `kitti-ros2 extract --help`, with underscores and the same defaults.
+        options: Options of `kitti-ros2 extract --help`, with underscores and the same defaults.
 
     Returns:
         Written, existing and skipped files.
@@ -489,8 +489,8 @@ def extract(
     """
     archive_list = [archives] if isinstance(archives, (str, PathLike)) else archives
     paths = [Path(archive) for archive in archive_list]
-    chosen = make_extract_options(options)
-    return extract_all(paths, Path(root), chosen, progress or (lambda _done, _total: None))
+    extract_options = make_extract_options(options)
+    return extract_all(paths, Path(root), extract_options, progress or (lambda _done, _total: None))
 
 
 def extract_all(

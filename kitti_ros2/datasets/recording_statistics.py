@@ -232,7 +232,7 @@ class ObjectTally:
     """Counts the labels of a recording by frame.
 
     Attributes:
-        classes: By class name.
+        classes: Statistics by class name.
         a_frame: Number of objects in a labelled frame, without DontCare.
     """
 
@@ -314,9 +314,9 @@ class RouteTrace:
     def add(self, number: int, pose: Pose) -> None:
         """Add the pose of a frame."""
         position = (pose.world_T_imu @ self._imu_t_sensor).translation
-        moved = Transform(pose.world_T_imu.rotation, position)
+        world_T_sensor = Transform(pose.world_T_imu.rotation, position)
         self._stamps.append(self._stamp_of[number])
-        self._poses.append(Pose(moved, pose.velocity, pose.angular_velocity))
+        self._poses.append(Pose(world_T_sensor, pose.velocity, pose.angular_velocity))
 
     def statistics(self) -> RouteStatistics | None:
         """Return the statistics of the route; None for less than two poses."""
@@ -345,7 +345,7 @@ class FrameFacts:
 
     Attributes:
         number: The frame.
-        labels: Its labels; None if missing or unreadable.
+        labels: Labels; None if missing or unreadable.
         pose: Pose of the vehicle, if any.
         scan_points: Number of points of the scan, if read.
         box_points: Class and number of points inside each 3D box, if the scan is read.
@@ -420,7 +420,7 @@ class RecordingStatistics:
     """The statistics of a drive, split, sequence or bag, or of several together.
 
     Attributes:
-        name: Its name in the set; empty for all together.
+        name: Name in the set; empty for all together.
         kind: Layout, or bag.
         frames: Number of frames.
         labelled: Number of frames with labels, also empty ones.
@@ -490,7 +490,7 @@ def count_recording(
     """Count the contents of a recording by frame.
 
     Args:
-        source: Its frames.
+        source: Frames of the recording.
         name: Name as in RecordingStatistics.
         kind: Kind as in RecordingStatistics.
         scans: True reads the scans.

@@ -69,9 +69,9 @@ class CropPaths:
         self.numbers: list[int] = tree.scans.numbers.tolist()
         self.tops = frozenset(path for path, _ in tree.parts)
         self.single_files = frozenset(target for path, target in tree.parts if path.is_file())
-        own = tree.scan_root.name
-        folder = options.folder or own
-        self.in_place = folder == own
+        scan_name = tree.scan_root.name
+        folder = options.folder or scan_name
+        self.in_place = folder == scan_name
         self._scan_root = tree.target / folder
         below = tree.scans.folder.relative_to(tree.scan_root)
         self.scan_folder = self._scan_root / below.as_posix()
@@ -418,7 +418,7 @@ class ScanCropper:
     Args:
         recording: The recording.
         options: The filters.
-        paths: Its files.
+        paths: Files.
         linker: Links or copies unchanged files.
         root: Folder of the new data set.
     """

@@ -77,7 +77,7 @@ def statistics(
     Args:
         path: A KITTI folder with any number of drives, splits and sequences, or a bag.
         progress: Called with the frames done and the number of frames found so far.
-        options: Those of `kitti-ros2 stats --help`, with the same defaults: points=True,
+        options: Options of `kitti-ros2 stats --help`, with the same defaults: points=True,
             layout='raw', sequence='0005'.
 
     Returns:
@@ -95,9 +95,9 @@ def statistics(
         >>> [(name, each.count) for name, each in found.total.classes.items()]
         [...]
     """
-    read, chosen = make_statistics_options(by_name(options, STATS))
+    read, statistics_options = make_statistics_options(by_name(options, STATS))
     show = progress or (lambda _done, _total: None)
-    counts = count_set(as_path(path), find_sources(as_path(path), read), chosen, show)
+    counts = count_set(as_path(path), find_sources(as_path(path), read), statistics_options, show)
     for loss in counts.total.losses:
         warn(loss.text())
     return counts
@@ -148,7 +148,7 @@ class SetSource(NamedTuple):
     """A recording of a set.
 
     Attributes:
-        name: Its name in the set.
+        name: Name in the set.
         kind: Layout, or bag.
         semantic: True if it has files of point labels.
         open: Opens its frames.
@@ -220,7 +220,7 @@ class StatisticsRow(NamedTuple):
 
     Attributes:
         set: The path.
-        recording: Its name in the set; empty for the total.
+        recording: Name in the set; empty for the total.
         group: Kind of the figure: recording, samples, classes, point_classes, route, ...
         name: A stream or a class; empty for other figures.
         quantity: Name of the figure, such as count, difficulty easy, distance_m mean.

@@ -267,7 +267,7 @@ class GivenList:
     """A list, and its entries in the set.
 
     Attributes:
-        path: Its file.
+        path: File.
         name: The name of the file, without suffix.
         entries: Entries in the set, in the order of the file.
     """
@@ -347,7 +347,7 @@ class PartSet:
     """The parts of a data set.
 
     Attributes:
-        layout: Its layout.
+        layout: Layout.
         folder: The folder of ImageSets.
         noun: frame, sequence or drive.
         parts: The parts by name.
@@ -501,7 +501,7 @@ class SplitList:
 
     Attributes:
         name: Name, such as train.
-        path: Its file.
+        path: File.
         entries: The frames, sequences or drives, in the order of the file.
         frames: Number of frames.
         share: Share of the frames of the set, 0 to 1; None for absent testing frames.
@@ -548,7 +548,7 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
 
     Args:
         src: An object, tracking, odometry or raw data set.
-        options: Those of `kitti-ros2 split --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 split --help`, with underscores and the same defaults:
             ratio=(0.8, 0.2), names=['train', 'val'], seed=1, by_drive=True, lists=[...],
             check=True, mapping=..., out=..., overwrite=True, layout=...
 

@@ -495,7 +495,7 @@ class TopicTrack:
 
     Attributes:
         bag: The bag.
-        topic: Its name.
+        topic: Name.
         latched: True if its publisher resends the last messages to late subscribers.
         has_qos: True if the bag stores the QoS of publishers.
         profiles: QoS as rosbag2's text.

@@ -46,7 +46,7 @@ class DataFile:
     """A file of a stream.
 
     Attributes:
-        stream: Its stream.
+        stream: Stream.
         path: The file.
         size: Bytes; 0 if it cannot be opened.
         error: Error of opening or parsing it.
@@ -320,9 +320,9 @@ def _find_classes(file: LabelFile) -> Iterator[Breach]:
     for line, box in file.lines:
         if box.class_name in CLASSES:
             continue
-        meant = _BY_PLAIN.get(_plain(box.class_name), box.class_name)
-        if meant != box.class_name:
-            yield Breach(f'{box.class_name}: did you mean {meant}?', file.path, line)
+        class_name = _BY_PLAIN.get(_plain(box.class_name), box.class_name)
+        if class_name != box.class_name:
+            yield Breach(f'{box.class_name}: did you mean {class_name}?', file.path, line)
 
 
 def _plain(name: str) -> str:
@@ -384,10 +384,10 @@ def _find_jumps(file: LabelFile) -> Iterator[Breach]:
     for before, (line, box) in _successors(file):
         frames = (box.frame or 0) - (before.frame or 0)
         if frames > 0 and has_cuboid(box) and has_cuboid(before):
-            moved = math.dist(before.location, box.location)
-            if moved > _JUMP_M * frames:
+            step = math.dist(before.location, box.location)
+            if step > _JUMP_M * frames:
                 text = (
-                    f'{box.class_name}: track {box.track_id} moves {moved:.0f} m in {frames} frame'
+                    f'{box.class_name}: track {box.track_id} moves {step:.0f} m in {frames} frame'
                 )
                 yield Breach(text + ('s' if frames > 1 else ''), file.path, line)
 
@@ -428,7 +428,7 @@ class CalibrationFile:
 
     Attributes:
         calibration: The calibration.
-        path: Its file, or the folder of several.
+        path: File, or the folder of several.
         cameras: The cameras with images.
     """
 
@@ -520,9 +520,9 @@ def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
             rotations[f'R_{index:02d}'] = camera.cam_T_cam0.rotation
     for name, rotation in rotations.items():
         if rotation is not None:
-            off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-            if off > _ORTHONORMAL:
-                yield Breach(f'{name}: R R^T differs from the identity by {off:.1g}', file.path)
+            error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+            if error > _ORTHONORMAL:
+                yield Breach(f'{name}: R R^T differs from the identity by {error:.1g}', file.path)
 
 
 @CALIBRATION_RULES.add(
@@ -590,9 +590,9 @@ def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
             text = f'P_rect_{index:02d} and R_rect, T put camera {index} {apart:.3f} m apart'
             yield Breach(text, file.path)
     for one, other in combinations(rotations, 2):
-        off = float(np.abs(rotations[one] @ rotations[other].T - np.eye(3)).max())
-        if off > _PARALLEL:
-            text = f'R_rect and R of cameras {one} and {other} are not parallel, by {off:.2g} rad'
+        angle = float(np.abs(rotations[one] @ rotations[other].T - np.eye(3)).max())
+        if angle > _PARALLEL:
+            text = f'R_rect and R of cameras {one} and {other} are not parallel, by {angle:.2g} rad'
             yield Breach(text, file.path)
 
 

@@ -113,8 +113,8 @@ def _has_point(xyz: Float32Array, box_in_scan: BoxInScan) -> bool:
     x, y, _ = box_in_scan.middle.astype(np.float32)
     near = (np.abs(xyz[0] - x) <= box_in_scan.radius).nonzero()[0]
     near = near[np.abs(xyz[1, near] - y) <= box_in_scan.radius]
-    own = (xyz[:, near].T - box_in_scan.middle) @ box_in_scan.rotation
-    return bool((np.abs(own) <= box_in_scan.half).all(axis=1).any())
+    box_points = (xyz[:, near].T - box_in_scan.middle) @ box_in_scan.rotation
+    return bool((np.abs(box_points) <= box_in_scan.half).all(axis=1).any())
 
 
 # Rules about the files of a frame together: labels against calibration, image and scan.
@@ -284,8 +284,8 @@ def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
         return
     boxes = [label.box for _, label in labels]
     expected = alpha_of([box.location for box in boxes], [box.rotation_y for box in boxes])
-    off = wrap_angle(np.array([box.alpha for box in boxes]) - expected)
-    for index in np.flatnonzero(np.abs(off) > _ALPHA_RAD).tolist():
+    difference = wrap_angle(np.array([box.alpha for box in boxes]) - expected)
+    for index in np.flatnonzero(np.abs(difference) > _ALPHA_RAD).tolist():
         path, (line, box) = labels[index]
         angle = f'{expected[index]:.2f}'
         text = f'{box.class_name}: alpha is {box.alpha:g}; location and rotation_y make {angle}'
@@ -471,10 +471,10 @@ SCAN_RULES = RuleTable[ScanFile](RuleScope.FILE)
 def _find_nonsense(scan: ScanFile) -> Iterator[Breach]:
     low, high = scan.bounds
     if not (scan.reach < _NOT_METRES and math.isfinite(low[3]) and math.isfinite(high[3])):
-        wrong = np.logical_not((np.abs(scan.points) < _NOT_METRES).all(axis=1))
-        first = int(np.argmax(wrong))
+        nonsense = np.logical_not((np.abs(scan.points) < _NOT_METRES).all(axis=1))
+        first = int(np.argmax(nonsense))
         values = ' '.join(f'{value:g}' for value in scan.points[first])
-        text = f'{int(wrong.sum())} of {len(wrong)} points, the first is {first}: {values}'
+        text = f'{int(nonsense.sum())} of {len(nonsense)} points, the first is {first}: {values}'
         yield Breach(text, scan.path)
 
 

@@ -478,9 +478,9 @@ def check_recording(
 
     Args:
         candidate: The recording.
-        layout: Its layout.
+        layout: Layout.
         read: The columns of scans.
-        root: Its data set, named if it cannot be opened.
+        root: Data set, named if it cannot be opened.
         options: Options of the checks.
         tally: Collects the breaches.
         progress: Called with the frames done and the number of all.

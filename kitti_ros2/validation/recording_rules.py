@@ -364,12 +364,12 @@ def _find_gaps(file: StampsFile) -> Iterator[Breach]:
 def _find_implausible(file: StampsFile) -> Iterator[Breach]:
     numbers, stamps = file.stamped()
     latest = time.time_ns() + _DAY_NS
-    wrong = np.zeros(0, np.int64) if file.relative else np.flatnonzero(
+    outliers = np.zeros(0, np.int64) if file.relative else np.flatnonzero(
         (stamps < _EARLIEST_NS) | (stamps > latest)
     )  # fmt: skip
-    if len(wrong):
-        first = int(wrong[0])
-        count = format_count(len(wrong), 'stamp')
+    if len(outliers):
+        first = int(outliers[0])
+        count = format_count(len(outliers), 'stamp')
         text = f'{count}, the first is {format_stamp(int(stamps[first]))}'
         yield Breach(text, file.path, int(numbers[first]) + 1)
 
@@ -485,12 +485,12 @@ def _find_position(track: PacketTrack) -> Iterator[Breach]:
     xy = np.array([world.pose(packet).translation[:2] for packet in track.packets])
     measured = np.stack([track.column('ve'), track.column('vn')], axis=1)
     measured = (measured[1:] + measured[:-1]) / 2
-    moved = np.diff(xy, axis=0) / track.steps_s[:, None]
+    velocity = np.diff(xy, axis=0) / track.steps_s[:, None]
     speed = np.linalg.norm(measured, axis=1)
-    off = np.linalg.norm(moved - measured, axis=1)
+    difference = np.linalg.norm(velocity - measured, axis=1)
     low, share = _SPEED_OFF
-    for index in np.flatnonzero(off > low + share * speed).tolist():
-        text = f'the position moves at {np.linalg.norm(moved[index]):.1f} m/s'
+    for index in np.flatnonzero(difference > low + share * speed).tolist():
+        text = f'the position moves at {np.linalg.norm(velocity[index]):.1f} m/s'
         yield track.breach(index + 1, f'{text}, the velocity is {speed[index]:.1f} m/s')
 
 
@@ -593,9 +593,9 @@ def _find_invalid_poses(file: PosesFile) -> Iterator[Breach]:
 def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
     for line, pose in file.lines.sound().items():
         rotation = pose[:, :3]
-        off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if off > _ORTHONORMAL or np.linalg.det(rotation) < 0:
-            yield Breach(f'the rotation is not orthonormal, by {off:.1g}', file.path, line + 1)
+        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if error > _ORTHONORMAL or np.linalg.det(rotation) < 0:
+            yield Breach(f'the rotation is not orthonormal, by {error:.1g}', file.path, line + 1)
 
 
 @POSE_RULES.add(
@@ -608,6 +608,6 @@ def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
     poses = file.lines.sound()
     for line, pose in poses.items():
         if line - 1 in poses:
-            moved = float(np.linalg.norm(pose[:, 3] - poses[line - 1][:, 3]))
-            if moved > _FARTHEST_STEP_M:
-                yield Breach(f'{moved:.1f} m from the pose above', file.path, line + 1)
+            distance = float(np.linalg.norm(pose[:, 3] - poses[line - 1][:, 3]))
+            if distance > _FARTHEST_STEP_M:
+                yield Breach(f'{distance:.1f} m from the pose above', file.path, line + 1)

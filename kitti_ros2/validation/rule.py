@@ -71,7 +71,7 @@ class Rule(Generic[S]):
     """A rule.
 
     Attributes:
-        id: Its name in the output.
+        id: Name in the output.
         severity: Severity of a breach.
         scope: Extent of the data that it checks at once.
         checks: Condition of valid data.
@@ -223,7 +223,7 @@ class CheckedSource:
 
     Attributes:
         path: The folder, or the bag.
-        kind: Its layout or container.
+        kind: Layout or container.
         name: Name of the drive, split or sequence; file name of a bag.
         count: Number of frames, or of messages in a bag.
         files: Number of checked files.

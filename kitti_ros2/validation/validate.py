@@ -248,8 +248,8 @@ def _find_absent(splits: SplitLists) -> Iterator[Breach]:
 )
 def _find_overlap(splits: SplitLists) -> Iterator[Breach]:
     numbers = splits.numbers()
-    chosen = [name for name in numbers if name in _DISJOINT]
-    for one, other in combinations(chosen, 2):
+    disjoint = [name for name in numbers if name in _DISJOINT]
+    for one, other in combinations(disjoint, 2):
         # The frames of testing have separate numbers.
         separate = _TEST in (one, other) and 'testing' in splits.frames
         common = [] if separate else sorted(numbers[one].keys() & numbers[other].keys())
@@ -336,7 +336,7 @@ def validate(
         path: A KITTI folder, a folder of several, a bag, or several of these.
         progress: Called with the frames or messages done and the number of all, of the current
             recording or bag.
-        options: Those of `kitti-ros2 validate --help`: layout, sequence, columns, quick,
+        options: Options of `kitti-ros2 validate --help`: layout, sequence, columns, quick,
             decode.
 
     Returns:
@@ -350,7 +350,7 @@ def validate(
         >>> validate('object').ok
         True
     """
-    read, chosen = make_validation_options({**options})
+    read, check_options = make_validation_options({**options})
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError('no path; expected at least one')
@@ -360,8 +360,8 @@ def validate(
     sources: list[CheckedSource] = []
     for source, content in zip(map(as_path, paths), contents, strict=False):
         for data_set in content.data_sets:
-            sources += _check_data_set(data_set, read, chosen, tally, show)
-        sources += _check_bags(content.bags, chosen, tally, show)
+            sources += _check_data_set(data_set, read, check_options, tally, show)
+        sources += _check_bags(content.bags, check_options, tally, show)
         if not content.complete:
             tally.add(find_breaches(SOURCE_RULES, Unopened(source)))
     return tally.report(sources)

@@ -76,8 +76,8 @@ class ProgramSurvey:
         images are present.
         """
         inside = [image for image in self.of_type(*IMAGES) if self.frames.get(image) == frame]
-        own = [image for image in inside if not self._is_beside(self.info_of(image))]
-        return own or inside
+        unshifted = [image for image in inside if not self._is_beside(self.info_of(image))]
+        return unshifted or inside
 
     def tree(self) -> FrameTree:
         """Return the links as a tree."""
@@ -99,10 +99,10 @@ class ProgramSurvey:
         return moving[0] if moving else self._mount(next(iter(self.parents), ''))
 
     def _mount(self, frame: str) -> str:
-        passed = {frame}
-        while frame in self.links and self.links[frame][0] not in passed:
+        visited = {frame}
+        while frame in self.links and self.links[frame][0] not in visited:
             frame = self.links[frame][0]
-            passed.add(frame)
+            visited.add(frame)
         return frame
 
 
