@@ -205,10 +205,10 @@ def _busy(
     """Send tasks to idle workers, and to new ones up to their number; return the busy ones."""
     for worker in pool:
         if worker.task is None:
-            worker.give(queue.take())
+            worker.send(queue.take())
     while len(pool) < workers and (task := queue.take()) is not None:
         pool.append(start())
-        pool[-1].give(task)
+        pool[-1].send(task)
     return {worker.connection: worker for worker in pool if worker.task is not None}
 
 
@@ -226,7 +226,7 @@ class _Worker:
             )
             self._process.start()
 
-    def give(self, task: JobTask | None) -> None:
+    def send(self, task: JobTask | None) -> None:
         """Send a task."""
         self.task = task
         if task is not None:

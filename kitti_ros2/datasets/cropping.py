@@ -136,7 +136,7 @@ class RecordingCrop:
             if cut.empty_rows:
                 rows[cut.number] = cut.empty_rows
             yield cut.number
-        self._put_tracks(root, rows)
+        self._write_tracks(root, rows)
 
     def _add(self, cut: CutScan) -> None:
         """Add the result of a frame."""
@@ -153,7 +153,7 @@ class RecordingCrop:
         for failure in cut.failures:
             self._failures.setdefault(failure, []).append(cut.number)
 
-    def _put_tracks(self, root: Path, rows: dict[int, Sequence[int]]) -> None:
+    def _write_tracks(self, root: Path, rows: dict[int, Sequence[int]]) -> None:
         """Write the label file of the whole recording without the empty labels."""
         paths = self._paths.tracks()
         if paths is None:

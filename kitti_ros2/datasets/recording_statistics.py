@@ -276,7 +276,7 @@ class RouteStatistics:
 
     Attributes:
         poses: Number of poses.
-        length_m: Length without jumps. With oxts over the ground, of the GPS/IMU unit; with poses
+        length_m: Length without jumps. With oxts over the ground, of the GPS/IMU; with poses
             of odometry in space, of camera 0: each as KITTI's own tools compute it.
         duration_s: Time from the first pose to the last; 0 without time stamps.
         jumps: Number of steps faster than 100 m/s, left out of the route.

@@ -460,7 +460,7 @@ class ScanCropper:
             result.done = self._put(result, self._paths.scan(number), scan.cut, keep)
             self._cut_point_labels(result, keep)
             self._find_empty_labels(result, scan.points[keep])
-        self._put_labels(result)
+        self._write_labels(result)
         return result
 
     def _leave_out(self, result: CutScan, reason: str) -> None:
@@ -494,7 +494,7 @@ class ScanCropper:
             reason = next(iter(calibration.missing.values()), str(error))
             result.failures.append((Stream.LABELS, f'{reason}; all labels are kept'))
 
-    def _put_labels(self, result: CutScan) -> None:
+    def _write_labels(self, result: CutScan) -> None:
         """Write the labels of the frame without the empty ones."""
         paths = self._paths.frame_labels(result.number)
         if paths is None:

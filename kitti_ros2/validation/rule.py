@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 S = TypeVar('S')
 
 _LINE = re.compile(r'(?P<path>.+?)(?::(?P<line>\d+))?: (?P<text>.+)', re.DOTALL)
-MOST_KEPT = 1000
+MOST_FINDINGS = 1000
 """Most findings of a rule in a report; others are counted only, which bounds memory."""
 
 
@@ -108,11 +108,11 @@ class RuleTable(list[Rule[S]]):
     ) -> Callable[[Callable[[S], Iterable[Breach]]], Callable[[S], Iterable[Breach]]]:
         """Add a rule for the decorated function, which finds its breaches; see Rule."""
 
-        def keep(find: Callable[[S], Iterable[Breach]]) -> Callable[[S], Iterable[Breach]]:
+        def add_rule(find: Callable[[S], Iterable[Breach]]) -> Callable[[S], Iterable[Breach]]:
             self.append(Rule(rule_id, severity, scope or self._scope, checks, remedy, find))
             return find
 
-        return keep
+        return add_rule
 
 
 def find_breaches(rules: Iterable[Rule[S]], subject: S) -> Iterator[tuple[str, Breach]]:
@@ -286,7 +286,7 @@ class FindingTally:
             if breach in rule_breaches:
                 continue
             self._counts[rule] += 1
-            if len(rule_breaches) < MOST_KEPT:
+            if len(rule_breaches) < MOST_FINDINGS:
                 rule_breaches[breach] = None
 
     def report(self, sources: Iterable[CheckedSource]) -> ValidationReport:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 #
 # Latched messages are stored and sent to each new subscriber, as a transient local publisher does.
 
-_RENEW_AFTER_NS = 100_000_000
+_RESEND_AFTER_NS = 100_000_000
 _LAST_WAIT_S = 0.3
 
 
@@ -92,12 +92,12 @@ class ViewerChannels(Transport):
             for index, channel in enumerate(self.channels)
             if channel.latched
         }
-        self._renew_ns: int | None = None
+        self._resend_ns: int | None = None
 
     def query_wanted(self) -> frozenset[int]:
         """Return the on-demand outlets with a subscriber; resend latched messages after a seek."""
-        if self._renew_ns is not None and time.monotonic_ns() >= self._renew_ns:
-            self._renew()
+        if self._resend_ns is not None and time.monotonic_ns() >= self._resend_ns:
+            self._resend()
         return super().query_wanted()
 
     def audience(self) -> Audience:
@@ -115,7 +115,7 @@ class ViewerChannels(Transport):
         if latched is not None:
             with self._lock:
                 latched.append((data, stamp_ns))
-            if self._renew_ns is not None:
+            if self._resend_ns is not None:
                 return
         self._channels[outlet].log(data, log_time=stamp_ns)
 
@@ -133,7 +133,7 @@ class ViewerChannels(Transport):
         self._queried_ns = 0
         outlet = self._index.get(topic)
         if outlet is not None:
-            self._give(outlet)
+            self._send_latched(outlet)
 
     def publish_time(self, stamp_ns: int) -> None:
         """Send the recording's time."""
@@ -148,16 +148,16 @@ class ViewerChannels(Transport):
             for outlet, latched in self._latched.items():
                 if outlet != self._state:
                     latched.clear()
-        if self._renew_ns is None:
-            self._renew_ns = time.monotonic_ns() + _RENEW_AFTER_NS
+        if self._resend_ns is None:
+            self._resend_ns = time.monotonic_ns() + _RESEND_AFTER_NS
         self._publish_jump(stamp_ns)
 
-    def _renew(self) -> None:
-        self._renew_ns = None
+    def _resend(self) -> None:
+        self._resend_ns = None
         for outlet in self._latched:
-            self._give(outlet)
+            self._send_latched(outlet)
 
-    def _give(self, outlet: int) -> None:
+    def _send_latched(self, outlet: int) -> None:
         with self._lock:
             latched = list(self._latched.get(outlet, ()))
         for data, stamp_ns in latched:
@@ -165,8 +165,8 @@ class ViewerChannels(Transport):
 
     def finish(self, seconds: float) -> tuple[str, ...]:
         """Wait a fixed time for queued messages; the server does not report their delivery."""
-        if self._renew_ns is not None:
-            self._renew()
+        if self._resend_ns is not None:
+            self._resend()
         if any(channel.has_sinks() for channel in self._channels):
             time.sleep(min(seconds, _LAST_WAIT_S))
         return ()

@@ -131,7 +131,7 @@ def test_a_part_of_a_data_set_names_the_whole(root):
 
 
 def test_findings_are_counted_beyond_those_that_are_kept(monkeypatch, tmp_path):
-    monkeypatch.setattr('kitti_ros2.validation.rule.MOST_KEPT', 10)
+    monkeypatch.setattr('kitti_ros2.validation.rule.MOST_FINDINGS', 10)
     tally = FindingTally(rules_by_id(bags=False))
     tally.add(('scan-size', rule.Breach(f'{number}', tmp_path)) for number in range(25))
     tally.add([('scan-size', rule.Breach('3', tmp_path))])
