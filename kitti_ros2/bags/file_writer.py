@@ -140,12 +140,18 @@ def _zstd(level: int, data: bytes) -> bytes:
     return zstandard.ZstdCompressor(level=level).compress(data)
 
 
-# rosbag2's metadata, version 9 (Jazzy): offered QoS profiles, and metadata.yaml.
+# rosbag2's metadata, version 8: offered QoS profiles, and metadata.yaml.
 #
 # The same text is stored in three places: metadata.yaml of a directory, the metadata table of a
 # sqlite3 file, and the Metadata record ``rosbag2`` of an MCAP file.
+#
+# Version 8 is read by every living ROS 2; Humble (d256a5ba) and Iron (a269cd41) refuse version 9:
+# offered_qos_profiles are a text with the numbers of rmw there (Humble's metadata_io.cpp:71, and
+# qos.cpp:85-88). From Jazzy (64717ee8) on they are a list from version 9 only (yaml.hpp:130-136),
+# and the history of a profile, number or word, decides how its other policies are read, also in a
+# file alone (qos.cpp, decode of rclcpp::QoS).
 
-VERSION = 9
+VERSION = 8
 ROS_DISTRO = 'jazzy'
 
 # RMW_DURATION_INFINITE of rmw, which rosbag2 writes for "no deadline" and "no lifespan".
@@ -157,7 +163,7 @@ _UNPRINTABLE = re.compile('[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff
 
 
 def qos_profile(channel: Channel) -> dict[str, Any]:
-    """Return the QoS offered by a channel's publisher, as metadata version 9 spells it."""
+    """Return the QoS offered by a channel's publisher, with the numbers of rmw."""
     return dict(_profile(channel.depth, latched=channel.latched))
 
 
@@ -217,13 +223,13 @@ def metadata_yaml(information: Mapping[str, Any]) -> bytes:
 @lru_cache  # one for all topics: 65,000 of their own take 30 MB
 def _profile(depth: int, *, latched: bool) -> dict[str, Any]:
     return {
-        'history': 'keep_last',
+        'history': 1,  # keep last
         'depth': depth,
-        'reliability': 'reliable',
-        'durability': 'transient_local' if latched else 'volatile',
+        'reliability': 1,  # reliable
+        'durability': 1 if latched else 2,  # transient local, volatile
         'deadline': _INFINITE,
         'lifespan': _INFINITE,
-        'liveliness': 'automatic',
+        'liveliness': 1,  # automatic
         'liveliness_lease_duration': _INFINITE,
         'avoid_ros_namespace_conventions': False,
     }
@@ -259,7 +265,7 @@ class _TopicList:
                     'name': channel.topic,
                     'type': channel.msgtype,
                     'serialization_format': 'cdr',
-                    'offered_qos_profiles': [_profile(channel.depth, latched=channel.latched)],
+                    'offered_qos_profiles': qos_text(channel),
                     'type_description_hash': self._hashes[channel.msgtype],
                 },
                 'message_count': sum(counts),

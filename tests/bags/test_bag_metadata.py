@@ -43,7 +43,8 @@ def test_qos_text_is_a_list_of_one_profile():
     for channel in CHANNELS:
         (parsed,) = parse_qos(qos_text(channel))
         (loaded,) = yaml.safe_load(qos_text(channel))
-        assert loaded['history'] == 'keep_last'
+        assert loaded['history'] == parsed.history.value == 1
+        assert loaded['durability'] == (1 if channel.latched else 2)
         assert loaded['depth'] == parsed.depth == channel.depth
         # What rmw takes for "none": a deadline of 0 s would be one that is always missed.
         assert loaded['deadline'] == {'sec': 9223372036, 'nsec': 854775807}

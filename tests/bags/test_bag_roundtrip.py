@@ -226,7 +226,7 @@ def test_mcap_carries_rosbag2_metadata(written):
         records = {each.name: each.metadata for each in make_reader(stream).iter_metadata()}
     assert records['kitti_ros2'] == SOURCE
     information = yaml.safe_load(records['rosbag2']['serialized_metadata'])
-    assert information['version'] == 9
+    assert information['version'] == 8
     assert information['relative_file_paths'] == [each.name for each in files]
     assert information['custom_data'] == SOURCE
 
@@ -240,7 +240,7 @@ def test_metadata_yaml_agrees_with_the_files(written, samples):
         'rosbag2_bagfile_information'
     ]
     files = bag_files(path)
-    assert information['version'] == 9
+    assert information['version'] == 8
     assert information['ros_distro'] == 'jazzy'
     assert information['storage_identifier'] == options.storage
     assert information['relative_file_paths'] == [each.name for each in files]
