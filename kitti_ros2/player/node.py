@@ -317,7 +317,8 @@ def descriptor(parameter: Option) -> ParameterDescriptor:
         name=parameter.name,
         description=parameter.meaning,
         read_only=not parameter.live,
-        dynamic_typing=parameter.any_type,
+        # ROS refuses rate:=2 where 2.0 is declared; the settings check what was given.
+        dynamic_typing=parameter.any_type or isinstance(parameter.default, float),
     )
     if parameter.bounds and isinstance(parameter.default, float):
         low, high = parameter.bounds

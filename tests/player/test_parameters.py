@@ -6,8 +6,20 @@ import pytest
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
 from kitti_ros2.options.table import make_play_settings
-from kitti_ros2.player.node import _LIVE, _OF_SOURCE, PARAMETERS, descriptor, given, to_parameters
+from kitti_ros2.player.node import (
+    _LIVE,
+    _OF_SOURCE,
+    PARAMETERS,
+    declare,
+    descriptor,
+    given,
+    to_parameters,
+)
 
 
 @pytest.mark.parametrize(
@@ -45,6 +57,23 @@ def test_parameters_are_described_with_their_ranges():
     assert described['period'].read_only
     words = 'Layout of the KITTI folder: raw or object or odometry or tracking; empty: detected'
     assert described['layout'].description == words
+
+
+def test_an_integer_is_accepted_where_a_number_is_meant():
+    numbers = {parameter.name for parameter in PARAMETERS if isinstance(parameter.default, float)}
+    assert {'rate', 'delay', 'marker_alpha'} <= numbers
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    try:
+        given_values = [Parameter(name, value=1) for name in numbers]
+        node = Node('numbers', context=context, parameter_overrides=given_values)
+        values = declare(node)
+        assert {values[name] for name in numbers} == {1}
+        settings = make_play_settings(given(values))
+        assert (settings.playback.rate, settings.playback.clock_hz) == (1.0, 1.0)
+        assert settings.playback.delay_ns == 10**9
+    finally:
+        rclpy.shutdown(context=context)
 
 
 def test_the_player_applies_every_parameter_that_may_change():

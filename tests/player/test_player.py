@@ -290,7 +290,9 @@ class TestWhileItLoops:
         [
             ('rate', 200.0, 'rate'),
             ('rate', -1.0, 'rate'),
-            ('rate', '"fast"', 'parameter type'),
+            ('rate', '"fast"', 'rate takes a number'),
+            ('rate', 'true', 'rate takes a number'),
+            ('rate', 101, 'rate'),
             ('step', -1, 'step'),
             ('loop', -1, 'loop'),
             ('position', 99, 'there is no frame 99; it has 5 frames, 0 to 4'),
