@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import TypeAlias
 
-    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
+    from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
     from rosbags.typesys.store import Typestore
 
     from .container_file import Problems
@@ -274,12 +274,19 @@ class Definitions:
 
     def _enter(self, bag: Path, file: Path, key: tuple[str, str, str]) -> str:
         try:
-            types = parse_definition(*key)
-            _check_names(types)
+            parsed = parse_definition(*key)
+            _check_names(parsed)
         except Exception as error:  # noqa: BLE001 - a parser of any text may raise anything
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
             self._problems.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
             return ''
+        types = {name: _ros2_spelled(name, definition) for name, definition in parsed.items()}
+        if types != parsed and key[2] != 'ros1msg':
+            names = ', '.join(
+                name for name, definition in types.items() if definition != parsed[name]
+            )
+            text = f'spells fields of {names} otherwise than ROS 2 (capital letters)'
+            self._problems.note(f'{file}: {text}; they are read all the same')
         for name, (_, fields) in types.items():
             if name in self._types and self._types[name][1] != fields:
                 if self._origins[name] != bag:
@@ -347,20 +354,29 @@ def _check_names(types: Typesdict) -> None:
 
 
 def _ros2_like(types: Typesdict) -> Typesdict:
-    """Convert the types of a ROS 1 bag to ROS 2: a Header without seq, names in lower case."""
+    """Convert the types of a ROS 1 bag to ROS 2: a Header without seq."""
     definitions = dict(types)
     if HEADER in definitions:
         constants, fields = definitions[HEADER]
         definitions[HEADER] = (constants, [member for member in fields if member[0] != 'seq'])
-    for name, definition in TYPESTORE.fielddefs.items():
-        if name in definitions and _kinds(definitions[name]) == _kinds(definition):
-            definitions[name] = definition
     return definitions
 
 
-def _kinds(definition: tuple[Constdefs, Fielddefs]) -> list[FieldDesc]:
-    """Return the types of a definition's fields, without their names."""
-    return [kind for _, kind in definition[1]]
+def _ros2_spelled(
+    name: str, definition: tuple[Constdefs, Fielddefs]
+) -> tuple[Constdefs, Fielddefs]:
+    """Return a definition with the field names of ROS 2 where only their case differs.
+
+    ROS 1 has D, K, R and P in CameraInfo; rosbags-convert keeps these names in ROS 2 bags.
+    """
+    constants, fields = definition
+    letters = [field.lower() for field, _ in fields]
+    expected = {
+        field.lower(): field
+        for field, _ in TYPESTORE.fielddefs.get(name, ([], []))[1]
+        if letters.count(field.lower()) == 1
+    }
+    return constants, [(expected.get(field.lower(), field), kind) for field, kind in fields]
 
 
 def _complete(types: Typesdict, msgtype: str) -> bool:

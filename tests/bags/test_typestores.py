@@ -115,3 +115,26 @@ def test_threads_that_ask_at_the_same_time_get_one_class(monkeypatch):
     with ThreadPoolExecutor(2) as pool:
         assert len(set(pool.map(ask, range(2)))) == 1
     assert len(made) == 1
+
+
+@pytest.mark.parametrize('encoding', ['ros1msg', 'ros2msg'])
+def test_a_field_that_differs_in_case_is_the_field(encoding):
+    """rosbags-convert keeps D, K, R and P of ROS 1 in its bags of ROS 2."""
+    name = 'sensor_msgs/msg/RegionOfInterest'
+    text = 'uint32 X_OFFSET\nuint32 y_offset\nuint32 Height\nuint32 width\nuint32 extra\n'
+    problems = Problems()
+    found = Definitions(problems)
+    found.add(Path('bag'), Path('bag'), StoredChannel('/a', name, 'cdr', text, encoding))
+    fields = [field for field, _ in found.typestore().fielddefs[name][1]]
+    assert fields == ['x_offset', 'y_offset', 'height', 'width', 'extra']
+    assert bool(problems.notes) == (encoding == 'ros2msg')
+
+
+@pytest.mark.parametrize('first', ['width', 'Width'])
+def test_a_second_field_of_the_same_letters_stays(first):
+    name = 'sensor_msgs/msg/RegionOfInterest'
+    found = Definitions(Problems())
+    text = f'uint32 {first}\nuint32 WIDTH\n'
+    found.add(Path('bag'), Path('bag'), StoredChannel('/a', name, 'cdr', text, 'ros2msg'))
+    fields = [field for field, _ in found.typestore().fielddefs[name][1]]
+    assert fields == [first, 'WIDTH']
