@@ -28,7 +28,7 @@ from .chunked_file import (
     Record,
     open_bytes,
 )
-from .container_file import Chunk, StoredChannel, offered_qos, ros2_spelling
+from .container_file import Chunk, StoredChannel, latched_qos, offered_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning
 from .mcap_writer import MAGIC
 
@@ -299,6 +299,7 @@ class _McapChannel(NamedTuple):
     schema_id: int
     encoding: str
     profiles: str
+    latched: bool
 
     def contradicts(self, other: _McapChannel) -> bool:
         """Return whether another record describes another channel; QoS profiles may be missing."""
@@ -361,15 +362,15 @@ class Descriptions:
     def _source_channel(self, channel: _McapChannel, definition: str) -> StoredChannel:
         schema = self._schemas.get(channel.schema_id)
         name = schema.name if schema else ''
-        cdr = channel.encoding == 'cdr' and '/' in name
+        is_ros = channel.encoding in {'cdr', 'ros1'} and '/' in name
         return StoredChannel(
             channel.topic,
-            ros2_spelling(name) if cdr else name,
+            ros2_spelling(name) if is_ros else name,
             channel.encoding,
             definition,
             schema.encoding if schema else '',
             schema=schema.data if schema and schema.encoding == 'protobuf' else b'',
-            **offered_qos(channel.profiles),
+            **(latched_qos() if channel.latched else offered_qos(channel.profiles)),
         )
 
 
@@ -382,7 +383,8 @@ def _parse_channel(body: Buffer) -> tuple[int, _McapChannel]:
     record = Channel.read(ReadDataStream(BytesIO(body)))
     profiles = record.metadata.get('offered_qos_profiles', '')
     encoding = intern(record.message_encoding)
-    return record.id, _McapChannel(record.topic, record.schema_id, encoding, profiles)
+    latched = encoding == 'ros1' and record.metadata.get('latching') == '1'
+    return record.id, _McapChannel(record.topic, record.schema_id, encoding, profiles, latched)
 
 
 def _two_ways(noun: str, number: int, first: str, second: str) -> str:

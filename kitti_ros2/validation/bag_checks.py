@@ -16,7 +16,7 @@ from ..messages.images import size_of
 from ..messages.naming import RECORDING, BagContext
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import decoders
-from ..model.bag_formats import CAMERA_INFO, COMPRESSED, CONTAINERS, IMAGE, STRING, TF_TYPES
+from ..model.bag_formats import CAMERA_INFO, COMPRESSED, IMAGE, STRING, TF_TYPES
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.streams import NS_PER_S, Layout
 from ..model.yaml_text import load_yaml
@@ -170,14 +170,13 @@ class _BagPass:
 
     def _read(self, messages: BagMessages, progress: Callable[[int, int], None]) -> None:
         decode = Decoder(messages.typestore, lent=True)
-        has_qos = CONTAINERS[self._bag.located.storage].in_rosbag2
         expected = messages.expected
         for done, message in enumerate(messages, 1):
             track = self._tracks.get(message.topic)
             if track is None:
                 latched = message.topic in messages.latched
                 profiles = messages.sources[message.topic].profiles
-                track = TopicTrack(self._bag.path, message.topic, latched, has_qos, profiles)
+                track = TopicTrack(self._bag.path, message.topic, latched, profiles)
                 self._tracks[message.topic] = track
             track.log_ns.append(message.stamp_ns)
             if message.msgtype in CHECKED_TYPES:

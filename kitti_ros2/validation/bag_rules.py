@@ -497,7 +497,6 @@ class TopicTrack:
         bag: The bag.
         topic: Name.
         latched: True if its publisher resends the last messages to late subscribers.
-        has_qos: True if the bag stores the QoS of publishers.
         profiles: QoS as rosbag2's text.
         log_ns: Log times, in the order of the bag.
         header_ns: Stamps of the headers, for types with one.
@@ -506,7 +505,6 @@ class TopicTrack:
     bag: Path
     topic: str
     latched: bool = False
-    has_qos: bool = True
     profiles: str = ''
     log_ns: array[int] = field(default_factory=lambda: array('q'))
     header_ns: array[int] = field(default_factory=lambda: array('q'))
@@ -609,7 +607,7 @@ def _find_gap(track: TopicTrack) -> Iterator[Breach]:
     'record with --qos-profile-overrides-path, else late subscribers get no frames',
 )
 def _find_unlatched(track: TopicTrack) -> Iterator[Breach]:
-    if track.topic.endswith('tf_static') and track.has_qos and not track.latched:
+    if track.topic.endswith('tf_static') and track.profiles and not track.latched:
         yield track.breach('its publisher does not offer durability transient local')
 
 
