@@ -136,7 +136,7 @@ setup(
             'datasets/*.txt',
             'messages/definitions/*',
             'options/stacks/*.yaml',
-            'player/fastdds.xml',
+            'player/*.xml',
             'report/templates/*',
         ]
     },

@@ -215,7 +215,7 @@ def test_executable_and_python(setup_arguments: dict[str, Any]) -> None:
         'datasets/*.txt',
         'messages/definitions/*',
         'options/stacks/*.yaml',
-        'player/fastdds.xml',
+        'player/*.xml',
         'report/templates/*',
     ]
     assert setup_arguments['package_data'] == {'kitti_ros2': data}

@@ -19,7 +19,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from ..model.errors import UsageError, one_line
-from .ros_installation import middleware
+from .ros_installation import fast_dds_version, middleware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -63,10 +63,10 @@ def captured_stderr() -> Iterator[Callable[[], list[str]]]:
                 sys.stderr.writelines(f'{line}\n' for line in written())
 
 
-_PROFILE = Path(__file__).with_name('fastdds.xml')
-_PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+# The variable of the profiles by the version of Fast DDS; 3 warns of that of 2.
+_PROFILE_VARIABLES = {2: 'FASTRTPS_DEFAULT_PROFILES_FILE', 3: 'FASTDDS_DEFAULT_PROFILES_FILE'}
 # If one of these is set, the user has own settings.
-_OWN_SETTINGS = (_PROFILE_VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+_OWN_SETTINGS = (*_PROFILE_VARIABLES.values(), 'FASTDDS_BUILTIN_TRANSPORTS')
 _OWN_PROFILE = 'DEFAULT_FASTRTPS_PROFILES.xml'
 
 _FAST, _CYCLONE = 'rmw_fastrtps', 'rmw_cyclonedds'
@@ -120,7 +120,7 @@ def _find_home() -> None:
 
 def settings_variable() -> str:
     """Return the environment variable with the middleware's settings; empty if unknown."""
-    variables = {_FAST: _PROFILE_VARIABLE, _CYCLONE: _CYCLONE_VARIABLE}
+    variables = {_FAST: _PROFILE_VARIABLES[fast_dds_version()], _CYCLONE: _CYCLONE_VARIABLE}
     name = middleware()
     return next((variables[variable] for variable in variables if name.startswith(variable)), '')
 
@@ -129,7 +129,9 @@ def _use_profile() -> None:
     """Set the profile of Fast DDS if the user has none; prepend settings for Cyclone DDS."""
     own = any(os.environ.get(name) for name in _OWN_SETTINGS) or Path(_OWN_PROFILE).exists()
     if middleware().startswith(_FAST) and not own:
-        os.environ[_PROFILE_VARIABLE] = str(_PROFILE)
+        version = fast_dds_version()
+        profile = Path(__file__).with_name(f'fastdds{version}.xml')
+        os.environ[_PROFILE_VARIABLES[version]] = str(profile)
     if middleware().startswith(_CYCLONE) and stays_on_this_machine(os.environ):
         os.environ[_CYCLONE_VARIABLE] = cyclone_settings(os.environ.get(_CYCLONE_VARIABLE, ''))
 

@@ -5,15 +5,37 @@
 from __future__ import annotations
 
 import os
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
 from ..model.errors import UsageError
 
+_JAZZY, _KILTED = 7, 9
+_DISTRIBUTIONS = {3: 'humble', 4: 'iron', _JAZZY: 'jazzy', _KILTED: 'kilted'}
+"""By the major version of rclpy."""
+
 
 def middleware() -> str:
     """Return the name of the middleware that ROS will load."""
     return os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
+
+
+def distribution() -> str:
+    """Return the name of the ROS 2 that is installed, such as jazzy."""
+    return os.environ.get('ROS_DISTRO') or _DISTRIBUTIONS.get(_rclpy_major(), 'rolling')
+
+
+def fast_dds_version() -> int:
+    """Return the major version of Fast DDS that comes with the ROS 2 that is installed."""
+    return 3 if _rclpy_major() >= _KILTED else 2
+
+
+def _rclpy_major() -> int:
+    try:
+        return int(metadata.version('rclpy').partition('.')[0])
+    except (metadata.PackageNotFoundError, ValueError):
+        return _JAZZY
 
 
 def check_installed() -> None:
@@ -34,7 +56,7 @@ def check_installed() -> None:
         (folder / f'lib{name}.so').exists() for folder in _library_folders()
     ):
         return
-    package = 'ros-jazzy-' + name.replace('_', '-')
+    package = f'ros-{distribution()}-' + name.replace('_', '-')
     if 'RMW_IMPLEMENTATION' in os.environ:
         raise UsageError(
             f'the middleware {name} is not installed; install {package}, or unset'

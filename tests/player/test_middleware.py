@@ -18,6 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout
+from kitti_ros2.player import ros_installation
 from kitti_ros2.player.middleware import (
     _find_home,
     _use_profile,
@@ -113,6 +114,29 @@ def test_fast_dds_has_no_settings_of_cyclone(cyclone):
     _use_profile()
     assert 'CYCLONEDDS_URI' not in os.environ
     assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == '/mine.xml'
+
+
+@pytest.mark.parametrize(
+    ('rclpy', 'variable', 'element', 'distribution'),
+    [
+        ('3.3.15', 'FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod', 'humble'),
+        ('7.1.6', 'FASTRTPS_DEFAULT_PROFILES_FILE', 'heartbeatPeriod', 'jazzy'),
+        ('9.1.2', 'FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period', 'kilted'),
+        ('11.0.0', 'FASTDDS_DEFAULT_PROFILES_FILE', 'heartbeat_period', 'rolling'),
+    ],
+)
+def test_the_profile_is_that_of_the_fast_dds_of_the_ros(
+    cyclone, rclpy, variable, element, distribution
+):
+    cyclone.setenv('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
+    cyclone.setattr('importlib.metadata.version', lambda _: rclpy)
+    cyclone.delenv('ROS_DISTRO', raising=False)
+    cyclone.delenv(variable, raising=False)
+    _use_profile()
+    profile = ET.parse(os.environ.pop(variable))
+    names = {name.tag.partition('}')[2] for name in profile.iter()}
+    assert {'heartbeatPeriod', 'heartbeat_period'} & names == {element}
+    assert ros_installation.distribution() == distribution
 
 
 @pytest.mark.parametrize('reason', [ELEMENT, INTERFACE, BUFFER, FILE])
