@@ -130,10 +130,12 @@ def test_the_profile_is_that_of_the_fast_dds_of_the_ros(
 ):
     cyclone.setenv('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
     cyclone.setattr('importlib.metadata.version', lambda _: rclpy)
-    cyclone.delenv('ROS_DISTRO', raising=False)
-    cyclone.delenv(variable, raising=False)
+    settings = 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTDDS_DEFAULT_PROFILES_FILE'
+    for name in ('ROS_DISTRO', 'FASTRTPS_DEFAULT_PROFILES_FILE', *settings):
+        cyclone.setenv(name, '')  # so that it is put back, whatever is done to it
+        cyclone.delenv(name)
     _use_profile()
-    profile = ET.parse(os.environ.pop(variable))
+    profile = ET.parse(os.environ[variable])
     names = {name.tag.partition('}')[2] for name in profile.iter()}
     assert {'heartbeatPeriod', 'heartbeat_period'} & names == {element}
     assert ros_installation.distribution() == distribution
