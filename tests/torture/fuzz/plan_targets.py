@@ -51,7 +51,7 @@ def _survey(data: bytes) -> None:
     survey = survey_bags([path])
     for topic in survey.topics.values():
         [*topic.stamp_notes()]
-        _ = topic.has_own_stamps, topic.frame
+        _ = topic.has_own_stamps, topic.frame_id
     options = [ImportOptions(layout=layout) for layout in (*Layout, None)]
     options += [ImportOptions(layout=Layout.OBJECT, all_cameras=True)]
     options += [ImportOptions(layout=Layout.OBJECT, calib=Path('calib'), name='a')]

@@ -181,13 +181,13 @@ class SignalledWorker:
     """A worker; while the second one is stopped, or joined, a signal comes."""
 
     def __init__(self, workers, place, error):
-        self.connection = self.job = self
+        self.connection = self.task = self
         self.killed = False
         self._raises = error if len(workers) == 1 else None
         self._place = place
         workers.append(self)
 
-    def give(self, job):
+    def send(self, task):
         pass
 
     def stop(self):
