@@ -85,11 +85,10 @@ def find_roots(source: Path, is_file: Callable[[Path], bool] | None = None) -> l
     return list(dict.fromkeys(paths))
 
 
-def find_all_roots(
-    sources: Sequence[Path], is_file: Callable[[Path], bool] | None = None
-) -> list[Path]:
-    """Return the folders of several collections, as find_roots."""
-    return list(dict.fromkeys(root for source in sources for root in find_roots(source, is_file)))
+def find_all_roots(sources: Sequence[Path]) -> list[Path]:
+    """Return the folders and bags of several collections, as find_roots."""
+    roots = (root for source in sources for root in find_roots(source, is_bag_name))
+    return list(dict.fromkeys(roots))
 
 
 def _listed(path: Path) -> Iterator[Path]:

@@ -22,7 +22,7 @@ from ..options.evaluation import (
     make_tracking_options,
 )
 from .output import PLOTS, cell, figure_cells, number_cell, plain_table
-from .run_all import Combined, need_folder, refuse_sequence, run_collection
+from .run_all import Combined, output_folder, run_collection
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -88,8 +88,7 @@ def run_eval_all(
         The exit code.
     """
     read = evaluation.read(given)
-    refuse_sequence(read)
-    folder = need_folder(output.out, PLOTS)
+    folder = output_folder(read, output.out, PLOTS)
     evaluation.check()
     truth, results = paths
     chosen = {**given, 'overwrite': output.overwrite}

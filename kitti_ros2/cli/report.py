@@ -49,20 +49,19 @@ def _run_all(
     show: bool,
 ) -> int:
     """Write a page for each recording and bag of a collection, and an index of them."""
-    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.job_functions import run_report_job
-    from ..batch.jobs import common_folder, find_roots, find_source_jobs
+    from ..batch.jobs import common_folder, find_all_roots, find_source_jobs
     from ..files.staging import staged_file
     from ..report.page import IndexEntry, make_index
-    from .run_all import Combined, need_folder, refuse_sequence, run_collection
+    from .run_all import Combined, output_folder, refuse_sequence, run_collection
 
     read = make_settings(given).read
     refuse_sequence(read)
     if results is not None:
         raise UsageError(f'{results}: --results scores one recording; leave out --all')
-    folder = need_folder(output.out, ENDINGS)
-    roots = find_roots(src, is_bag_name)
+    folder = output_folder(read, output.out, ENDINGS)
+    roots = find_all_roots([src])
     index = folder / f'{_INDEX}{_SUFFIX}'
 
     def find(search: FolderSearch) -> list[Job]:

@@ -255,16 +255,18 @@ def refuse_sequence(read: ReadOptions) -> None:
         raise UsageError('--sequence chooses one recording and --all takes all; give one of them')
 
 
-def need_folder(out: Path | None, endings: Sequence[str] = ()) -> Path:
-    """Return the output folder of a collection.
+def output_folder(read: ReadOptions, out: Path | None, endings: Sequence[str] = ()) -> Path:
+    """Return the output folder of a collection, of which no sequence is chosen.
 
     Args:
+        read: As given.
         out: As given with -o.
         endings: Endings of the files that -o names without --all.
 
     Raises:
-        UsageError: It is not given, or is the name of a file.
+        UsageError: It is not given, or is the name of a file; or a sequence is given.
     """
+    refuse_sequence(read)
     if out is None:
         raise UsageError('--all writes a file for each unit; give their folder with -o OUT')
     if out.suffix.lower() in endings and not out.is_dir():

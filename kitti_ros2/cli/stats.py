@@ -42,19 +42,17 @@ def _run_all(
     output: ResultOutput,
 ) -> int:
     """Count the content of each job of a collection; print and write the total as a table."""
-    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.job_functions import run_statistics_job
     from ..batch.jobs import common_folder, find_all_roots, find_source_jobs
     from ..datasets.set_statistics import SetStatistics, plain_values, write_csv
     from ..files.staging import staged_file
-    from .run_all import Combined, need_folder, refuse_sequence, run_collection
+    from .run_all import Combined, output_folder, run_collection
     from .stats_tables import KEEP_ALL_BUT_TABLES, TABLE, print_sets
 
     read, options = make_statistics_options(given)
-    refuse_sequence(read)
-    folder = need_folder(output.out, PLOTS)
-    roots = find_all_roots(paths, is_bag_name)
+    folder = output_folder(read, output.out, PLOTS)
+    roots = find_all_roots(paths)
     table = folder / TABLE
 
     def combine(done: Sequence[tuple[JobRecord, Path]]) -> Combined:

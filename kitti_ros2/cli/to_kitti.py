@@ -376,7 +376,6 @@ def _run_all(
     json: bool,
 ) -> int:
     """Convert a collection of bags, each to a folder of its own."""
-    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.job_functions import PLAN_FILE, run_kitti_job
     from ..batch.jobs import find_all_roots, find_bag_jobs
@@ -388,7 +387,7 @@ def _run_all(
     if options.append:
         raise UsageError('--append continues one data set, and --all writes one for each bag')
     plan = {} if plan_file is None else {PLAN_FILE: plan_file}
-    roots = find_all_roots(sources, is_bag_name)
+    roots = find_all_roots(sources)
     collection = Collection('to-kitti', out, '', {**given, **plan}, batch, run_kitti_job)
     return run_collection(
         collection, lambda search: find_bag_jobs(roots, search), quiet=quiet, json=json

@@ -38,16 +38,14 @@ def _run_all(
     output: ResultOutput,
 ) -> int:
     """Check the recordings and bags of a collection."""
-    from ..bags.locate import is_bag_name
     from ..batch.collection import Collection
     from ..batch.job_functions import run_validation_job
     from ..batch.jobs import find_all_roots, find_source_jobs
-    from .run_all import need_folder, refuse_sequence, run_collection
+    from .run_all import output_folder, run_collection
 
     read, _ = make_validation_options(given)
-    refuse_sequence(read)
-    folder = need_folder(output.out, ['.json'])
-    roots = find_all_roots(paths, is_bag_name)
+    folder = output_folder(read, output.out, ['.json'])
+    roots = find_all_roots(paths)
     chosen = {**given, 'overwrite': output.overwrite}
     collection = Collection('validate', folder, '.json', chosen, batch, run_validation_job)
     return run_collection(
