@@ -409,12 +409,8 @@ class BagMessages:
             if conflict:
                 self._leave_out_undefined(reading, conflict)
         types = {name for reading in self._readings.values() for name in types_of(reading.channel)}
-        undefined = definitions.complete(types)
+        reasons = definitions.complete(types)
         self._definitions = definitions
-        reasons = {
-            msgtype: f'neither the bag nor ROS 2 Jazzy defines {msgtype or "a type without a name"}'
-            for msgtype in sorted(undefined)
-        }
         if self._as_stored:
             for reason in reasons.values():
                 self._problems.note(f'{self._path}: {reason}; it is copied as it is')

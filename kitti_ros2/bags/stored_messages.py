@@ -30,6 +30,8 @@ from ..messages.type_definitions import (
     closure,
     lazy_typestore,
     parse_plain,
+    with_wide_strings,
+    without_wide_fields,
 )
 from ..model.bag_formats import HEADER
 from ..model.errors import KittiRos2Error
@@ -218,6 +220,7 @@ class Definitions:
         self._problems = problems
         self._types: Typesdict = {}
         self._origins: dict[str, Path] = {}
+        self._unread: dict[str, str] = {}
         self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
 
     def add(self, bag: Path, file: Path, channel: StoredChannel) -> str:
@@ -233,9 +236,14 @@ class Definitions:
             self._seen[bag, key] = self._enter(bag, file, key)
         return self._seen[bag, key]
 
-    def complete(self, msgtypes: Iterable[str]) -> frozenset[str]:
-        """Add the types of ROS 2 Jazzy that some types need; returns those without a definition."""
-        return frozenset(name for name in sorted(set(msgtypes)) if not _complete(self._types, name))
+    def complete(self, msgtypes: Iterable[str]) -> dict[str, str]:
+        """Add the types of ROS 2 Jazzy that some types need; returns why others are undefined."""
+        return {
+            name: self._unread.get(name)
+            or f'neither the bag nor ROS 2 Jazzy defines {name or "a type without a name"}'
+            for name in sorted(set(msgtypes))
+            if not _complete(self._types, name)
+        }
 
     def check_extent(self, msgtype: str) -> None:
         """Check that code may visit each field of a type: see messages.type_definitions.
@@ -278,7 +286,8 @@ class Definitions:
             _check_names(parsed)
         except Exception as error:  # noqa: BLE001 - a parser of any text may raise anything
             reason = ' '.join(str(error).split())[:_LONGEST_REASON]
-            self._problems.note(f'{file}: the definition of {key[0]} cannot be read ({reason})')
+            self._unread[key[0]] = f'the definition of {key[0]} cannot be read ({reason})'
+            self._problems.note(f'{file}: {self._unread[key[0]]}')
             return ''
         types = {name: _ros2_spelled(name, definition) for name, definition in parsed.items()}
         if types != parsed and key[2] != 'ros1msg':
@@ -324,14 +333,19 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         body = rest if newline and head.startswith('IDL: ') else part
         if body.strip():
             types.update(get_types_from_idl(body))
-    return types
+    return with_wide_strings(types) if 'wstring' in text else types
 
 
 def _parse_messages(msgtype: str, text: str) -> Typesdict:
     short = shortened(text)
+    is_wide = 'wstring' in short
+    if is_wide:
+        short = without_wide_fields(short)
     types = parse_plain(msgtype, short)
-    # Without a line break at its end, rosbags refuses a text whose last type has no fields.
-    return get_types_from_msg(f'{short}\n', msgtype) if types is None else types
+    if types is None:
+        # Without a line break at its end, rosbags refuses a text whose last type has no fields.
+        types = get_types_from_msg(f'{short}\n', msgtype)
+    return with_wide_strings(types) if is_wide else types
 
 
 def _check_names(types: Typesdict) -> None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -116,6 +117,75 @@ def _full_name(name: str, package: str) -> str:
     return name if '/msg/' in name or '/action/' in name else f'{other}/msg/{own}'
 
 
+# Wide strings, which rosbags cannot read: a type of its own takes the place of each.
+#
+# rosidl_typesupport_fastrtps of Jazzy and Kilted writes a wstring as the number of its UTF-16 code
+# units, then each as a uint32, without a terminator: the bytes of a message with one uint32[].
+
+_WIDE_STRING = re.compile(r'rosidl_runtime_c/msg/U16String([0-9]*)')
+_WIDE_FIELD = re.compile(
+    r'^[ \t]*wstring(?:<=(\d+))?(\[[^\]\n]*\])?[ \t]+(\w+)[ \t]*(=?).*$', re.MULTILINE
+)
+
+
+def without_wide_fields(text: str) -> str:
+    """Return a text of messages with the type of a wide string in place of each wstring.
+
+    Constants and defaults of this type are dropped.
+    """
+    return _WIDE_FIELD.sub(
+        lambda field: '' if field[4] else f'{_wide_string(field[1])}{field[2] or ""} {field[3]}',
+        text,
+    )
+
+
+def _wide_string(bound: object) -> str:
+    return f'rosidl_runtime_c/msg/U16String{bound or ""}'
+
+
+def wide_string_bound(msgtype: str) -> int | None:
+    """Return the bound of a wide string's type, 0 for none; None for other types."""
+    match = _WIDE_STRING.fullmatch(msgtype)
+    return int(match[1] or 0) if match else None
+
+
+def with_wide_strings(types: Typesdict) -> Typesdict:
+    """Return types with that of a wide string in place of each wstring, and these types."""
+    replaced: Typesdict = {
+        name: (constants, [(field, _without_wide(kind)) for field, kind in fields])
+        for name, (constants, fields) in types.items()
+    }
+    units: FieldDesc = (Nodetype.SEQUENCE, ((Nodetype.BASE, ('uint32', 0)), 0))
+    inner = {nested_type(kind) for _, fields in replaced.values() for _, kind in fields}
+    wide = [name for name in inner if name and wide_string_bound(name) is not None]
+    return {**replaced, **{name: ([], [('units', units)]) for name in sorted(wide)}}
+
+
+def _without_wide(described: FieldDesc) -> FieldDesc:
+    kind, content = described
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        element, size = cast('tuple[BaseDesc | NameDesc, int]', content)
+        return cast('FieldDesc', (kind, (_without_wide(element), size)))
+    if kind == Nodetype.BASE and content[0] == 'wstring':
+        return (Nodetype.NAME, _wide_string(content[1]))
+    return described
+
+
+def _read_wide_string(
+    order: str, data: bytes, position: int, _cls: type, _store: Typestore
+) -> tuple[str, int]:
+    """Read one; the arguments are those of a function that rosbags makes.
+
+    Raises:
+        struct.error: It is longer than the message, or has a number above 16 bits.
+    """
+    (count,) = struct.unpack_from(f'{order}I', data, position)
+    position += 4
+    units = struct.unpack_from(f'{order}{count}I', data, position)
+    text = struct.pack(f'<{count}H', *units).decode('utf-16-le', 'surrogatepass')
+    return text, position + 4 * count
+
+
 # Definitions of message types, of short texts and the files in definitions/; what is in them.
 
 _FOLDER = Path(__file__).with_name('definitions')
@@ -212,7 +282,8 @@ class LazyFunctions:
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - functions, sizes and a class
         if name not in _MADE:
             raise AttributeError(name)
-        attribute = self.__dict__[name] = _MADE[name](self)
+        made = _MADE if wide_string_bound(self.name) is None else {**_MADE, **_READ_WIDE_STRING}
+        attribute = self.__dict__[name] = made[name](self)
         return attribute
 
 
@@ -238,6 +309,11 @@ _MADE: dict[str, Callable[[LazyFunctions], object]] = {
     'ros1_to_cdr': partial(_converter, ros1.generate_ros1_to_cdr, copy=True),
     'getsize_cdr_to_ros1': partial(_converter, ros1.generate_cdr_to_ros1, copy=False),
     'cdr_to_ros1': partial(_converter, ros1.generate_cdr_to_ros1, copy=True),
+}
+
+_READ_WIDE_STRING: dict[str, Callable[[LazyFunctions], object]] = {
+    'deserialize_cdr_le': lambda _: partial(_read_wide_string, '<'),
+    'deserialize_cdr_be': lambda _: partial(_read_wide_string, '>'),
 }
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from ..messages.type_definitions import wide_string_bound
 from ..model.errors import MissingDataError
 
 if TYPE_CHECKING:
@@ -376,6 +377,9 @@ def _parse(msgtype: str, name: str, node: Any, rest: Any) -> MessageField:  # no
         shape = Shape.BOUNDED if length else Shape.UNBOUNDED
         shape = Shape.ARRAY if node.name == 'ARRAY' else shape
         node, rest = node_of_element, rest_of_element
+    bound = wide_string_bound(rest) if node.name == 'NAME' else None
+    if bound is not None:
+        return MessageField(name, 'wstring', string_bound=bound, shape=shape, length=length)
     if node.name == 'NAME':
         return MessageField(name, _MESSAGE, nested=rest, shape=shape, length=length)
     kind, string_bound = rest

@@ -58,6 +58,7 @@ Size = tuple[int, int]
 _MOST_UNPAIRED = 64
 """Stored sizes of a topic, compared with those of the other topic by stamp."""
 _UNDEFINED = 'it is copied as it is'
+_SPELLED = 'otherwise than ROS 2 (capital letters)'
 _GROUND_TRUTH = '/kitti/ground_truth/'
 """Topics of to-bag, whose frames may be a separate tree."""
 _FIXED = frozenset({'', 'map', 'odom', 'world', 'earth'})
@@ -195,6 +196,18 @@ def _find_unreadable(bag: BagFacts) -> Iterator[Breach]:
 
 
 @BAG_RULES.add(
+    'bag-field-names',
+    WARNING,
+    'Definitions have the field names of ROS 2',
+    'they are read here, but other programs miss them; rosbags-convert leaves those of ROS 1',
+)
+def _find_spelled_fields(bag: BagFacts) -> Iterator[Breach]:
+    for text in bag.notes:
+        if _SPELLED in text:
+            yield bag.breach(text.partition(';')[0])
+
+
+@BAG_RULES.add(
     'bag-empty',
     NOTE,
     'Bags contain messages',
@@ -213,7 +226,7 @@ def _find_empty(bag: BagFacts) -> Iterator[Breach]:
 )
 def _find_notes(bag: BagFacts) -> Iterator[Breach]:
     for text in bag.notes:
-        if METADATA not in text and _UNDEFINED not in text:
+        if not any(marker in text for marker in (METADATA, _UNDEFINED, _SPELLED)):
             yield bag.breach(text)
 
 

@@ -350,6 +350,12 @@ def test_a_definition_that_cannot_be_read_is_a_note(tmp_path):
     assert rules(path) == {'bag-note'}
 
 
+@pytest.mark.parametrize(('field', 'expected'), [('Data', {'bag-field-names'}), ('data', set())])
+def test_a_field_in_other_letters_is_a_warning(tmp_path, field, expected):
+    schema = ('std_msgs/msg/String', 'ros2msg', f'string {field}'.encode())
+    assert rules(write_mcap(tmp_path / 'a.mcap', schema, 'cdr')) == expected
+
+
 def qos(**policies: object) -> str:
     usual = {'history': 1, 'reliability': 1, 'durability': 2, 'liveliness': 1}
     return ''.join(
@@ -395,6 +401,7 @@ def test_every_rule_has_a_test():
         'bag-damage',
         'bag-metadata',
         'bag-schema',
+        'bag-field-names',
         'bag-note',
     }
     assert set(rules_by_id(bags=True)) - {each.id for each in FOLDER_RULES} == tested
