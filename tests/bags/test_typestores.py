@@ -142,7 +142,7 @@ def test_a_second_field_of_the_same_letters_stays(first):
 
 def test_a_definition_that_cannot_be_read_is_the_reason():
     found = Definitions(Problems())
-    found.add(Path('bag'), Path('bag'), StoredChannel('/a', NAME, 'cdr', 'uint8 a b c', 'ros2msg'))
+    found.add(Path('bag'), Path('bag'), StoredChannel('/a', NAME, 'cdr', '%%%', 'ros2msg'))
     reasons = found.complete([NAME, 'robot_msgs/msg/Other'])
     assert reasons[NAME].startswith(f'the definition of {NAME} cannot be read (')
     other = 'neither the bag nor ROS 2 Jazzy defines robot_msgs/msg/Other'
