@@ -24,7 +24,7 @@ from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, sta
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
 from ..messages.images import size_of as image_size
-from ..messages.naming import CALIBRATION, RECORDING, decode_text
+from ..messages.naming import CALIBRATION, RECORDING, decode_texts
 from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import FrameTree, LinkTally
@@ -582,9 +582,15 @@ class _SurveyPass:
         elif topic.name == CALIBRATION and topic.msgtype == STRING:
             text = self._decoded(topic, message)
             if text is not None:
-                self._calibrations.append((message.stamp_ns, decode_text(text)))
+                self._take_calibration(topic, message.stamp_ns, text)
         elif topic.name in ForwardStamps.topics and topic.msgtype == STRING:
             self._take_source(topic, message)
+
+    def _take_calibration(self, topic: TopicSurvey, stamp_ns: int, text: Any) -> None:  # noqa: ANN401
+        try:
+            self._calibrations += [(stamp_ns, file) for file in decode_texts(text)]
+        except ValueError as error:
+            topic.fail(error)
 
     def _take_source(self, topic: TopicSurvey, message: BagMessage) -> None:
         text = self._decoded(topic, message)

@@ -305,8 +305,12 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
 
 # Text files <-> std_msgs/String, verbatim, for byte-exact restoration.
 #
-# The first line of the string is the file's name relative to the recording's root; the rest is the
-# file's text, or the part of it that belongs to the frame.
+# The text of a frame: the first line of the string is the file's name relative to the recording's
+# root; the rest is the file's text, or the part of it that belongs to the frame.
+#
+# The files of a recording, or of a calibration, are one message: tools that cut bags keep no more
+# than the latest message of a latched topic. It is a JSON object, each text by its name. Earlier
+# versions wrote a message a file, as the text of a frame.
 
 RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
@@ -329,6 +333,30 @@ def decode_text(message: String) -> TextFile:
     """Decode a file's name and text: the inverse of encode_text."""
     name, _, text = message.data.partition('\n')
     return TextFile(name, text)
+
+
+def encode_texts(files: Sequence[TextFile]) -> String:
+    """Make a String of whole files, as JSON: their texts by name."""
+    return String(json.dumps({file.name: file.text for file in files}, ensure_ascii=False))
+
+
+def decode_texts(message: String) -> tuple[TextFile, ...]:
+    """Decode whole files: the inverse of encode_texts, and the one file of earlier versions.
+
+    Raises:
+        ValueError: The message is damaged, or its JSON is no object of texts.
+    """
+    if not message.data.startswith('{'):
+        return (decode_text(message),)
+    try:
+        pairs = json.loads(message.data, object_pairs_hook=tuple)
+    except RecursionError:
+        raise ValueError('the JSON of files is nested') from None
+    if not all(isinstance(text, str) for _, text in pairs):
+        raise ValueError('the JSON of files has a value that is no text')
+    for pair in pairs:
+        ''.join(pair).encode()  # raises for half a surrogate pair, which no file can have
+    return tuple(TextFile(name, text) for name, text in pairs)
 
 
 def encode_sweep(scan: Scan) -> String | None:

@@ -6,7 +6,8 @@ A row is one topic, and encode and decode are an inverse pair: the converter wri
 makes, the player publishes it, and the readers of bags written by to-bag get the sample back with
 decode. What comes back:
 
-- /kitti/source/{calibration,files,oxts,labels}: the text of each file or frame, verbatim
+- /kitti/source/{calibration,files}: the text files of a frame or of the recording, verbatim
+- /kitti/source/{oxts,labels}: the text of each frame, verbatim
 - /kitti/source/recording: the values of the description
 - odometry: pose in map, motion and sigmas, up to rounding; a motion of zeros is unknown
 - points: points and labels, bit for bit; not the turn, nor start and end of the sweep
@@ -90,9 +91,11 @@ from .naming import (
     SWEEP,
     decode_description,
     decode_text,
+    decode_texts,
     encode_description,
     encode_sweep,
     encode_text,
+    encode_texts,
     every_naming,
     naming_of,
     pose_in_map,
@@ -195,9 +198,9 @@ def make_static(calibration: Calibration, context: EncodeContext) -> object:
     return encode_static(links, context.stamp_ns)
 
 
-def make_files(sample: Calibration | Description, context: EncodeContext) -> list[object]:  # noqa: ARG001 - one form for all
-    """Make a String of each text file of a calibration or a recording."""
-    return [encode_text(file) for file in sample.files]
+def make_files(sample: Calibration | Description, context: EncodeContext) -> object | None:  # noqa: ARG001 - one form for all
+    """Make a String of the text files of a calibration or a recording; None without any."""
+    return encode_texts(sample.files) if sample.files else None
 
 
 def make_source(sample: FrameLabels | OxtsPacket, context: EncodeContext) -> object | None:  # noqa: ARG001
@@ -442,8 +445,8 @@ class Topic(Channel):
         """True if each message is the text of a frame: a file, or its lines of a common file."""
         return self.restores and not self.latched and not self.on_demand
 
-    def serialize(self, sample: Sample, context: EncodeContext) -> list[Parts]:
-        """Serialise the sample's messages as CDR.
+    def serialize(self, sample: Sample, context: EncodeContext) -> Parts | None:
+        """Serialise the sample's message as CDR; None without one.
 
         Raises:
             BadFileError: The sample cannot be decoded.
@@ -451,35 +454,34 @@ class Topic(Channel):
         """
         try:
             message = self.encode(sample, context)
-            encoded = message if isinstance(message, list) else [] if message is None else [message]
-            messages = [item if isinstance(item, tuple) else serialize(item) for item in encoded]
+            parts = message if message is None or isinstance(message, tuple) else serialize(message)
         except ValueError as error:
             raise BadFileError(context.path, str(error), f'data for {self.topic}') from None
         except (struct.error, OverflowError) as error:
             what = f'a number that {self.msgtype} cannot hold ({error})'
             raise BadFileError(context.path, what, 'stamps before 2038 and 32-bit ids') from None
-        return messages
+        return parts
 
 
 def _calibration_key(calibration: Calibration) -> Hashable:
     return tuple(file.text for file in calibration.files)
 
 
-_MOST_FILES = 100
-"""Above the number of text files of any recording, so that late subscribers get them all."""
+_MOST_CALIBRATIONS = 100
+"""Of an object set, which has one a frame, late subscribers get so many."""
 
-_files: tuple[Encode, Decode] = (make_files, lambda message, _: decode_text(message))
+_files: tuple[Encode, Decode] = (make_files, lambda message, _: decode_texts(message))
 _source: tuple[Encode, Decode] = (make_source, lambda message, _: decode_text(message))
-_every: dict[str, Any] = {'latched': True, 'depth': _MOST_FILES, 'restores': True}
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
     Topic('/tf_static', TF, Stream.CALIBRATION, make_static,
           change_key=_calibration_key, **_last),
-    Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, **_every),
+    Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files,
+          latched=True, depth=_MOST_CALIBRATIONS, restores=True),
     Topic(RECORDING, STRING, Stream.RECORDING,
           lambda description, _: encode_description(dict(description.values)),
           lambda message, _: Description(decode_description(message)), **_last),
-    Topic(FILES, STRING, Stream.RECORDING, *_files, **_every),
+    Topic(FILES, STRING, Stream.RECORDING, *_files, restores=True, **_last),
     Topic('/kitti/ground_truth/path', PATH, Stream.PATH, make_path,
           **_last),
     Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,

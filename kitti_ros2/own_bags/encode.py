@@ -402,14 +402,15 @@ class Encoder:
         losses: list[Loss] = []
         for index, row in rows:
             try:
-                serialized = row.serialize(sample, context)
+                parts = row.serialize(sample, context)
             except RemoteError:
                 raise
             except (KittiRos2Error, OSError) as error:  # of the sample, or of the calibration
                 losses.append(Loss(row.topic, 1, describe_error(error)))
                 continue
             key = row.change_key(sample) if row.change_key else None
-            messages += [Message(index, context.stamp_ns, parts, key) for parts in serialized]
+            if parts is not None:
+                messages.append(Message(index, context.stamp_ns, parts, key))
         return messages, losses
 
     def _read(self, entry: Entry) -> Sample:

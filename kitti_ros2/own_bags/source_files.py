@@ -697,14 +697,14 @@ class _Source:
         for message in messages:
             try:
                 decoded = decode(message, STRING)
+                if message.topic == RECORDING:
+                    self._description = parse_description(decoded, path)
+                    continue
+                files = decoders()[message.topic](decoded, BagContext(path))
             except ValueError as error:
                 self._tally.lose(message.topic, message.stamp_ns, str(error))
                 continue
-            if message.topic == RECORDING:
-                self._description = parse_description(decoded, path)
-            else:
-                text = decoders()[message.topic](decoded, BagContext(path))
-                self._found.append((message.topic, message.stamp_ns, text))
+            self._found += [(message.topic, message.stamp_ns, file) for file in files]
 
     def make(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> SourceFiles:
         """Make the source files; invalid or missing texts are losses."""

@@ -115,12 +115,10 @@ class RecordingProgram:
             for code, stream in enumerate(Stream)
             if stream in latched
         }
-        self._kept: dict[int, tuple[list[Message], list[Loss]]] = {}
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
         self.channels: Sequence[Channel] = [
-            replace(row, depth=self._depth(index, row))
-            for index, row in enumerate(self._encoder.table)
+            replace(row, depth=self._depth(row)) for row in self._encoder.table
         ]
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
@@ -151,23 +149,14 @@ class RecordingProgram:
         self._named.update(loss.message for loss in losses)
         return messages, list(_by_reason(losses).values())
 
-    def _depth(self, channel: int, row: Topic) -> int:
+    def _depth(self, row: Topic) -> int:
         """Return the depth of a channel: a latched one queues the messages of one round at most.
 
         A deeper queue would fill with copies when the program is repeated.
         """
-        positions = self._latched.get(row.stream)
-        if not row.latched or row.depth == 1 or positions is None or not len(positions):
-            return row.depth
-        first = int(positions[0])
-        if first not in self._kept:
-            self._kept[first] = self._encode(first, ())
-        count = sum(message.channel == channel for message in self._kept[first][0])
-        return min(row.depth, max(1, count) * len(positions))
+        return min(row.depth, len(self._latched[row.stream])) if row.latched else row.depth
 
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
-        if index in self._kept:
-            return self._kept[index]
         entry = self._entries[index]
         encoded, losses = self._encoder.encode(entry, wanted)
         messages = [message._replace(parts=(message.data,)) for message in encoded]

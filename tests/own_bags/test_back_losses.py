@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way back names what is missing from a bag, costs no more than that, and ends with 1."""
+"""The way back names what is missing from a bag, costs no more than that, and ends with 1.
+
+The bags are as earlier versions wrote them: a message for each text file, so that one can be lost.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,7 @@ class Entry:
 
 
 def rewrite(bag: Path, change: Callable[[Entry], Entry | None]) -> Path:
-    """A copy of an MCAP file by the reference library, its messages changed or left out."""
+    """A copy of an MCAP file, a message a text file, its messages changed or left out."""
     out = bag.with_name(f'changed_{bag.name}')
     with bag.open('rb') as source, out.open('wb') as target:
         writer = Writer(target)
@@ -65,12 +68,20 @@ def rewrite(bag: Path, change: Callable[[Entry], Entry | None]) -> Path:
                 channels[channel.topic] = writer.register_channel(
                     channel.topic, 'cdr', schema_id, channel.metadata
                 )
-            entry = change(Entry(channel.topic, message.log_time, message.data))
-            if entry is not None:
+            entries = one_a_file(Entry(channel.topic, message.log_time, message.data))
+            for entry in filter(None, map(change, entries)):
                 stamp_ns = entry.stamp_ns
                 writer.add_message(channels[entry.topic], stamp_ns, entry.data, stamp_ns)
         writer.finish()
     return out
+
+
+def one_a_file(entry: Entry) -> list[Entry]:
+    """The messages of a text file each that earlier versions wrote for a message of whole files."""
+    if entry.topic not in {FILES, CALIBRATION} or not entry.text.startswith('{'):
+        return [entry]
+    files = json.loads(entry.text)
+    return [entry.with_text(f'{name}\n{text}'.encode()) for name, text in files.items()]
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -124,7 +135,8 @@ def texts_of(bag: Path, *topics: str) -> list[str]:
     """The names of the text files in a bag."""
     with bag.open('rb') as source:
         messages = list(make_reader(source).iter_messages(topics=list(topics)))
-    return [Entry('', 0, message.data).text.split('\n')[0] for *_, message in messages]
+    entries = [Entry(channel.topic, 0, message.data) for _, channel, message in messages]
+    return [each.text.split('\n')[0] for entry in entries for each in one_a_file(entry)]
 
 
 @pytest.mark.parametrize('layout', list(Layout))

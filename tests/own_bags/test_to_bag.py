@@ -15,7 +15,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import stamp_ns_of
-from kitti_ros2.messages.naming import decode_text
+from kitti_ros2.messages.naming import decode_text, decode_texts
 from kitti_ros2.messages.scan import decode_scan
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError
 from kitti_ros2.model.streams import Layout, Stream
@@ -105,8 +105,7 @@ def test_text_files_travel_verbatim(recording_path, written):
     carried = {}
     for topic in ('/kitti/source/files', '/kitti/source/calibration'):
         for _, message in found.get(topic, []):
-            file = decode_text(message)
-            carried[file.name] = file.text
+            carried |= {file.name: file.text for file in decode_texts(message)}
     for topic in ('/kitti/source/labels', '/kitti/source/oxts'):
         parts: dict[str, str] = {}
         for _, message in found.get(topic, []):
