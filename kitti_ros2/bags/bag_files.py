@@ -55,6 +55,7 @@ def open_files(
     """
     for loss in bag.losses:
         problems.lose(loss)
+    problems.notes.update(dict.fromkeys(bag.notes))
     from .stored_messages import ros_channel  # noqa: PLC0415 - 20 ms, for bags only
 
     files: list[tuple[Path, BagFile]] = []

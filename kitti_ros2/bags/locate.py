@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -45,6 +45,7 @@ class BagFiles:
         message_count: From metadata.yaml, None without one.
         topics: Those listed in metadata.yaml.
         losses: Losses so far, one line each.
+        notes: Lines that are no loss.
     """
 
     path: Path
@@ -55,6 +56,7 @@ class BagFiles:
     message_count: int | None = None
     topics: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def container(self) -> str:
@@ -104,7 +106,9 @@ def locate_bag(path: Path) -> BagFiles:
     for storage, files in _files(path).items():
         if files and not CONTAINERS[storage].in_rosbag2:
             return BagFiles(path, storage, files, directory=True)
-    return _without_metadata(path, f'{path}: has no {METADATA}')
+    bag = _without_metadata(path, f'{path}: has no {METADATA}')
+    # Tools that write single files leave folders like this one. A cut file has a loss of its own.
+    return bag if (path / METADATA).exists() else replace(bag, losses=(), notes=bag.losses)
 
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:
@@ -128,7 +132,7 @@ def _listed(path: RemotePath) -> Iterable[str]:
 
 
 def _without_metadata(path: Path, reason: str) -> BagFiles:
-    """Locate the files of a recorder that was killed before it wrote its metadata.
+    """Locate the files of a folder whose metadata.yaml is absent or unreadable, which is a loss.
 
     Raises:
         BadBagError: There are no files.

@@ -58,6 +58,7 @@ Size = tuple[int, int]
 _MOST_UNPAIRED = 64
 """Stored sizes of a topic, compared with those of the other topic by stamp."""
 _UNDEFINED = 'it is copied as it is'
+_ABSENT = f'has no {METADATA}'
 _SPELLED = 'otherwise than ROS 2 (capital letters)'
 _GROUND_TRUTH = '/kitti/ground_truth/'
 """Topics of to-bag, whose frames may be a separate tree."""
@@ -174,13 +175,25 @@ def _find_damage(bag: BagFacts) -> Iterator[Breach]:
 @BAG_RULES.add(
     'bag-metadata',
     ERROR,
-    'metadata.yaml exists, and agrees with the files',
+    'metadata.yaml is readable, and agrees with the files',
     'ros2 bag reindex writes it again',
 )
 def _find_metadata(bag: BagFacts) -> Iterator[Breach]:
     for text in (*bag.losses, *bag.notes):
-        if METADATA in text:
+        if METADATA in text and not (_ABSENT in text and text in bag.notes):
             yield bag.breach(text)
+
+
+@BAG_RULES.add(
+    'bag-folder',
+    WARNING,
+    'A folder of bag files has a metadata.yaml',
+    'nothing here needs it, but ros2 bag does for a folder: ros2 bag reindex writes it',
+)
+def _find_unindexed(bag: BagFacts) -> Iterator[Breach]:
+    for text in bag.notes:
+        if _ABSENT in text:
+            yield bag.breach(text.partition(';')[0])
 
 
 @BAG_RULES.add(

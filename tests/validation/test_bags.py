@@ -316,7 +316,7 @@ def test_metadata_that_disagrees(tmp_path):
         metadata.write_text(text.replace(right, wrong))
         assert rules(path) == {'bag-metadata'}
     metadata.unlink()
-    assert rules(path) == {'bag-metadata'}
+    assert rules(path) == {'bag-folder'}
     metadata.write_text('[')
     assert rules(path) == {'bag-metadata'}
 
@@ -400,6 +400,7 @@ def test_every_rule_has_a_test():
         'image-decode',
         'bag-damage',
         'bag-metadata',
+        'bag-folder',
         'bag-schema',
         'bag-field-names',
         'bag-note',

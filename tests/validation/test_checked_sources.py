@@ -79,7 +79,7 @@ def test_parts_of_a_bag_without_metadata_are_one_bag(root, tmp_path):
     shutil.copy(root / 'bags/bag.mcap', folder / 'run_0.mcap')
     report = validate(folder)
     assert names(report) == ['run']
-    assert {each.rule for each in report.findings} == {'bag-metadata'}
+    assert {each.rule for each in report.findings} == {'bag-folder'}
 
 
 @pytest.mark.parametrize('layout', list(Layout))
