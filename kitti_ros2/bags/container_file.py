@@ -179,6 +179,33 @@ def qos_faults(profiles: str) -> list[str]:
     return list(dict.fromkeys(faults))
 
 
+def stored_profiles(profiles: str) -> list[dict[str, Any]]:
+    """Return the profiles of a text, with the numbers of rmw; none if it is no valid list."""
+    if not profiles.strip():
+        return []
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - as above
+
+    try:
+        return [
+            {**profile, **{name: _policy_number(name, profile[name]) for name in _POLICIES}}
+            for profile in load_yaml(profiles)
+        ]
+    except (TypeError, KeyError, ValueError):  # YamlTextError is one
+        return []
+
+
+def _policy_number(policy: str, value: object) -> int:
+    """Return the number of a policy from its number or word.
+
+    Raises:
+        ValueError: It is neither.
+    """
+    words = _POLICIES[policy]
+    if isinstance(value, int) and value in range(len(words)):
+        return int(value)
+    return words.index(str(value).lower())
+
+
 # Summaries of bags from the stamps of their messages.
 
 StampArray: TypeAlias = npt.NDArray[np.int64]

@@ -16,6 +16,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from ..model.bag_formats import CONTAINERS
+from .container_file import StoredChannel, stored_profiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Mapping
@@ -168,8 +169,12 @@ def qos_profile(channel: Channel) -> dict[str, Any]:
 
 
 def qos_text(channel: Channel) -> str:
-    """Return the offered_qos_profiles of a channel as the YAML text that containers store."""
-    return _qos_text(channel.depth, latched=channel.latched)
+    """Return the offered_qos_profiles of a channel as the YAML text that containers store.
+
+    The profiles of a channel of another bag are kept.
+    """
+    stored = channel.profiles if isinstance(channel, StoredChannel) else ''
+    return _qos_text(channel.depth, stored, latched=channel.latched)
 
 
 def bag_information(
@@ -236,8 +241,26 @@ def _profile(depth: int, *, latched: bool) -> dict[str, Any]:
 
 
 @lru_cache
-def _qos_text(depth: int, *, latched: bool) -> str:
-    return _yaml([_profile(depth, latched=latched)]).decode()
+def _qos_text(depth: int, stored: str, *, latched: bool) -> str:
+    made = _profile(depth, latched=latched)
+    kept = [_completed(profile, made) for profile in stored_profiles(stored)]
+    return _yaml(kept or [made]).decode()
+
+
+def _completed(profile: Mapping[str, Any], made: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a stored profile in the form of one made here, which has what it lacks."""
+
+    def value(name: str) -> Any:  # noqa: ANN401 - numbers and durations
+        stored: Any = profile.get(name)
+        default: Any = made[name]
+        if type(stored) is not type(default):
+            return default
+        if not isinstance(default, dict):
+            return stored if stored >= 0 else default
+        parts = {part: stored.get(part) for part in default}
+        return parts if all(isinstance(number, int) for number in parts.values()) else default
+
+    return {name: value(name) for name in made}
 
 
 class _TopicList:

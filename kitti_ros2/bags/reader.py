@@ -199,6 +199,7 @@ class BagMessages:
             and the typestore returns the original texts of definitions.
         as_ros: Whether messages with Foxglove's schemas are converted, and log times beyond int64
             become the last one; by default unless as_stored.
+        converted: For copies: encodings whose messages are converted to CDR all the same.
         must_read: Whether a requested topic that cannot be read is an error; else it is left out.
 
     Attributes:
@@ -221,15 +222,19 @@ class BagMessages:
         *,
         as_stored: bool = False,
         as_ros: bool | None = None,
+        converted: Collection[str] = (),
         must_read: bool = True,
     ) -> None:
         self._path = path_of(bags[0])
         self._problems = Problems()
         self._must_read = must_read and topics is not None
         self._as_stored = as_stored
+        self._converted = frozenset(converted) if as_stored else READ
         as_ros = not as_stored if as_ros is None else as_ros
         self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
-        self._converter = CdrConverter(lambda: self.typestore, as_stored=as_stored)
+        self._converter = CdrConverter(
+            lambda: self.typestore, converts_ros1='ros1' in self._converted
+        )
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}
         with ExitStack() as exit_stack:
@@ -242,7 +247,11 @@ class BagMessages:
             self._files = [file for _, _, file in files]
             self._readings = {
                 (number, channel_id): Reading(
-                    number, channel_id, bag, path, channel if as_ros else stored_channel(channel)
+                    number,
+                    channel_id,
+                    bag,
+                    path,
+                    channel if as_ros else self._as_copied(channel),
                 )
                 for number, (bag, path, file) in enumerate(files)
                 for channel_id, channel in file.channels.items()
@@ -275,7 +284,11 @@ class BagMessages:
         35 ms, and many readers do without.
         """
         store = self._definitions.typestore()
-        return self._definitions.with_original_texts(store) if self._as_stored else store
+        return self.with_texts(store) if self._as_stored else store
+
+    def with_texts(self, typestore: Typestore) -> Typestore:
+        """Return a store of types whose definition texts are those of the bags: see Definitions."""
+        return self._definitions.with_original_texts(typestore)
 
     @property
     def complete(self) -> bool:
@@ -351,6 +364,11 @@ class BagMessages:
         which = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
         self._problems.lose_one(f'{which} cannot be read ({reason})')
 
+    def _as_copied(self, channel: StoredChannel) -> StoredChannel:
+        """Return a channel as stored, unless its messages are converted from outside of ROS."""
+        stored = stored_channel(channel)
+        return channel if stored.encoding in self._converted - READ else stored
+
     def _leave_out_encodings(self) -> None:
         """Skip channels that cannot be converted to CDR.
 
@@ -411,13 +429,14 @@ class BagMessages:
         types = {name for reading in self._readings.values() for name in types_of(reading.channel)}
         reasons = definitions.complete(types)
         self._definitions = definitions
-        if self._as_stored:
-            for reason in reasons.values():
-                self._problems.note(f'{self._path}: {reason}; it is copied as it is')
-            return
         for reading in list(self._readings.values()):
-            lacking = [name for name in types_of(reading.channel) if name in reasons]
-            if lacking:
+            channel = reading.channel
+            lacking = [name for name in types_of(channel) if name in reasons]
+            if not lacking:
+                continue
+            if self._as_stored and stored_channel(channel).encoding not in self._converted:
+                self._problems.note(f'{self._path}: {reasons[lacking[0]]}; it is copied as it is')
+            else:
                 self._leave_out_undefined(reading, reasons[lacking[0]])
 
     def _prepare(self) -> None:

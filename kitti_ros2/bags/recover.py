@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
 from ..model.bag_formats import CONTAINERS
-from ..model.errors import BadBagError, KittiRos2Error, NotABagError, UsageError, describe_error
+from ..model.errors import BadBagError, NotABagError, UsageError
 from ..options.outputs import BagOptions
+from .copy_messages import MessageCopy, open_copied, outlets_of
 from .locate import locate_bag
-from .reader import BagMessages
 from .writer import guess_storage, open_bag
 
 if TYPE_CHECKING:
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .locate import BagFiles
-    from .reader import BagMessage
-    from .writer import BagWriter
+    from .reader import BagMessages
 
 
 @dataclass(frozen=True)
@@ -78,12 +76,12 @@ def recover(
     if lies_inside(out, path):
         raise UsageError(f'{out}: is the bag that is to be read, or in it; give another name')
     storage = guess_storage(out, storage, default=bag.storage)
-    as_stored = CONTAINERS[bag.storage].encoding in {'cdr', CONTAINERS[storage].encoding}
-    with BagMessages([path], as_stored=as_stored) as messages:
+    with open_copied([path], storage) as messages:
         compression = _compression(messages, storage)
         options = BagOptions(storage, compression, overwrite=overwrite, fsync=fsync)
-        with open_bag(out, options, messages.typestore) as writer:
-            copy = _Copy(writer, messages, storage)
+        made = outlets_of(messages, storage)
+        with open_bag(out, options, made.typestore) as writer:
+            copy = MessageCopy(messages, storage, made, writer)
             expected = messages.expected
             for done, message in enumerate(messages, 1):
                 copy.take(message)
@@ -100,7 +98,10 @@ def recover(
         losses=tuple(losses),
         lost=sum(filter(None, losses.values())),
         lost_exactly=None not in losses.values(),
-        notes=tuple(problem for problem in messages.problems if problem not in losses),
+        notes=(
+            *(problem for problem in messages.problems if problem not in losses),
+            *copy.notes,
+        ),
     )
 
 
@@ -111,68 +112,6 @@ def _located(path: Path) -> BagFiles:
         from .bag_files import explain_no_bag  # noqa: PLC0415 - readers of KITTI, for errors only
 
         raise explain_no_bag(path, error) from None
-
-
-class _Copy:
-    """A copy in progress: writes messages, and counts those that the new bag cannot hold.
-
-    Attributes:
-        counts: Messages by topic.
-        size_bytes: Bytes of all messages.
-        losses: Reasons why messages cannot be written, with the number of messages.
-    """
-
-    def __init__(self, writer: BagWriter, messages: BagMessages, storage: str) -> None:
-        self._writer = writer
-        self._storage = storage
-        self._ids: dict[str, int] = {}
-        self._unwritten: dict[str, str] = {}
-        self._first_lost: dict[tuple[str, str], str] = {}
-        self.counts: dict[str, int] = {}
-        self.size_bytes = 0
-        self.losses: Counter[str] = Counter()
-        for topic, channel in sorted(messages.sources.items()):
-            try:
-                self._ids[topic] = writer.add_channel(channel)
-            except (KittiRos2Error, MemoryError):
-                raise
-            except Exception as error:  # noqa: BLE001 - types of any kind
-                circular = isinstance(error, RecursionError)
-                why = 'its definition refers to itself' if circular else error
-                text = f'{topic}: {channel.msgtype} cannot be written to {storage} ({why})'
-                self._unwritten[topic] = text
-                self.losses[text] = 0
-            else:
-                self.counts[topic] = 0
-
-    def take(self, message: BagMessage) -> None:
-        """Write a message.
-
-        Raises:
-            OutputError: The disk refuses.
-        """
-        topic = message.topic
-        if topic not in self._ids:
-            self.losses[self._unwritten[topic]] += 1
-            return
-        try:
-            _check_stamp(message.stamp_ns, self._storage)
-            self._writer.write(self._ids[topic], message.stamp_ns, [message.data])
-        except (KittiRos2Error, MemoryError):
-            raise
-        except Exception as error:  # noqa: BLE001 - converters may raise anything
-            reason = describe_error(error)
-            text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({reason})'
-            self.losses[self._first_lost.setdefault((topic, reason), text)] += 1
-            return
-        self.counts[topic] += 1
-        self.size_bytes += len(message.data)
-
-
-def _check_stamp(stamp_ns: int, storage: str) -> None:
-    # A damaged record may have any stamp.
-    if not 0 <= stamp_ns < CONTAINERS[storage].stamp_limit_ns:
-        raise ValueError(f'{storage} has no such time')
 
 
 def _compression(messages: BagMessages, storage: str) -> str:

@@ -13,16 +13,11 @@ from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
 
 from mcap.records import Schema
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
+from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
 
 from ..messages.foxglove import TRANSLATIONS, Fields, JsonFields, Translation, translate
 from ..messages.ros_types import TYPESTORE
+from ..messages.ros_versions import jazzy_types
 from ..messages.type_definitions import (
     LazyClasses,
     LazyTypestore,
@@ -222,6 +217,7 @@ class Definitions:
         self._origins: dict[str, Path] = {}
         self._unread: dict[str, str] = {}
         self._seen: dict[tuple[Path, tuple[str, str, str]], str] = {}
+        self._respelled: set[str] = set()
 
     def add(self, bag: Path, file: Path, channel: StoredChannel) -> str:
         """Enter the definition of a channel.
@@ -262,7 +258,7 @@ class Definitions:
         own = [name for name in closure(self._types, msgtype) if name in self._origins]
         if not own:
             return
-        jazzy = _jazzy()
+        jazzy = jazzy_types()
         for name in own:
             if name in jazzy and jazzy[name][1] != self._types[name][1]:
                 raise ValueError(f'{self._origins[name]} defines {name} otherwise than ROS 2 Jazzy')
@@ -272,11 +268,14 @@ class Definitions:
         return typestore_of(self._types)
 
     def with_original_texts(self, typestore: Typestore) -> Typestore:
-        """Return a store whose definition texts are those of the bags, if they are of ROS 2."""
+        """Return a store whose definition texts are those of the bags, if they are of ROS 2.
+
+        Texts with other names of fields than ROS 2 has, such as D of CameraInfo, are left out.
+        """
         texts = {
             msgtype: text
             for _, (msgtype, text, encoding) in sorted(self._seen)
-            if encoding == 'ros2msg'
+            if encoding == 'ros2msg' and text not in self._respelled
         }
         return OriginalTexts(typestore, texts)
 
@@ -294,6 +293,7 @@ class Definitions:
             names = ', '.join(
                 name for name, definition in types.items() if definition != parsed[name]
             )
+            self._respelled.add(key[1])
             text = f'spells fields of {names} otherwise than ROS 2 (capital letters)'
             self._problems.note(f'{file}: {text}; they are read all the same')
         for name, (_, fields) in types.items():
@@ -399,7 +399,7 @@ def _complete(types: Typesdict, msgtype: str) -> bool:
     if not missing:
         return True
     # Loading all types of ROS 2 takes as long as reading a gigabyte; the common ones are at hand.
-    for load in (_common, _jazzy):
+    for load in (_common, jazzy_types):
         available = {**load(), **types}
         needed = list(closure(available, msgtype))
         if all(name in available for name in needed):
@@ -410,12 +410,6 @@ def _complete(types: Typesdict, msgtype: str) -> bool:
 
 def _common() -> Typesdict:
     return TYPESTORE.fielddefs
-
-
-@lru_cache(maxsize=1)
-def _jazzy() -> Typesdict:
-    # Loading all types of ROS 2 is slow, and most bags do not need it.
-    return {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **TYPESTORE.fielddefs}
 
 
 # Messages of ROS 1 as CDR.
@@ -622,12 +616,12 @@ class CdrConverter:
 
     Args:
         typestore: Returns the types as the bags define them.
-        as_stored: Whether messages of ROS 1 stay as they are.
+        converts_ros1: Whether messages of ROS 1 are converted; else they stay as they are.
     """
 
-    def __init__(self, typestore: Callable[[], Typestore], *, as_stored: bool) -> None:
+    def __init__(self, typestore: Callable[[], Typestore], *, converts_ros1: bool) -> None:
         self._typestore = typestore
-        self._as_stored = as_stored
+        self._converts_ros1 = converts_ros1
         self._translators: dict[StoredChannel, Translate] = {}
 
     def prepare(self, channel: StoredChannel, definitions: Definitions) -> None:
@@ -641,7 +635,7 @@ class CdrConverter:
         if isinstance(channel, FoxgloveChannel):
             definitions.check_known(channel.msgtype)
             self._translators[channel] = translator(channel, self._typestore)
-        elif channel.encoding == 'ros1' and not self._as_stored:
+        elif channel.encoding == 'ros1' and self._converts_ros1:
             definitions.check_extent(channel.msgtype)
 
     def __call__(self, channel: StoredChannel, stored: Buffer, log_ns: int) -> Buffer:
@@ -659,6 +653,6 @@ class CdrConverter:
         data = decompress_message(stored) if stored[:4] == ZSTD_MAGIC else stored
         if channel in self._translators:
             return self._translators[channel](data, log_ns)
-        if channel.encoding == 'ros1' and not self._as_stored:
+        if channel.encoding == 'ros1' and self._converts_ros1:
             return ros1_to_cdr(self._typestore(), stored, channel.msgtype)
         return stored if channel.encoding == 'ros1' else data

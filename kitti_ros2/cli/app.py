@@ -41,7 +41,7 @@ _COMMANDS = {
     'play': ('play', 'Play a KITTI folder or a bag live, in ROS 2 or for Foxglove.'),
     'view': ('view', 'Draw frames of a KITTI folder or a bag, or show it in Rerun.'),
     'report': ('report', 'Write an HTML report on a KITTI folder or a bag.'),
-    'to-bag': ('to_bag', 'Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).'),
+    'to-bag': ('to_bag', 'Write a KITTI recording or a bag to a bag (MCAP, sqlite3, ROS 1).'),
     'to-kitti': ('to_kitti', 'Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.'),
     'status': ('status', 'Show how much of a collection is done, failed and left.'),
     'recover': ('recover', 'Repair a truncated or damaged bag; each loss is listed.'),

@@ -23,10 +23,18 @@ from ..model.errors import (
     notes_of,
 )
 from ..model.streams import Clock
+from ..options.declare import parse_values
 from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings, split_batch_options
 from .command import JsonOption, QuietOption, add_config, argument, takes
-from .output import conversion_progress, format_path, print_result, report_values, say
+from .output import (
+    conversion_progress,
+    format_path,
+    print_result,
+    report_values,
+    say,
+    step_progress,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -109,9 +117,85 @@ def _start_workers(given: Mapping[str, object]) -> None:
         prepare_workers(cluster=scheduler is not None)
 
 
+# Options that the conversion of a bag takes.
+_OF_BAGS = frozenset(
+    {
+        'storage',
+        'compression',
+        'compression_level',
+        'split_size',
+        'split_duration',
+        'overwrite',
+        'fsync',
+        'keep_partial',
+        'strict',
+        'topics',
+        'exclude_topics',
+        'start',
+        'end',
+    }
+)
+
+
+def _refuse_others(src: Path, given: Mapping[str, object], batch: BatchOptions) -> None:
+    """Refuse options that are for KITTI folders.
+
+    Raises:
+        UsageError: One is given, with another value than its default.
+    """
+    values = parse_values(given, TO_BAG)
+    others = [
+        opt.name
+        for opt in TO_BAG
+        if opt.name not in _OF_BAGS and values.get(opt.name, opt.default) != opt.default
+    ]
+    others += ['jobs'] * (batch.jobs is not None)
+    if others:
+        name = others[0].replace('_', '-')
+        raise UsageError(
+            f'{src}: --{name} is for KITTI folders, and this is a bag: it is written as it is;'
+            f' leave --{name} out'
+        )
+
+
+def _convert_bag(src: Path, out: Path, settings: Settings, *, quiet: bool, json: bool) -> int:
+    """Write a bag as another."""
+    from ..bags.convert import convert as convert_bag
+    from ..bags.open_source import open_bag_source
+
+    started = time.monotonic()
+    with (
+        open_bag_source(src) as bag,
+        step_progress('', show=not quiet) as progress,
+        _interruption_described(),
+    ):
+        report = convert_bag(bag, out, settings, progress)
+    elapsed = time.monotonic() - started
+
+    def show() -> None:
+        for note in report.notes:
+            say(f'note: {note}')
+        written = {topic: count for topic, count in report.counts.items() if count}
+        say(
+            f'{format_path(report.path)}: {format_count(sum(written.values()), "message")} on'
+            f' {format_count(len(written), "topic")}, {format_bytes(report.size_bytes)}; took'
+            f' {elapsed:.1f} s ({report.size_bytes / elapsed / 1e6:.0f} MB/s)'
+        )
+
+    return print_result(
+        lambda: {**report_values(report), 'seconds': elapsed},
+        show,
+        report.losses,
+        json=json,
+        quiet=quiet,
+    )
+
+
 @takes('TO_BAG_ALL')
 def to_bag(
-    src: Annotated[Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence')],
+    src: Annotated[
+        Path, argument('SRC', 'A KITTI folder: a drive, a data set, a sequence; or a bag')
+    ],
     out: Annotated[
         Path,
         argument('OUT', f'The bag: {FILE_NAMES}, or a rosbag2 directory'),
@@ -124,7 +208,11 @@ def to_bag(
     quiet: QuietOption = False,
     **given: object,
 ) -> int:
-    """Write a KITTI recording to a bag (MCAP, sqlite3, ROS 1).
+    """Write a KITTI recording or a bag to a bag (MCAP, sqlite3, ROS 1).
+
+    A bag of any container is written as OUT names it: messages keep their bytes where they can,
+    ROS 1 and ROS 2 become each other, and Foxglove's schemas become messages of ROS. Its options
+    are --topics, --exclude-topics, --start, --end, and those of the written bag.
 
     With --all: every drive, sequence and split below SRC, to OUT/NAME.mcap. A run that was stopped
     goes on where it was; the command status shows what is done.
@@ -134,6 +222,7 @@ def to_bag(
       kitti-ros2 to-bag raw bags --all --jobs 4 --exclude-topics '*image*'
     """
     _start_workers(given)
+    from ..bags.locate import looks_like_bag
     from ..bags.open_source import open_folder
     from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
@@ -150,6 +239,9 @@ def to_bag(
         keep_freed_memory()
     if batch.whole:
         return _run_all(src, out, given, settings, batch, quiet=quiet, json=json)
+    if settings.read.layout is None and looks_like_bag(src):
+        _refuse_others(src, given, batch)
+        return _convert_bag(src, out, settings, quiet=quiet, json=json)
     options = ExportOptions.of(settings, out)
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)
