@@ -174,12 +174,15 @@ class OpenBag:
             index.compressions.add('zstd')
         index.complete = problems.complete
         index.problems += problems.lines
+        index.losses += problems.losses
         expected = self.located.message_count
         if expected is not None and expected != index.total:
-            index.problems.append(
+            text = (
                 f'{self.path}: metadata.yaml counts {expected} messages, the files hold'
                 f' {index.total}; {reindex_steps(self.path, self.located.files)}'
             )
+            index.problems.append(text)
+            index.losses.append(text)
         return index
 
     def __enter__(self) -> Self:

@@ -225,12 +225,14 @@ class BagIndex:
         compressions: Names of the compressions found.
         complete: Whether no file is truncated or damaged.
         problems: Notes and losses, one line each.
+        losses: The losses among them.
     """
 
     stamps: dict[TopicKey, list[StampArray]] = field(default_factory=dict)
     compressions: set[str] = field(default_factory=set)
     complete: bool = True
     problems: list[str] = field(default_factory=list)
+    losses: list[str] = field(default_factory=list)
 
     def add(self, key: TopicKey, stamps: npt.ArrayLike) -> None:
         """Add stamps (nanoseconds) of a topic; no stamps add the topic alone."""
@@ -246,6 +248,7 @@ class BagIndex:
         self.compressions |= other.compressions
         self.complete = self.complete and other.complete
         self.problems += other.problems
+        self.losses += other.losses
 
     def by_topic(self) -> dict[str, StampArray]:
         """Return by topic the stamps of its messages, (N,) nanoseconds, ascending."""

@@ -216,7 +216,6 @@ class BagProgram:
             counts = {key: sum(map(len, stamps_ns)) for key, stamps_ns in bag.index.stamps.items()}
             image_topics = ImageTopics() if images is None else images.topics(dict(counts.keys()))
             played = choose_topics(bag.path, counts, selection, reserved, image_topics)
-            self._notes = played.notes
             stamps = bag.index.by_topic()
             self._open(bag, played, stamps, exact={*played.names} == {*selection.topics})
             self._numbered = number_bag(bag, stamps)
@@ -235,7 +234,7 @@ class BagProgram:
         *,
         exact: bool,
     ) -> None:
-        """Set topics, types, losses and outlets.
+        """Set topics, types, losses, notes and outlets.
 
         Raises:
             BadBagError: No topic has messages, or one that is selected by its full name (exact)
@@ -248,7 +247,9 @@ class BagProgram:
             if not self._topics:
                 raise BadBagError(bag.path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
-            self.losses = tuple(dict.fromkeys((*bag.index.problems, *messages.problems)))
+            self.losses = tuple(dict.fromkeys((*bag.index.losses, *messages.losses)))
+            problems = dict.fromkeys((*bag.index.problems, *messages.problems))
+            self._notes = (*played.notes, *(line for line in problems if line not in self.losses))
             self.channels: Sequence[Channel] = played.channels(
                 messages, {topic: len(stamps[topic]) for topic in self._topics}
             )
@@ -359,7 +360,7 @@ class BagProgram:
 
     def _reason(self) -> str:
         """Return the reason why a message that the index lists cannot be read."""
-        new = [problem for problem in self._messages.problems if problem not in self.losses]
+        new = [problem for problem in self._messages.losses if problem not in self.losses]
         return new[-1] if new else f'{self._path}: contains fewer messages than its index lists'
 
     def _read_latched(self, bag: OpenBag) -> list[Message]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import random
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -346,6 +347,17 @@ def test_a_cut_bag_is_played_as_far_as_it_goes(broken):
     indices = list(range(len(found)))
     random.Random(1).shuffle(indices)
     assert Counter(play(program, indices)) == Counter(found)
+
+
+def test_remarks_of_readers_are_notes(bags, tmp_path):
+    """Whatever is read all the same costs nothing: a folder of files as other tools write them."""
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    for file in bags('split mcap', Layout.RAW).glob('*.mcap'):
+        (folder / file.name).write_bytes(file.read_bytes())
+    with closing(BagProgram(folder, ALL)) as program:
+        assert program.losses == ()
+        assert any('has no metadata.yaml' in note for note in program.notes())
 
 
 def test_a_bag_that_is_deleted_is_played_to_its_end(broken):
