@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from dataclasses import dataclass, replace
@@ -366,6 +367,37 @@ def to_parameters(values: Mapping[str, Any]) -> list[Parameter]:
     return [
         Parameter(name, value=_converted(value, parameters[name])) for name, value in values.items()
     ]
+
+
+_NUMBER = re.compile(r'([-+]?)(0*)(\.?\d[\w.+-]*)')
+
+
+def read_decimally(ros_args: Sequence[str]) -> list[str]:
+    """Return arguments of ROS in which our parameters mean what the command line means by them.
+
+    ROS takes start:=0010 for an octal number, 8, and epoch:=2011 for an integer, which is no text.
+
+    Args:
+        ros_args: Arguments from --ros-args on.
+    """
+    parameters = {parameter.name: parameter for parameter in PARAMETERS}
+    before = ['', *ros_args]
+    return [
+        _decimal(word, parameters) if last in {'-p', '--param'} else word
+        for last, word in zip(before, ros_args, strict=False)
+    ]
+
+
+def _decimal(word: str, parameters: Mapping[str, Option]) -> str:
+    target, _, value = word.partition(':=')
+    parameter = parameters.get(target.rpartition(':')[2])  # after the name of a node, if any
+    number = _NUMBER.fullmatch(value)
+    if parameter is None or number is None:
+        return word
+    sign, zeros, digits = number.groups()
+    if isinstance(parameter.default, str):
+        return f'{target}:="{value}"' if zeros or not parameter.any_type else word
+    return f'{target}:={sign}{digits}'
 
 
 def _converted(value: Any, parameter: Option) -> Any:  # noqa: ANN401 - any value of YAML

@@ -16,7 +16,7 @@ from ..messages.ros_types import TYPESTORE
 from ..model.bag_formats import CLOUD
 from .message_types import message_class
 from .middleware import Closing, create_node, start_ros
-from .node import Executor, KittiPlayer, to_parameters
+from .node import Executor, KittiPlayer, read_decimally, to_parameters
 from .outlets import Outlets
 from .session import LAST_WAIT_S, favour_what_is_due
 from .terminal import StatusLine, Terminal, play_to_the_end
@@ -59,7 +59,7 @@ def run_player(
         KittiRos2Error: The source cannot be played, or a parameter is invalid.
     """
     favour_what_is_due()
-    context = start_ros(ros_args)
+    context = start_ros(read_decimally(ros_args))
     with Closing(stop_request) as closing:
         closing.callback(context.try_shutdown)
         status = StatusLine(show=not quiet)

@@ -11,7 +11,8 @@ number.
 Lines: `call NAME` (a std_srvs/Trigger of /kitti_player), `set NAME VALUE` (VALUE as JSON),
 `count TOPIC` (how many messages so far), `last TOPIC` (its last message, in hex), `state NAME TEXT`
 (the first ~/state in which a value begins with a text), `wait TOPIC N`,
-`describe TYPE HASH`, `publishers TOPIC` (how many; waits for the first).
+`describe TYPE HASH`, `publishers TOPIC` (how many; waits for the first), `offer TOPIC` (type, hash,
+reliability and durability of each).
 """
 
 import hashlib
@@ -103,6 +104,17 @@ class Listener:
             wait_until(self.subscriptions[topic].handle.get_publisher_count)
         return self.node.count_publishers(topic)
 
+    def offer(self, topic):
+        return [
+            [
+                info.topic_type,
+                str(info.topic_type_hash),
+                info.qos_profile.reliability.name,
+                info.qos_profile.durability.name,
+            ]
+            for info in self.node.get_publishers_info_by_topic(topic)
+        ]
+
     def state(self, name, text):
         with suppress(AssertionError):
             wait_until(lambda: self.values.get(name, '').startswith(text))
@@ -156,6 +168,8 @@ class Listener:
             return self.describe(*rest)
         if verb == 'publishers':
             return self.publishers(rest[0])
+        if verb == 'offer':
+            return self.offer(rest[0])
         return self.state(rest[0], ' '.join(rest[1:]))
 
 

@@ -45,17 +45,27 @@ arrive: both take their time on a busy machine.
 """
 
 
-def environment():
+PLAYER_PYTHON = os.environ.get('PLAYER_PYTHON', sys.executable)
+"""The interpreter of the players, whose ROS 2 may be another than that of the tests."""
+
+
+def environment(python=sys.executable):
     """Of our own processes: what they say stays on this machine, and among themselves."""
-    return {**os.environ, 'PYTHONPATH': str(HERE.parents[1]), 'PYTHONUNBUFFERED': '1'}
+    changes = {'PYTHONPATH': str(HERE.parents[1]), 'PYTHONUNBUFFERED': '1'}
+    inherited = dict(os.environ)
+    if python != sys.executable:
+        # The wheels of ROS 2 set these once, and so for the libraries of this interpreter.
+        for name in ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'):
+            inherited.pop(name, None)
+    return inherited | changes
 
 
 def play(src, *options, program=WATCHED, **more):
     """Start a player."""
-    words = [sys.executable, '-c', program, 'play', *([str(src)] if src else [])]
+    words = [PLAYER_PYTHON, '-c', program, 'play', *([str(src)] if src else [])]
     words += map(str, options)
     return subprocess.Popen(
-        words, env=environment(), text=True, stdin=subprocess.DEVNULL,
+        words, env=environment(PLAYER_PYTHON), text=True, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more,
     )  # fmt: skip
 
@@ -135,6 +145,13 @@ def stop(process):
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
+
+
+def shared_memory(process):
+    """The sizes of the shared memory that a process has mapped."""
+    lines = Path(f'/proc/{process.pid}/maps').read_text().splitlines()
+    ranges = [line.split()[0].split('-') for line in lines if '/dev/shm/' in line]
+    return [int(last, 16) - int(first, 16) for first, last in ranges]
 
 
 def end(process, number=signal.SIGINT):

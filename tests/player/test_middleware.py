@@ -24,6 +24,7 @@ from kitti_ros2.player.middleware import (
     _use_profile,
     create_node,
     cyclone_settings,
+    settings_variable,
     start_ros,
     stays_on_this_machine,
 )
@@ -167,7 +168,7 @@ def test_so_is_what_fast_dds_refuses(cyclone):
         create_node(refusing(line, RMW))
     assert str(refused.value) == (
         'rmw_fastrtps_cpp cannot create the node: User transport failed to register.;'
-        ' check FASTRTPS_DEFAULT_PROFILES_FILE'
+        f' check {settings_variable()}'
     )
 
 
@@ -287,5 +288,5 @@ def test_the_command_says_so_in_one_line_and_ends_with_2(recordings):
     assert done.returncode == 2
     assert done.stderr == (
         f'kitti-ros2: rmw_fastrtps_cpp cannot create the node: {ELEMENT};'
-        f' check FASTRTPS_DEFAULT_PROFILES_FILE\n'
+        f' check {settings_variable()}\n'
     )

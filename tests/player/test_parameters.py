@@ -18,6 +18,7 @@ from kitti_ros2.player.node import (
     declare,
     descriptor,
     given,
+    read_decimally,
     to_parameters,
 )
 
@@ -74,6 +75,43 @@ def test_an_integer_is_accepted_where_a_number_is_meant():
         assert settings.playback.delay_ns == 10**9
     finally:
         rclpy.shutdown(context=context)
+
+
+@pytest.mark.parametrize(
+    ('word', 'name', 'value'),
+    [
+        ('sequence:=0004', 'sequence', '0004'),
+        ('start:=0000000010', 'start', '0000000010'),
+        ('kitti_player:end:=0008', 'end', '0008'),
+        ('end:=0.5s', 'end', '0.5s'),
+        ('sequence:=4', 'sequence', 4),
+        ('epoch:=0', 'epoch', '0'),
+        ('epoch:=2011', 'epoch', '2011'),
+        ('predictions:=0010', 'predictions', '0010'),
+        ('wait_for:=02', 'wait_for', '02'),
+        ('read_ahead:=0010', 'read_ahead', 10),
+        ('loop:=010', 'loop', 10),
+        ('rate:=2', 'rate', 2),
+        ('rate:=010', 'rate', 10),
+        ('rate:=0.5', 'rate', 0.5),
+        ('delay:=0', 'delay', 0),
+        ('lossless:=true', 'lossless', True),
+        ('sequence:="0010"', 'sequence', '0010'),
+    ],
+)
+def test_numbers_of_ros_arguments_are_decimal_and_texts_stay_texts(word, name, value):
+    context = rclpy.Context()
+    rclpy.init(context=context, args=read_decimally(['--ros-args', '-p', word]))
+    try:
+        declared = declare(Node('kitti_player', context=context))[name]
+        assert (declared, type(declared)) == (value, type(value))
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def test_other_ros_arguments_are_left_as_they_are():
+    words = ['--ros-args', '-r', 'start:=0010', '-p', 'others:=0010', '-p', 'streams:=[scan]', '--']
+    assert read_decimally(words) == words
 
 
 def test_the_player_applies_every_parameter_that_may_change():
