@@ -17,7 +17,7 @@ RUN apt-get update \
     && apt-get install -y --no-install-recommends python3-pip \
     && rosdep update --rosdistro jazzy \
     && PIP_BREAK_SYSTEM_PACKAGES=1 rosdep install --from-paths src --ignore-src -y \
-    && python3 -m pip install --user --break-system-packages 'httpx>=0.26,<0.29' 'isal>=1.7,<2' 'lz4>=4.3,<5' 'mcap>=1.3,<2' 'zstandard>=0.22,<0.26' \
+    && python3 -m pip install --user --break-system-packages 'isal>=1.7,<2' 'lz4>=4.3,<5' 'mcap>=1.3,<2' 'zstandard>=0.22,<0.26' \
     && rm -rf /var/lib/apt/lists/*
 
 RUN . /opt/ros/jazzy/setup.sh \

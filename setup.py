@@ -39,7 +39,7 @@ KEYWORDS = ['KITTI', 'SemanticKITTI', 'ROS 2', 'rosbag2', 'MCAP', 'lidar', 'auto
 # What the converter needs, for pip; a workspace has its own (package.xml). The lower bounds work
 # with Python 3.10; the upper ones stop at the next release that may break its promises.
 REQUIREMENTS = [
-    'httpx>=0.26,<0.29',  # imported by download only
+    'httpx>=0.22,<0.29',  # imported by download only
     'isal>=1.7,<2',
     'jinja2>=3.1.2,<4',
     'lz4>=4.3,<5',

@@ -31,6 +31,7 @@ ROSDEP_KEYS = {
     'launch_ros',
     'nav_msgs',
     'rcl_interfaces',
+    'python3-httpx',
     'python3-hypothesis',
     'python3-jinja2',
     'python3-matplotlib',
@@ -56,6 +57,7 @@ ROSDEP_KEYS = {
 
 # The rosdep key that brings a requirement of setup.py to a workspace.
 KEY_OF = {
+    'httpx': 'python3-httpx',
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',
