@@ -445,9 +445,6 @@ _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
 
 _HINTS = {
-    'CompressedVideo': (
-        'single images of a video cannot be read; write them as CompressedImage (JPEG or PNG)'
-    ),
     'CompressedPointCloud': 'the points are compressed; write them as PointCloud',
 }
 
@@ -476,6 +473,8 @@ def ros_channel(channel: StoredChannel) -> StoredChannel:
     """Return a channel as it appears to readers."""
     translation = TRANSLATIONS.get(_schema_of(channel))
     if translation is None or channel.encoding not in _ENCODINGS:
+        return channel
+    if channel.encoding in _ROS and channel.msgtype == translation.msgtype:
         return channel
     return FoxgloveChannel(
         channel.topic,

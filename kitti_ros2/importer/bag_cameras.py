@@ -33,6 +33,13 @@ from ..messages.tf_tree import (
     nearest_axis,
     root_heading,
 )
+from ..messages.videos import (
+    TITLES,
+    codec_of,
+    picture_size,
+    recorded_encoding,
+    scaled_to_odd,
+)
 from ..model import bag_formats as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.streams import CAMERA_NAMES
@@ -71,7 +78,8 @@ def camera_of(survey: Survey, name: str) -> CameraModel:
 
 def image_size(images: TopicSurvey) -> tuple[int, int] | None:
     """Return (width, height) of the first image of a topic whose size is known; None without."""
-    return next(filter(None, map(size_of, images.samples)), None)
+    find_size = size_of if images.keys is None else picture_size
+    return next(filter(None, map(find_size, images.samples)), None)
 
 
 def of_images(model: CameraModel, images: TopicSurvey) -> CameraModel:
@@ -100,6 +108,7 @@ _BACK = re.compile(r'back|rear', re.IGNORECASE)
 _ANY_SIDE = re.compile(r'left|right', re.IGNORECASE)
 _DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
 _IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
+_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
 _ROTATION = 1e-3
 
 
@@ -163,8 +172,12 @@ class RigCamera:
     @property
     def is_grey(self) -> bool:
         """Return whether its images have one channel, by their encoding or their name."""
-        messages = self.topic.samples
-        encoding = str(getattr(messages[0], 'encoding', '') or getattr(messages[0], 'format', ''))
+        first = self.topic.samples[0]
+        encoding = str(
+            recorded_encoding(first)
+            or getattr(first, 'encoding', '')
+            or getattr(first, 'format', '')
+        )
         return encoding.startswith(('mono', '8UC1', '16UC1')) or bool(_GREY.search(self.name))
 
     @property
@@ -195,7 +208,7 @@ class RigCamera:
 def find_cameras(survey: Survey) -> list[RigCamera]:
     """Return the cameras of a bag, by name."""
     groups: dict[str, list[TopicSurvey]] = {}
-    for topic in survey.of_type(types.IMAGE, types.COMPRESSED):
+    for topic in survey.of_type(types.IMAGE, types.COMPRESSED, *types.VIDEOS):
         if topic.samples and not _is_depth(topic):
             groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
     infos = {info_topic.name: info_topic for info_topic in survey.of_type(types.CAMERA_INFO)}
@@ -252,20 +265,25 @@ def _is_depth(topic: TopicSurvey) -> bool:
     first = topic.samples[0]
     if topic.msgtype == types.IMAGE:
         return first.encoding in _DEPTH_ENCODINGS or bool(_DEPTH.search(topic.name))
-    return 'compressedDepth' in first.format or bool(_DEPTH.search(topic.name))
+    return 'compressedDepth' in getattr(first, 'format', '') or bool(_DEPTH.search(topic.name))
 
 
 def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
-    """Rank: rectified and coloured first; of one image, PNG files before pixels before JPEG."""
+    """Rank: rectified and coloured first; of one image PNG files, pixels, JPEG, video."""
     name = leaf(topic.name)
     name_rank = _IMAGE_NAMES.index(name) if name in _IMAGE_NAMES else len(_IMAGE_NAMES)
     if topic.msgtype == types.IMAGE:
         return name_rank, 1
+    if topic.keys is not None:
+        return name_rank, 3
     return name_rank, 0 if 'png' in topic.samples[0].format else 2
 
 
 def _base(topic: str) -> str:
-    return topic.removesuffix('/compressed')
+    """Return an image topic without the name of its transport (image_transport, its plugins)."""
+    for transport in _TRANSPORTS:
+        topic = topic.removesuffix(f'/{transport}')
+    return topic
 
 
 # Choice of KITTI's cameras by the directions they look in.
@@ -813,7 +831,10 @@ class ImageConversion:
         }
         self._models = models
         self._topics = {index: camera.topic for index, camera in plan.cameras.items()}
+        self._videos = _videos(plan, survey)
+        self._video_notes = video_notes(plan, survey)
         self._deep: Counter[int] = Counter()
+        self._scaled: Counter[int] = Counter()
         self._lock = Lock()
         self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
 
@@ -859,17 +880,36 @@ class ImageConversion:
             ValueError: As png.
         """
         pixels = pixels_of(message, deep=True)
+        if camera in self._videos:
+            pixels = self._of_camera_size(camera, pixels)
         self._check_size(camera, (pixels.shape[1], pixels.shape[0]))
         rectifier = self._rectifiers.get(camera)
         return pixels if rectifier is None else rectifier.apply(pixels)
 
     def notes(self) -> list[str]:
         """Return notes on the images so far."""
-        return [
+        notes = [
             f'{self._topics[camera]}: {count} images have 16 bits a channel, and are written so;'
             f" KITTI's have 8"
             for camera, count in sorted(self._deep.items())
         ]
+        for camera, count in sorted(self._scaled.items()):
+            width, height = self._sizes[camera]
+            notes.append(
+                f'{self._topics[camera]}: {count} images are scaled by a pixel to {width}x{height},'
+                f' the size of the camera_info: encoders make sizes even'
+            )
+        return [*self._video_notes, *notes]
+
+    def _of_camera_size(self, camera: int, pixels: Pixels) -> Pixels:
+        """Scale the image of a video by a pixel where it is the size of its camera made even."""
+        size = self._sizes.get(camera)
+        scaled = None if size is None else scaled_to_odd(pixels, size)
+        if scaled is None:
+            return pixels
+        with self._lock:
+            self._scaled[camera] += 1
+        return scaled
 
     def _count_deep(self, camera: int) -> None:
         with self._lock:
@@ -892,6 +932,28 @@ def _sizes(plan: Plan, survey: Survey) -> dict[int, tuple[int, int]]:
         if size is not None:
             sizes[index] = size
     return sizes
+
+
+def _videos(plan: Plan, survey: Survey) -> dict[int, TopicSurvey]:
+    """Return the topics of the cameras that are videos."""
+    topics = {index: topic_of(survey, camera.topic) for index, camera in plan.cameras.items()}
+    return {
+        index: topic
+        for index, topic in topics.items()
+        if topic.keys is not None and topic.is_readable
+    }
+
+
+def video_notes(plan: Plan, survey: Survey) -> list[str]:
+    """Return a note on the cameras of each codec."""
+    names: dict[str, list[str]] = {}
+    for _, topic in sorted(_videos(plan, survey).items()):
+        names.setdefault(TITLES[codec_of(topic.samples[0])], []).append(topic.name)
+    return [
+        f'{", ".join(topics)}: images are decoded from video ({codec}), which is lossy: they are'
+        f" not the camera's to the pixel"
+        for codec, topics in names.items()
+    ]
 
 
 def _rectifier(camera: CameraPlan, model: CameraModel) -> Rectifier:

@@ -530,7 +530,7 @@ _RADAR = 'KITTI has no radar'
 _BOXES_2D = '2D boxes: labels need a Detection2DArray'
 _LABELS_2D = '2D boxes: for labels of layouts object and tracking: name the topic in labels.topic'
 _JOINED_2D = '2D boxes: name the topic in labels.boxes_2d'
-_VIDEO = 'video: record Image or CompressedImage, or decode it to them'
+_VIDEO = 'video of an old codec: record Image or CompressedImage, or decode it to them'
 _LIVOX = 'scans: name the topic in scan.topic, with scan.from: livox'
 _MARKERS = 'drawings: cubes of a MarkerArray are boxes, if labels.topic names it'
 _NO_CUBES = 'drawings, without a cube that could be a box'
@@ -575,8 +575,6 @@ _HINTS = {
     'gps_common/GPSFix': 'positions: record a NavSatFix of them',
     'nmea_msgs/Sentence': 'positions: record a NavSatFix of them',
     'theora_image_transport/Packet': _VIDEO,
-    'ffmpeg_image_transport_msgs/FFMPEGPacket': _VIDEO,
-    'foxglove_msgs/CompressedVideo': _VIDEO,
     'nav_msgs/OccupancyGrid': _MAP,
     'nav_msgs/GridCells': _MAP,
     'grid_map_msgs/GridMap': _MAP,

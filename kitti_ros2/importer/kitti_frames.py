@@ -18,6 +18,7 @@ from ..model.bag_formats import TF_TYPES
 from ..model.errors import Loss, UnsynchronisedError, UsageError
 from ..model.samples import NONE, match_frames
 from ..model.streams import NS_PER_S, Stream
+from .bag_videos import needed_for
 from .clocks import clock_notes, clocked, describe_gap
 from .plan import IMAGES, LABELS, OXTS_ROLES, Incomplete, topic_uses
 from .survey import topic_of
@@ -436,10 +437,11 @@ class Excerpt:
         """
         log_ns = {topic: survey.topics[topic].log_ns for topic, _ in messages.channels}
         samples_log_ns = [
-            log_ns[topics[stream]][index]
+            log_ns[topics[stream]][needed]
             for stream, indices in frames.samples.items()
             for index in indices.tolist()
             if index != NONE and topics[stream] in log_ns
+            for needed in needed_for(survey.topics[topics[stream]], index)
         ]
         for start_ns, end_ns in _spans(sorted(samples_log_ns)):
             seen = {topic: bisect_left(stamps, start_ns) for topic, stamps in log_ns.items()}

@@ -106,7 +106,7 @@ class CameraPlan:
     """The source of a camera's images.
 
     Attributes:
-        topic: An Image or CompressedImage.
+        topic: An Image, a CompressedImage or a video.
         info: Its CameraInfo, empty for none.
         rectify: Whether the images are rectified.
         frame: The optical frame, empty for the CameraInfo's own.
@@ -276,7 +276,7 @@ SCAN = Role(
 IMAGES = Role(
     'cameras',
     Stream.IMAGE_2,
-    (types.IMAGE, types.COMPRESSED),
+    (types.IMAGE, types.COMPRESSED, *sorted(types.VIDEOS)),
     hint='images: name the topic in cameras',
 )
 INFO = Role(

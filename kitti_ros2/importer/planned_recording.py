@@ -24,9 +24,11 @@ from ..model.geometry import Transform
 from ..model.recording import StreamIndex
 from ..model.samples import NONE, FrameLabels, Pose, Trajectory
 from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, Clock, Layout, Stream
+from .bag_cameras import video_notes
 from .bag_labels import merge_markers
 from .bag_poses import guess_pose, read_moving, read_track
 from .bag_scans import without_unreadable_scans
+from .bag_videos import VideoImages
 from .box_labels import class_name, own_number
 from .clocks import clocked
 from .guess import guess_plan
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Image, Sample, Scan
     from .kitti_frames import Frames
     from .plan import Plan, ScanPlan
-    from .survey import Survey
+    from .survey import Survey, TopicSurvey
 
 
 # The poses of a bag not written by to-bag, as the odometry layout would be made from them.
@@ -147,8 +149,14 @@ class PlannedRecording:
         }
         self._label_positions = _label_positions(self._plan, survey, frames)
         self._messages = MessagesByPosition(source, set(self._topics.values()))
+        self._videos = {
+            stream: self._video(survey.topics[topic])
+            for stream, topic in self._topics.items()
+            if survey.topics[topic].keys is not None
+        }
         self.losses: Sequence[Loss] = damage(survey.losses, self.root.name)
-        self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes)
+        videos = video_notes(self._plan, survey)
+        self.notes: Sequence[str] = (*notes, *survey.notes, *frames.notes, *videos)
 
     def trajectory(self) -> Trajectory:
         """Return all poses of the bag, also those between its frames."""
@@ -210,7 +218,20 @@ class PlannedRecording:
         if position is None:
             return None
         with _naming_errors(position, number):
+            if stream in self._videos:
+                return convert(
+                    self._videos[stream].image(int(self._frames.samples[stream][number]))
+                )
             return convert(self._messages.read(position))
+
+    def _video(self, topic: TopicSurvey) -> VideoImages:
+        log_ns = np.array(topic.log_ns, dtype=np.int64)
+
+        def read(index: int) -> Any:  # noqa: ANN401 - of the bag's types
+            (position,) = positions_of(topic.name, log_ns, [index])
+            return self._messages.read(position)
+
+        return VideoImages(topic.keys or (), topic.count, read)
 
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         index = self._frames.samples[Stream.SCAN][number]

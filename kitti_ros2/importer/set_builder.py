@@ -28,6 +28,7 @@ from ..model.streams import Stream
 from .bag_labels import LabelMessages, merge_markers
 from .bag_poses import read_motion
 from .bag_scans import dropped_notes
+from .bag_videos import BagVideos
 from .clocks import clocked, oxts_losses
 from .kitti_frames import (
     NO_FRAME,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, Float32Array, Int64Array
     from ..options.outputs import ImportOptions
+    from .bag_videos import Outcome
     from .kitti_frames import Excerpt
     from .plan import Plan
     from .sensor_rig import SensorRig
@@ -388,7 +390,12 @@ class SetBuilder:
     """
 
     def __init__(
-        self, samples: SampleWriter, packets: PacketMaker, target: Target, losses: LossTally
+        self,
+        samples: SampleWriter,
+        packets: PacketMaker,
+        target: Target,
+        losses: LossTally,
+        survey: Survey,
     ) -> None:
         """Take the parts of a conversion.
 
@@ -397,6 +404,7 @@ class SetBuilder:
             packets: Makes the packets of oxts.
             target: The data set.
             losses: Takes the messages that cannot be used.
+            survey: The survey of the bags.
         """
         plan, frames, accepts = samples.plan, samples.frames, samples.writer.accepts
         self._samples = samples
@@ -414,6 +422,11 @@ class SetBuilder:
             for streams in self._streams.values()
             for stream in streams
         }
+        needed = {
+            topic: [index for stream in streams for index in self._numbers[stream]]
+            for topic, streams in self._streams.items()
+        }
+        self._videos = BagVideos(survey, needed)
         self.counts: Counter[str] = Counter()
         self.size_bytes = 0
 
@@ -436,33 +449,56 @@ class SetBuilder:
             decode: By the types of their bags.
         """
         for index, message in messages:
-            samples = [
-                (stream, self._numbers[stream][index])
-                for stream in self._streams.get(message.topic, ())
-                if index in self._numbers[stream]
-            ]
-            labelled = self._labels.frames_of(message.topic, index)
-            packet = self._packets.wants(message.topic, index)
-            if not samples and not labelled and not packet:
+            if message.topic in self._videos:
+                yield from self._video_jobs(self._videos.take(index, message, decode))
                 continue
-            try:
-                decoded = decode(message)
-            except ValueError as error:
-                self._losses.lose(message.topic, message.stamp_ns, str(error))
-                self._exclude([*(number for _, number in samples), *labelled])
-                decoded = None
-            if packet:
-                self._packets.take(message.topic, index, decoded)
-                self.write_packets()
-            for number, solid, flat in self._labels.take(message.topic, index, decoded):
-                self._take_labels(number, solid, flat, message.stamp_ns)
-            if decoded is None:
-                continue
-            for stream, number in samples:
-                yield self._job(stream, number, index, message, decoded)
+            yield from self._message_jobs(index, message, decode)
+        yield from self._video_jobs(self._videos.rest())
         # An excerpt has one message of each frame.
         for number, solid, flat in self._labels.rest():
             self._take_labels(number, solid, flat, 0)
+
+    def _message_jobs(
+        self, index: int, message: BagMessage, decode: Decoder
+    ) -> Iterator[SampleJob]:
+        """Yield the files of the samples that a message is needed for."""
+        samples = [
+            (stream, self._numbers[stream][index])
+            for stream in self._streams.get(message.topic, ())
+            if index in self._numbers[stream]
+        ]
+        labelled = self._labels.frames_of(message.topic, index)
+        packet = self._packets.wants(message.topic, index)
+        if not samples and not labelled and not packet:
+            return
+        try:
+            decoded = decode(message)
+        except ValueError as error:
+            self._losses.lose(message.topic, message.stamp_ns, str(error))
+            self._exclude([*(number for _, number in samples), *labelled])
+            decoded = None
+        if packet:
+            self._packets.take(message.topic, index, decoded)
+            self.write_packets()
+        for number, solid, flat in self._labels.take(message.topic, index, decoded):
+            self._take_labels(number, solid, flat, message.stamp_ns)
+        if decoded is None:
+            return
+        for stream, number in samples:
+            yield self._job(stream, number, index, message, decoded)
+
+    def _video_jobs(self, images: Iterable[Outcome]) -> Iterator[SampleJob]:
+        """Yield the files of images of videos; those that are in no frame are left out."""
+        for index, message, image in images:
+            for stream in self._streams[message.topic]:
+                number = self._numbers[stream].get(index)
+                if number is None:
+                    continue
+                if isinstance(image, ValueError):
+                    self._losses.lose(message.topic, message.stamp_ns, str(image))
+                    self._exclude([number])
+                else:
+                    yield self._job(stream, number, index, message, image)
 
     def write_packets(self) -> None:
         """Write the packets that are complete."""
@@ -582,7 +618,7 @@ def build(
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
         samples = SampleWriter(plan, frames, rigs, writer, target.first)
-        builder = SetBuilder(samples, packets, target, losses)
+        builder = SetBuilder(samples, packets, target, losses, survey)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:
             read = with_indices(messages)

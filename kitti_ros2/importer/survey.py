@@ -23,11 +23,11 @@ from ..bags.reader import Decoder, ForwardStamps, open_messages
 from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
-from ..messages.images import size_of as image_size
 from ..messages.naming import CALIBRATION, RECORDING, decode_texts
 from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.tf_tree import FrameTree, LinkTally
+from ..messages.videos import begins_video, is_video, picture_size
 from ..model import bag_formats as types
 from ..model.bag_formats import (
     CAMERA_INFO,
@@ -38,6 +38,7 @@ from ..model.bag_formats import (
     PICTURES,
     STRING,
     TF_TYPES,
+    VIDEOS,
 )
 from ..model.errors import Loss, UsageError, did_you_mean
 from ..model.streams import NS_PER_S
@@ -76,7 +77,7 @@ READ = _PLANNED | types.TF_TYPES
 DESCRIBING = types.TF_TYPES | SOLID | BOXES | {types.CAMERA_INFO, types.STRING}
 """Types that describe the sensors, or what they see."""
 
-FIRST_ONLY = types.LARGE_TYPES | SCAN_TYPES
+FIRST_ONLY = types.LARGE_TYPES | types.VIDEOS | SCAN_TYPES
 """Types of which survey_sensors reads the first message."""
 
 
@@ -199,6 +200,7 @@ class TopicSurvey:
         has_tracks: Topics with boxes: whether one of these names its track.
         spans_ns: Scans with a time for each point: when the first and the last point of each
             message were measured, nanoseconds from the stamp; None where it does not say.
+        keys: Videos: indices of the messages at which decoding can begin; None for other topics.
         by_log: Whether log times are used, not stamps.
         offset_ns: Added to the stamps, nanoseconds.
         middles_ns: (N,) added to header stamps, nanoseconds: the way to the middle of each turn.
@@ -224,6 +226,7 @@ class TopicSurvey:
     classes: Counter[str] = field(default_factory=Counter)
     has_tracks: bool = False
     spans_ns: list[tuple[int, int] | None] | None = None
+    keys: list[int] | None = None
     by_log: bool = False
     offset_ns: int = 0
     middles_ns: Int64Array | None = None
@@ -542,7 +545,8 @@ class _SurveyPass:
         if topic.msgtype not in READ:
             return topic.msgtype != STRING
         is_due = _is_due(topic, topic.count + 1)
-        return topic.msgtype in LARGE_TYPES and not (is_due or name in self._turns)
+        is_whole = is_due or name in self._turns or topic.keys is not None
+        return topic.msgtype in LARGE_TYPES and not is_whole
 
     def survey(
         self,
@@ -618,11 +622,24 @@ class _SurveyPass:
                 _keep_sample(topic, sample)
             _count_classes(topic, sample)
             topic.moves = topic.moves or (topic.msgtype in _WITH_TWIST and has_motion(sample))
+        self._enter_key(topic, message, sample)
         if topic.msgtype == FIX:
             topic.positions = topic.positions or array('d')
             topic.positions.extend(position_of(sample))
         elif topic.msgtype in SCAN_TYPES and not (topic.msgtype == CLOUD and self._is_own):
             self._enter_turn(topic, message, sample)
+
+    def _enter_key(self, topic: TopicSurvey, message: BagMessage, sample: Any) -> None:  # noqa: ANN401
+        """Enter a packet of a video at which decoding can begin; sample: decoded, or None."""
+        if topic.keys is None:
+            if sample is None or topic.msgtype not in PICTURES | VIDEOS or not is_video(sample):
+                return
+            topic.keys = []
+        try:
+            if begins_video(self._decode_lent(message) if sample is None else sample):
+                topic.keys.append(topic.count - 1)
+        except ValueError as error:
+            topic.fail(error)
 
     def _enter_turn(self, topic: TopicSurvey, message: BagMessage, sample: Any) -> None:  # noqa: ANN401
         """Enter the times of the first and last point of a message; sample: decoded, or None."""
@@ -700,7 +717,7 @@ def _is_due(topic: TopicSurvey, count: int) -> bool:
 
 def _keep_sample(topic: TopicSurvey, sample: Any) -> None:  # noqa: ANN401 - of the bag's types
     """Keep a decoded message; of images, which are large, those up to the first with a size."""
-    if topic.msgtype not in PICTURES or not any(map(image_size, topic.samples)):
+    if topic.msgtype not in PICTURES | VIDEOS or not any(map(picture_size, topic.samples)):
         topic.samples = [*topic.samples, sample][:_MOST_SAMPLES]
 
 

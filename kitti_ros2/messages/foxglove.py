@@ -15,6 +15,7 @@ from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    COMPRESSED_VIDEO,
     FIX,
     IMAGE,
     MARKERS,
@@ -510,6 +511,16 @@ def _compressed(fields: Fields, log_ns: int) -> CompressedImage:
     return CompressedImage(_header(fields, log_ns), fields.text('format'), data)
 
 
+def _video(fields: Fields, log_ns: int) -> bytes:
+    cdr = CdrWriter()
+    cdr.header(fields.stamp_ns('timestamp', log_ns), fields.text('frame_id'))
+    data = fields.data('data')
+    cdr.uint32(len(data))
+    cdr.octets(bytes(data))
+    cdr.text(fields.text('format'))
+    return cdr.finish()
+
+
 def _camera_info(fields: Fields, log_ns: int) -> CameraInfo:
     """Make a CameraInfo; a missing K, R or P is of zeros, which are missing in ROS as well."""
     k, r, p = (
@@ -616,6 +627,7 @@ def _laser_scan(fields: Fields, log_ns: int) -> bytes:
 TRANSLATIONS = {
     'CameraCalibration': Translation(CAMERA_INFO, _camera_info),
     'CompressedImage': Translation(COMPRESSED, _compressed),
+    'CompressedVideo': Translation(COMPRESSED_VIDEO, _video),
     'FrameTransform': Translation(TF, lambda tf, ns: TFMessage([_transform(tf, ns)])),
     'FrameTransforms': Translation(TF, _transforms),
     'LaserScan': Translation(LASER_SCAN, _laser_scan),

@@ -102,6 +102,7 @@ CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
 DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
 DETECTED_OBJECTS = 'autoware_perception_msgs/msg/DetectedObjects'
@@ -125,6 +126,14 @@ TRACKED_OBJECTS = 'autoware_perception_msgs/msg/TrackedObjects'
 TWIST = 'geometry_msgs/msg/TwistStamped'
 TWIST_COVARIANCE = 'geometry_msgs/msg/TwistWithCovarianceStamped'
 VELODYNE = 'velodyne_msgs/msg/VelodyneScan'
+VIDEOS = frozenset(
+    {
+        COMPRESSED_VIDEO,
+        'depthai_ros_msgs/msg/FFMPEGPacket',
+        'ffmpeg_image_transport_msgs/msg/FFMPEGPacket',
+    }
+)
+"""Packets of a video codec, each a frame."""
 
 
 # Channels: topics with message type and QoS, whether played, written or stored.

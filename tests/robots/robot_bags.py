@@ -64,9 +64,10 @@ def types_of(store: Stores):
         if store is Stores.ROS1_NOETIC:
             text = text.replace('builtin_interfaces/Time', 'time')  # noqa: PLW2901
         found.register(get_types_from_msg(text, name))
-    # Types of Autoware are facts of its repository, kept in the package's files.
-    known = read_definitions()
-    found.register({name: each for name, each in known.items() if 'autoware' in name})
+    # Types of others are facts of their repositories, kept in the package's files.
+    packages = 'autoware', 'FFMPEGPacket', 'CompressedVideo'
+    known = read_definitions().items()
+    found.register({name: each for name, each in known if any(word in name for word in packages)})
     return found
 
 

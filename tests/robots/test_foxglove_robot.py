@@ -336,29 +336,25 @@ def write_raw(tmp_path, name, definition, *messages):
 def test_schemas_that_are_no_ros_messages_are_named(tmp_path):
     found = [
         *RECORDS,
-        ('/video', robot.START_NS, 'CompressedVideo', {'format': 'h264'}),
+        ('/log', robot.START_NS, 'Log', {'message': 'on'}),
         ('/map', robot.START_NS, 'Grid', {'frame_id': 'map'}),
     ]
     path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
     with open_messages(path) as messages:
-        video = (
-            f'{path}: /video is foxglove.CompressedVideo in protobuf, which is not read: single'
-            ' images of a video cannot be read; write them as CompressedImage (JPEG or PNG)'
-        )
         assert messages.problems == (
-            video,
+            f'{path}: /log is foxglove.Log in protobuf, which is not read',
             f'{path}: /map is foxglove.Grid in protobuf, which is not read',
         )
         assert [loss.count for _, loss in messages.left_out] == [1, 1]
 
 
 def test_the_plan_gives_one_reason_for_them(tmp_path):
-    found = [*RECORDS, ('/video', robot.START_NS, 'CompressedVideo', {'format': 'h264'})]
+    found = [*RECORDS, ('/map', robot.START_NS, 'Grid', {'frame_id': 'map'})]
     path = robot.write_protobuf(tmp_path / 'bag.mcap', found)
     notes = propose_plan([open_bag_source(path)], ImportOptions(layout=Layout.OBJECT)).notes
-    lines = [note for note in notes if '/video' in note]
+    lines = [note for note in notes if '/map' in note]
     assert len(lines) == 2
-    assert 'single images of a video cannot be read' in ' '.join(lines)
+    assert 'foxglove.Grid in protobuf, which is not read' in ' '.join(lines)
     assert 'definition' not in ' '.join(lines)
 
 

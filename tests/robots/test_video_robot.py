@@ -1,0 +1,261 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags whose images are video: every image is that of its stamp, and what is lost is named."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import cv2
+import foxglove_robot as foxglove
+import pytest
+import robot_bags as bags
+import video_robot as robot
+
+from kitti_ros2.cli import main
+from kitti_ros2.files.image_files import decode_png
+from kitti_ros2.importer.apply_plan import guess
+from kitti_ros2.importer.kitti_frames import Excerpt
+from kitti_ros2.importer.planned_recording import PlannedRecording
+from kitti_ros2.importer.set_builder import Target, build
+from kitti_ros2.importer.survey import survey_bags
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.outputs import ImportOptions
+from kitti_ros2.options.read import ReadOptions
+
+
+def shown(out, camera=2):
+    """By file number the frame that its image shows."""
+    recording = open_recording(out, ReadOptions(layout=Layout.OBJECT))
+    stream = Stream(f'image_{camera}')
+    return {
+        int(number): robot.frame_of(decode_png(recording.read(stream, int(number))))
+        for number in (recording.streams[stream].numbers if stream in recording.streams else ())
+    }
+
+
+def convert(tmp_path, said, *options, container='mcap', bare=False):
+    """(exit code, images shown)."""
+    bag = bags.write(tmp_path / 'bag', said, container, bare=bare)
+    out = tmp_path / 'out'
+    code = main(['to-kitti', str(bag), str(out), '--layout', 'object', *options])
+    return code, shown(out)
+
+
+IN_PLACE = {number: number for number in range(robot.FRAMES)}
+
+KINDS = {
+    'CompressedVideo h264': ('h264', robot.FOXGLOVE, 'h264', '/camera/image'),
+    'CompressedVideo h265': ('h265', robot.FOXGLOVE, 'h265', '/camera/image'),
+    'CompressedVideo av1': ('av1', robot.FOXGLOVE, 'av1', '/camera/image/foxglove'),
+    'CompressedVideo vp9': ('vp9', robot.FOXGLOVE, 'vp9', '/camera/image'),
+    'libx264': ('h264', robot.FFMPEG, 'libx264', '/camera/image/ffmpeg'),
+    'hevc_nvenc': ('h265', robot.FFMPEG, 'hevc_nvenc', '/camera/image/ffmpeg'),
+    'tokens': ('av1', robot.FFMPEG, 'av1;yuv420p;bgr8;bgr8', '/camera/image/ffmpeg'),
+    'DepthAI': ('h265', 'depthai_ros_msgs/msg/FFMPEGPacket', 'libx265', '/camera/image'),
+    'Isaac ROS': ('h264', robot.IMAGE, 'h264', '/camera/image_compressed'),
+}
+
+
+@pytest.mark.parametrize(('codec', 'msgtype', 'named', 'topic'), KINDS.values(), ids=KINDS)
+def test_each_image_is_that_of_its_stamp(codec, msgtype, named, topic, tmp_path, capsys):
+    said = robot.said(robot.packets(codec), msgtype, named, topic)
+    assert convert(tmp_path, said) == (0, IN_PLACE)
+    printed = ''.join(capsys.readouterr())
+    title = {'h264': 'H.264', 'h265': 'H.265', 'av1': 'AV1', 'vp9': 'VP9'}[codec]
+    assert f'{topic}: images are decoded from video ({title}), which is lossy' in printed
+
+
+@pytest.mark.parametrize('bare', [False, True], ids=['defined', 'bare'])
+@pytest.mark.parametrize('container', ['mcap', 'sqlite3', 'ros1'])
+def test_containers(container, bare, tmp_path):
+    said = robot.said(msgtype=robot.FFMPEG)
+    assert convert(tmp_path, said, container=container, bare=bare) == (0, IN_PLACE)
+
+
+HELD_BACK = {'h264': 2, 'h265': 2}
+
+
+@pytest.mark.parametrize('codec', HELD_BACK)
+def test_frames_that_are_held_back_keep_their_stamps(codec, tmp_path):
+    packets = robot.packets(codec, HELD_BACK[codec])
+    assert [packet.frame for packet in packets] != sorted(packet.frame for packet in packets)
+    said = robot.said(packets, robot.FFMPEG, f'{codec};yuv420p;bgr8;bgr8')
+    assert convert(tmp_path, said) == (0, IN_PLACE)
+
+
+# By case: what remains of the packets, the frames that are lost, and the lines that say why.
+NO_KEY = 'no key frame precedes it'
+DEPENDS = 'it depends on a damaged one before'
+LOSSES = {
+    'cut': (lambda packets: packets[2:], [2, 3], [f'skipped /camera/image (2): .*{NO_KEY}']),
+    'damaged': (
+        lambda packets: robot.damaged(packets, 5),
+        [5, 6, 7],
+        ['skipped /camera/image (1): .*the packet is damaged', f'/camera/image (2): .*{DEPENDS}'],
+    ),
+    'damaged key frame': (
+        lambda packets: robot.damaged(packets, 4),
+        [4, 5, 6, 7],
+        ['/camera/image (1): .*the packet is damaged', f'/camera/image (3): .*{DEPENDS}'],
+    ),
+    'damaged at the end': (
+        lambda packets: robot.damaged(packets, 11),
+        [11],
+        ['skipped /camera/image (1): .*the packet is damaged'],
+    ),
+}
+
+
+@pytest.mark.parametrize('codec', ['h264', 'h265', 'av1'])
+@pytest.mark.parametrize(('change', 'lost', 'lines'), LOSSES.values(), ids=LOSSES)
+def test_lost_frames_are_counted_up_to_the_next_key_frame(
+    change, lost, lines, codec, tmp_path, capsys
+):
+    packets = change(robot.packets(codec))
+    code, images = convert(tmp_path, robot.said(packets, codec=codec))
+    assert code == 1
+    assert set(images.values()) == {packet.frame for packet in packets} - set(lost)
+    error = capsys.readouterr().err
+    for line in lines:
+        assert re.search(line.replace('(', r'\(').replace(')', r'\)'), error)
+
+
+@pytest.mark.parametrize('codec', ['h264', 'h265', 'av1', 'vp9'])
+@pytest.mark.parametrize('held_back', [0, 2])
+def test_images_read_in_any_order_are_those_of_their_frames(codec, held_back, tmp_path):
+    packets = robot.packets(codec, held_back if codec in HELD_BACK else 0)
+    bag = bags.write(tmp_path / 'bag', robot.said(packets, codec=codec))
+    recording = open_bag(bag)
+    order = [7, 6, 11, 0, 5, 9, 10, 1, 2, 8, 3, 4, 7]
+    try:
+        images = [recording.pixels(2, number) for number in order]
+    finally:
+        recording.close()
+    assert [robot.frame_of(image) for image in images] == order
+
+
+def open_bag(path):
+    return PlannedRecording(path, survey_bags([path]))
+
+
+def test_images_of_a_damaged_video_read_one_by_one(tmp_path):
+    packets = robot.damaged(robot.packets(), 5)
+    recording = open_bag(bags.write(tmp_path / 'bag', robot.said(packets)))
+    try:
+        for number, reason in ((6, DEPENDS), (5, 'the packet is damaged'), (7, DEPENDS)):
+            with pytest.raises(KittiRos2Error, match=reason):
+                recording.read(Stream.IMAGE_2, number)
+        assert robot.frame_of(recording.pixels(2, 8)) == 8
+    finally:
+        recording.close()
+
+
+def test_two_cameras_do_not_mix(tmp_path):
+    said = robot.said()
+    later = robot.packets('h265')
+    stamped = robot.said(later, robot.FFMPEG, 'libx265', '/back/image/ffmpeg')
+    more = [
+        each._replace(topic=each.topic.replace('/camera/camera_info', '/back/camera_info'))
+        for each in stamped
+        if each.topic in {'/back/image/ffmpeg', '/camera/camera_info'}
+    ]
+    bag = bags.write(tmp_path / 'bag', [*said, *more])
+    out = tmp_path / 'out'
+    code = main(['to-kitti', str(bag), str(out), '--layout', 'object', '--all-cameras'])
+    assert code == 0
+    for name in ('camera', 'back'):
+        files = sorted((out / f'training_{name}' / 'image_2').glob('*.png'))
+        assert [robot.frame_of(cv2.imread(str(path))) for path in files] == list(IN_PLACE)
+
+
+GREY = {
+    'by its tokens': ('h264', 'yuv420p', 'libx264;gray;mono8;mono8'),
+    'by its format': ('h265', 'gray', 'libx265'),
+}
+
+
+@pytest.mark.parametrize(('codec', 'pixel', 'named'), GREY.values(), ids=GREY)
+def test_grey_video_becomes_grey_images(codec, pixel, named, tmp_path):
+    said = robot.said(robot.packets(codec, pixel=pixel), robot.FFMPEG, named)
+    bag = bags.write(tmp_path / 'bag', said)
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(bag), str(out), '--layout', 'object']) == 0
+    for number in range(robot.FRAMES):
+        file = out / 'training' / 'image_2' / f'{number:06}.png'
+        pixels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert pixels.shape == robot.SIZE[::-1]
+        assert abs(int(pixels[10, 10]) - robot.grey(number)) < 4
+
+
+def test_an_odd_size_that_an_encoder_made_even_is_restored(tmp_path, capsys):
+    said = robot.said(size=(97, 65))
+    assert convert(tmp_path, said) == (0, IN_PLACE)
+    assert '12 images are scaled by a pixel to 97x65' in ''.join(capsys.readouterr())
+    image = cv2.imread(str(tmp_path / 'out' / 'training' / 'image_2' / '000003.png'))
+    assert image.shape == (65, 97, 3)
+
+
+def test_another_size_than_that_of_the_calibration_is_a_loss(tmp_path, capsys):
+    code, images = convert(tmp_path, robot.said(size=(192, 128)))
+    assert (code, images) == (1, {})
+    assert 'the image is 96x64; expected 192x128' in capsys.readouterr().err
+
+
+def test_a_part_is_decoded_from_the_key_frame_before(tmp_path):
+    packets = robot.packets()
+    code, images = convert(tmp_path, robot.said(packets), '--start', '6', '--end', '8')
+    assert (code, images) == (0, {0: 6, 1: 7, 2: 8})
+
+
+def test_a_preview_shows_frames_of_a_video(tmp_path):
+    bag = bags.write(tmp_path / 'bag', robot.said())
+    options = ImportOptions(layout=Layout.OBJECT)
+    survey = survey_bags([bag])
+    plan = guess([bag], survey, options).plan
+    excerpt = Excerpt(3)
+    build([bag], plan, survey, Target(tmp_path / 'out', excerpt=excerpt), options)
+    assert shown(tmp_path / 'out') == dict(enumerate(excerpt.numbers.tolist()))
+
+
+def test_without_pyav_one_line_says_what_to_install(tmp_path, monkeypatch, capsys):
+    said = robot.said()
+    monkeypatch.setitem(sys.modules, 'av', None)
+    code, images = convert(tmp_path, said)
+    assert (code, images) == (1, {})
+    lines = [line for line in capsys.readouterr().err.splitlines() if 'PyAV' in line]
+    assert len(lines) == 1
+    assert '/camera/image (12)' in lines[0]
+    assert lines[0].endswith("run pip install 'kitti_ros2[video]'")
+
+
+def test_a_codec_that_is_not_known_is_named(tmp_path, capsys):
+    said = robot.said(codec='theora')
+    bag = bags.write(tmp_path / 'bag', said)
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '--layout', 'object']) == 1
+    error = capsys.readouterr().err
+    assert "an unsupported codec, 'theora'; expected h264, h265, av1 or vp9" in error
+
+
+@pytest.mark.parametrize('write', [foxglove.write_protobuf, foxglove.write_json])
+def test_schemas_of_foxglove(write, tmp_path):
+    """Made by their own libraries; all other topics are those of the robot of Foxglove."""
+    world = foxglove.make_world()
+    packets = robot.packets(size=foxglove.SIZE)
+    records = []
+    for topic, stamp_ns, schema, fields in foxglove.records(world):
+        if schema == 'CompressedImage':
+            number = world.index(next(frame for frame in world if frame.stamp_ns == stamp_ns))
+            data = packets[number].data
+            records.append(
+                (topic, stamp_ns, 'CompressedVideo', {**fields, 'format': 'h264', 'data': data})
+            )
+        else:
+            records.append((topic, stamp_ns, schema, fields))
+    bag = write(tmp_path / 'bag.mcap', records)
+    out = tmp_path / 'out'
+    assert main(['to-kitti', str(bag), str(out), '--layout', 'object']) == 0
+    assert shown(out) == {number: number for number in range(foxglove.FRAMES)}
