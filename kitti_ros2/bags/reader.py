@@ -233,7 +233,9 @@ class BagMessages:
         as_ros = not as_stored if as_ros is None else as_ros
         self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
         self._converter = CdrConverter(
-            lambda: self.typestore, converts_ros1='ros1' in self._converted
+            lambda: self.typestore,
+            lambda text: self._problems.note(f'{self._path}: {text}'),
+            converts_ros1='ros1' in self._converted,
         )
         self.left_out: list[tuple[StoredChannel, Loss]] = []
         self._first_lost: dict[tuple[Reading, str], int] = {}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Schema
 from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
 
+from ..messages.compressed_clouds import COMPRESSED_CLOUD
 from ..messages.foxglove import TRANSLATIONS, Fields, JsonFields, Translation, translate
 from ..messages.ros_types import TYPESTORE
 from ..messages.ros_versions import jazzy_types
@@ -432,15 +433,23 @@ def ros1_to_cdr(typestore: Typestore, data: Buffer, msgtype: str) -> memoryview:
     return bounded.ros1_to_cdr(data, msgtype)
 
 
-# Channels with Foxglove's schemas, which appear as channels of ROS messages.
+# Channels with Foxglove's schemas or compressed clouds, which appear as channels of ROS messages.
 #
-# A channel of foxglove.PointCloud in protobuf or JSON, or of foxglove_msgs/PointCloud, appears as
-# sensor_msgs/msg/PointCloud2 with CDR; everything that reads bags sees ROS messages only.
+# A channel of foxglove.PointCloud in protobuf or JSON, of foxglove_msgs/PointCloud or of
+# point_cloud_interfaces/CompressedPointCloud2 appears as sensor_msgs/msg/PointCloud2 with CDR;
+# everything that reads bags sees ROS messages only.
 
 if TYPE_CHECKING:
     Translate: TypeAlias = Callable[[Buffer, int], bytes]
 
-_PACKAGES = ('foxglove.', 'foxglove_msgs/msg/', 'foxglove_msgs/')
+_PACKAGES = (
+    'foxglove.',
+    'foxglove_msgs/msg/',
+    'foxglove_msgs/',
+    'point_cloud_interfaces/msg/',
+    'point_cloud_interfaces/',
+)
+_TRANSLATIONS = {**TRANSLATIONS, 'CompressedPointCloud2': COMPRESSED_CLOUD}
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
 
@@ -454,8 +463,8 @@ class MissingLibraryError(KittiRos2Error):
 
 
 @dataclass(frozen=True)
-class FoxgloveChannel(StoredChannel):
-    """A channel with a schema of Foxglove, as it appears: as ROS messages in CDR.
+class TranslatedChannel(StoredChannel):
+    """A channel with a schema of one of _TRANSLATIONS, as it appears: as ROS messages in CDR.
 
     Attributes:
         original: As stored in the file.
@@ -471,12 +480,12 @@ class FoxgloveChannel(StoredChannel):
 
 def ros_channel(channel: StoredChannel) -> StoredChannel:
     """Return a channel as it appears to readers."""
-    translation = TRANSLATIONS.get(_schema_of(channel))
+    translation = _TRANSLATIONS.get(_schema_of(channel))
     if translation is None or channel.encoding not in _ENCODINGS:
         return channel
     if channel.encoding in _ROS and channel.msgtype == translation.msgtype:
         return channel
-    return FoxgloveChannel(
+    return TranslatedChannel(
         channel.topic,
         translation.msgtype,
         'cdr',
@@ -489,12 +498,14 @@ def ros_channel(channel: StoredChannel) -> StoredChannel:
 
 def stored_channel(channel: StoredChannel) -> StoredChannel:
     """Return a channel as stored in its file: the inverse of ros_channel."""
-    return channel.original if isinstance(channel, FoxgloveChannel) else channel
+    return channel.original if isinstance(channel, TranslatedChannel) else channel
 
 
 def defining_channel(channel: StoredChannel) -> StoredChannel:
     """Return the channel whose definition describes ROS types."""
-    return channel.original if isinstance(channel, FoxgloveChannel) and channel.is_ros else channel
+    return (
+        channel.original if isinstance(channel, TranslatedChannel) and channel.is_ros else channel
+    )
 
 
 def types_of(channel: StoredChannel) -> tuple[str, ...]:
@@ -512,32 +523,35 @@ def why_unread(channel: StoredChannel) -> str:
     hint = _HINTS.get(schema)
     if channel.encoding in _ENCODINGS:
         text = f'{channel.topic} is {channel.msgtype} in {channel.encoding}, which is not read'
-    elif schema in TRANSLATIONS:
+    elif schema in _TRANSLATIONS:
         hint = 'write it in protobuf or JSON'
     return f'{text}: {hint}' if hint else text
 
 
-def translator(channel: FoxgloveChannel, typestore: Callable[[], Typestore]) -> Translate:
+def translator(
+    channel: TranslatedChannel, typestore: Callable[[], Typestore], note: Callable[[str], None]
+) -> Translate:
     """Return the function that converts a stored message and its log time (ns) to CDR.
 
     Args:
         channel: The channel.
         typestore: Returns the types of the bag, for messages of ROS.
+        note: Takes what a message had lost before it was stored.
 
     Raises:
         MissingLibraryError: The library that reads protobuf is not installed.
         ValueError: The channel's schema is damaged.
     """
-    translation = TRANSLATIONS[_schema_of(channel.original)]
+    translation = _TRANSLATIONS[_schema_of(channel.original)]
     if channel.original.encoding == 'json':
         return _from_json(translation)
     if channel.original.encoding == 'protobuf':
         return _from_protobuf(channel.original, translation)
-    return _from_ros(channel.original, translation, typestore)
+    return _from_ros(channel.original, translation, typestore, note)
 
 
 def _schema_of(channel: StoredChannel) -> str:
-    """Return the name of a schema of Foxglove without its package, empty for others."""
+    """Return the name of a schema without its package, empty for packages without a translation."""
     for package in _PACKAGES:
         if channel.msgtype.startswith(package):
             return channel.msgtype[len(package) :]
@@ -587,19 +601,25 @@ def _from_protobuf(channel: StoredChannel, translation: Translation) -> Translat
 
 
 def _from_ros(
-    channel: StoredChannel, translation: Translation, typestore: Callable[[], Typestore]
+    channel: StoredChannel,
+    translation: Translation,
+    typestore: Callable[[], Typestore],
+    note: Callable[[str], None],
 ) -> Translate:
     def convert(data: Buffer, log_ns: int) -> bytes:
         store = typestore()
         if channel.encoding == 'ros1':
             data = ros1_to_cdr(store, data, channel.msgtype)
-        message = store.deserialize_cdr(data, channel.msgtype)
-        return translate(translation, Fields(message), log_ns)
+        fields = Fields(store.deserialize_cdr(data, channel.msgtype))
+        cdr = translate(translation, fields, log_ns)
+        for loss in translation.earlier_losses(fields):
+            note(f'{channel.topic} is {loss}')
+        return cdr
 
     return convert
 
 
-# Conversion of stored messages to CDR: those of ROS 1, compressed ones, and Foxglove's.
+# Conversion of stored messages to CDR: those of ROS 1, compressed and translated ones.
 
 READ = frozenset({'cdr', 'ros1'})
 """Encodings of channels that are read."""
@@ -607,7 +627,7 @@ READ = frozenset({'cdr', 'ros1'})
 
 def is_stored_as_cdr(channel: StoredChannel) -> bool:
     """Return whether messages of a channel are in their file as they are read."""
-    return channel.encoding == 'cdr' and not isinstance(channel, FoxgloveChannel)
+    return channel.encoding == 'cdr' and not isinstance(channel, TranslatedChannel)
 
 
 class CdrConverter:
@@ -615,11 +635,19 @@ class CdrConverter:
 
     Args:
         typestore: Returns the types as the bags define them.
+        note: Takes notes on channels that are found with their messages.
         converts_ros1: Whether messages of ROS 1 are converted; else they stay as they are.
     """
 
-    def __init__(self, typestore: Callable[[], Typestore], *, converts_ros1: bool) -> None:
+    def __init__(
+        self,
+        typestore: Callable[[], Typestore],
+        note: Callable[[str], None],
+        *,
+        converts_ros1: bool,
+    ) -> None:
         self._typestore = typestore
+        self._note = note
         self._converts_ros1 = converts_ros1
         self._translators: dict[StoredChannel, Translate] = {}
 
@@ -631,9 +659,9 @@ class CdrConverter:
             ValueError: The definition of the channel is damaged, or its messages become a type that
                 a bag defines otherwise.
         """
-        if isinstance(channel, FoxgloveChannel):
+        if isinstance(channel, TranslatedChannel):
             definitions.check_known(channel.msgtype)
-            self._translators[channel] = translator(channel, self._typestore)
+            self._translators[channel] = translator(channel, self._typestore, self._note)
         elif channel.encoding == 'ros1' and self._converts_ros1:
             definitions.check_extent(channel.msgtype)
 

@@ -52,7 +52,7 @@ from .ros_types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -474,10 +474,12 @@ class Translation(NamedTuple):
         msgtype: Its type.
         encode: Makes it of the fields and the log time (nanoseconds): a message of a rosbags class,
             or the serialised message.
+        earlier_losses: Returns what the message had lost before it was stored.
     """
 
     msgtype: str
     encode: Encode
+    earlier_losses: Callable[[Fields], Sequence[str]] = lambda _fields: ()
 
 
 def translate(translation: Translation, fields: Fields, log_ns: int) -> bytes:

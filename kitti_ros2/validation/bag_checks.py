@@ -8,9 +8,10 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from ..bags.bag_files import OpenBag
+from ..bags.container_file import StoredChannel
 from ..bags.locate import METADATA, metadata_bytes
 from ..bags.reader import BagMessages, Decoder
-from ..bags.stored_messages import ros1_to_cdr
+from ..bags.stored_messages import ros1_to_cdr, ros_channel
 from ..messages.cdr import peek_header, stamp_ns_of
 from ..messages.images import size_of
 from ..messages.naming import RECORDING, BagContext
@@ -71,10 +72,13 @@ def _compare_topics(information: dict[str, Any], index: BagIndex) -> Iterator[st
     counts = {key: sum(map(len, chunks)) for key, chunks in index.stamps.items()}
     types = dict(counts.keys())
     for entry in information.get('topics_with_message_count') or ():
-        topic = str(entry['topic_metadata']['name'])
-        msgtype, listed = str(entry['topic_metadata']['type']), int(entry['message_count'])
+        described = entry['topic_metadata']
+        topic, msgtype = str(described['name']), str(described['type'])
+        listed = int(entry['message_count'])
+        encoding = str(described.get('serialization_format') or 'cdr')
+        read_as = ros_channel(StoredChannel(topic, msgtype, encoding)).msgtype
         count = counts.get((topic, types.get(topic, '')), 0)
-        if topic in types and types[topic] != msgtype:
+        if topic in types and types[topic] not in {msgtype, read_as}:
             yield f'{topic} is {msgtype} here, {types[topic]} in the files'
         if topic in types and listed != count:
             yield f'{topic} has {listed} messages here, {count} in the files'

@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from kitti_ros2.bags.container_file import StoredChannel
-from kitti_ros2.bags.stored_messages import FoxgloveChannel, ros_channel, stored_channel, translator
+from kitti_ros2.bags.stored_messages import (
+    TranslatedChannel,
+    ros_channel,
+    stored_channel,
+    translator,
+)
 from kitti_ros2.messages.foxglove import TRANSLATIONS
 from kitti_ros2.messages.ros_types import TYPESTORE
 
@@ -28,10 +33,10 @@ def _foxglove(data: bytes) -> None:
         return
     channel = StoredChannel('/t', f'foxglove.{schema}', 'json')
     made = ros_channel(channel)
-    assert isinstance(made, FoxgloveChannel)
+    assert isinstance(made, TranslatedChannel)
     assert stored_channel(made) is channel
     with suppress(ValueError):
-        translator(made, lambda: TYPESTORE)(text, 1)
+        translator(made, lambda: TYPESTORE, [].append)(text, 1)
 
 
 _TIME = {'sec': 1, 'nsec': 2}
