@@ -12,12 +12,16 @@ from bisect import bisect_right
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
+from ..bags.single_messages import positions_of
 from ..messages.videos import VideoDecoder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from ..bags.reader import BagMessage, Decoder
+    from ..bags.single_messages import MessagesByPosition
     from ..messages.ros_types import ImageMsg
     from .survey import Survey, TopicSurvey
 
@@ -88,6 +92,17 @@ class BagVideos:
     def _outcomes(self, images: Any) -> Iterator[Outcome]:  # noqa: ANN401 - of VideoDecoder
         for (index, head), image in images:
             yield index, head, image
+
+
+def open_video(topic: TopicSurvey, messages: MessagesByPosition) -> VideoImages:
+    """Return the images of a video topic, read from a bag by the positions of its messages."""
+    log_ns = np.array(topic.log_ns, dtype=np.int64)
+
+    def read(index: int) -> Any:  # noqa: ANN401 - of the bag's types
+        (position,) = positions_of(topic.name, log_ns, [index])
+        return messages.read(position)
+
+    return VideoImages(topic.keys or (), topic.count, read)
 
 
 _MOST_AHEAD = 32

@@ -28,7 +28,7 @@ from .bag_cameras import video_notes
 from .bag_labels import merge_markers
 from .bag_poses import guess_pose, read_moving, read_track
 from .bag_scans import without_unreadable_scans
-from .bag_videos import VideoImages
+from .bag_videos import open_video
 from .box_labels import class_name, own_number
 from .clocks import clocked
 from .guess import guess_plan
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from ..model.samples import Calibration, Image, Sample, Scan
     from .kitti_frames import Frames
     from .plan import Plan, ScanPlan
-    from .survey import Survey, TopicSurvey
+    from .survey import Survey
 
 
 # The poses of a bag not written by to-bag, as the odometry layout would be made from them.
@@ -150,7 +150,7 @@ class PlannedRecording:
         self._label_positions = _label_positions(self._plan, survey, frames)
         self._messages = MessagesByPosition(source, set(self._topics.values()))
         self._videos = {
-            stream: self._video(survey.topics[topic])
+            stream: open_video(survey.topics[topic], self._messages)
             for stream, topic in self._topics.items()
             if survey.topics[topic].keys is not None
         }
@@ -223,15 +223,6 @@ class PlannedRecording:
                     self._videos[stream].image(int(self._frames.samples[stream][number]))
                 )
             return convert(self._messages.read(position))
-
-    def _video(self, topic: TopicSurvey) -> VideoImages:
-        log_ns = np.array(topic.log_ns, dtype=np.int64)
-
-        def read(index: int) -> Any:  # noqa: ANN401 - of the bag's types
-            (position,) = positions_of(topic.name, log_ns, [index])
-            return self._messages.read(position)
-
-        return VideoImages(topic.keys or (), topic.count, read)
 
     def _scan(self, number: int, message: Any) -> Scan:  # noqa: ANN401 - of the bag's types
         index = self._frames.samples[Stream.SCAN][number]

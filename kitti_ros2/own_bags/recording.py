@@ -19,12 +19,15 @@ import numpy as np
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
 from ..bags.single_messages import MessagePosition, MessagesByPosition, positions_of
+from ..importer.bag_videos import open_video
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
+from ..messages.cdr import stamp_ns_of
 from ..messages.naming import BagContext, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
+from ..model.bag_formats import PICTURES
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
@@ -33,6 +36,7 @@ from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
 from .numbering import absent_frames, number_bag, tracklets_of
+from .reencoded_images import ReencodedImages
 from .schedule import UNKNOWN
 
 if TYPE_CHECKING:
@@ -41,13 +45,14 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage
-    from ..importer.survey import Survey
+    from ..importer.survey import Survey, TopicSurvey
     from ..kitti.kitti_recording import KittiRecording
+    from ..messages.topics import Topic
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Transform
     from ..model.recording import FrameOrigin, Start
-    from ..model.samples import Pose, Sample, Turn
+    from ..model.samples import Image, Pose, Sample, Turn
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
     from .source_files import SourceFiles
@@ -101,6 +106,12 @@ class BagRecording:
             stream: _positions(name, bag.topics[name]) for stream, name in large.items()
         }
         self._messages = MessagesByPosition(source, set(large.values()))
+        self._reencoded = ReencodedImages(survey)
+        self._videos = {
+            stream: open_video(survey.topics[name], self._messages)
+            for stream, name in large.items()
+            if name in self._reencoded.videos
+        }
         self._calibration_cached = lru_cache(maxsize=32)(self._calibration)
 
     def _face_forward(self) -> None:
@@ -145,6 +156,8 @@ class BagRecording:
             raise KittiRos2Error(f'{self._topics[stream]}: {what}') from error
 
     def _sample(self, stream: Stream, number: int) -> Sample:
+        if stream in self._videos:
+            return self._video_image(stream, number)
         decode = decoders()[self._topics[stream]]
         decoded: Any = decode(self._message(stream, number), BagContext(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
@@ -153,6 +166,11 @@ class BagRecording:
         if isinstance(sample, Scan):
             return replace(sample, turn=self.turns.get(number))
         return sample
+
+    def _video_image(self, stream: Stream, number: int) -> Image:
+        name = self._topics[stream]
+        image = self._videos[stream].image(_first_of(self._bag.topics[name])[number])
+        return self._reencoded.file(name, stamp_ns_of(image.header), image)
 
     @cached_property
     def turns(self) -> Mapping[int, Turn]:
@@ -188,7 +206,7 @@ class BagRecording:
                 continue
             is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
             surveyed = self._survey.topics.get(name)  # None: the bag does not define its type
-            if is_read and surveyed is not None and surveyed.msgtype == row.msgtype:
+            if is_read and surveyed is not None and _is_of(surveyed, row):
                 topics.setdefault(row.stream, name)
         return topics
 
@@ -262,6 +280,12 @@ class BagRecording:
 if TYPE_CHECKING:
     NumberedRecording: TypeAlias = KittiRecording | BagRecording
     """Recordings whose frames have KITTI's numbers."""
+
+
+def _is_of(topic: TopicSurvey, row: Topic) -> bool:
+    """Return whether a topic has the type of its row, or is a video of the row's images."""
+    is_video = topic.keys is not None and row.msgtype in PICTURES
+    return is_video or topic.msgtype == row.msgtype
 
 
 def _no_calibration(reason: str) -> Calibration:

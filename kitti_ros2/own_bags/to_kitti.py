@@ -22,7 +22,7 @@ from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.apply_plan import adapt, guess, streams_of_topics
 from ..importer.bag_scans import labelled_fields
-from ..importer.kitti_frames import ImportReport
+from ..importer.kitti_frames import ImportReport, with_indices
 from ..importer.plan import parse_plan
 from ..importer.survey import survey_bags
 from ..kitti import names
@@ -46,6 +46,7 @@ from ..model.errors import (
 from ..model.samples import Image
 from ..model.streams import Layout, LayoutTraits, Stream
 from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp
+from .reencoded_images import open_videos
 from .schedule import frames_of
 from .source_files import (
     EarlierVersionError,
@@ -212,6 +213,7 @@ class _Writer:
     ) -> None:
         self._bag = bag
         self._messages = messages
+        self._reencoded = open_videos(bag, messages.channels)
         self._source_files = source_files
         self._root = root
         streams = source_files.folders.keys()
@@ -224,6 +226,7 @@ class _Writer:
         }
         self._grey: dict[Stream, set[int]] = {}
         self._as_png: dict[Stream, set[int]] = {}
+        self._as_video: dict[Stream, set[int]] = {}
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
@@ -233,20 +236,33 @@ class _Writer:
     def files(self) -> Iterator[_File]:
         """Yield the files in the messages, in their order."""
         decode = Decoder(self._messages.typestore, lent=True)
-        for message in self._messages:
-            row = own_topics()[message.topic]
-            try:
-                decoded = decode(message, row.msgtype)
-            except ValueError as error:
-                self._lose(message, str(error))
+        for message, decoded in self._decoded(decode):
+            if isinstance(decoded, ValueError):
+                self._lose(message, str(decoded))
                 continue
             file = (
                 self._line(decoded, message)
-                if row.is_frame_text
+                if own_topics()[message.topic].is_frame_text
                 else self._sample(decoded, message)
             )
             if file is not None and file.number not in self._left_out[file.stream]:
                 yield file
+
+    def _decoded(self, decode: Decoder) -> Iterator[tuple[BagMessage, Any]]:
+        """Yield the messages, each decoded or with the error; images of videos as Images."""
+        videos = None if self._reencoded is None else self._reencoded.videos
+        for index, message in with_indices(self._messages):
+            if videos is not None and message.topic in videos:
+                for _, packet, image in videos.take(index, message, decode):
+                    yield packet, image
+                continue
+            try:
+                yield message, decode(message, own_topics()[message.topic].msgtype)
+            except ValueError as error:
+                yield message, error
+        if videos is not None:
+            for _, packet, image in videos.rest():
+                yield packet, image
 
     def _lose(self, message: BagMessage, reason: str) -> None:
         """Report a message without a file; to-bag logs a sample at its own stamp."""
@@ -284,13 +300,17 @@ class _Writer:
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = own_topics()[message.topic].stream
-        numbers = (self._numbers.get(stream) or {}).get(stamp_ns_of(decoded.header))
+        stamp_ns = stamp_ns_of(decoded.header)
+        numbers = (self._numbers.get(stream) or {}).get(stamp_ns)
         if not numbers:
             self._lose(message, self._why_unnumbered(stream))
             return None
         number = numbers.pop(0)
         path = self._source_files.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, BagContext(path))
+        if self._reencoded is not None and message.topic in self._reencoded.videos:
+            sample = partial(self._reencoded.file, message.topic, stamp_ns, decoded)
+            self._as_video.setdefault(stream, set()).add(number)
         if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
@@ -357,14 +377,7 @@ class _Writer:
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
-        for stream, frames in self._as_png.items():
-            text = (
-                f'{stream.value} of frames {{}} is written as PNG, for the bag has pixels, no JPEG'
-            )
-            missing.append(Loss(stream.value, len(frames), text, tuple(sorted(frames))))
-        for stream, frames in self._grey.items():
-            text = f"{stream.value} of frames {{}} is written grey, not in KITTI's colours"
-            missing.append(Loss(stream.value, len(frames), text, tuple(sorted(frames))))
+        missing += self._changed_images()
         return ImportReport(
             layout=self._source_files.layout,
             name=self._source_files.name,
@@ -374,6 +387,17 @@ class _Writer:
             losses=(*self._losses.losses(), *missing),
             notes=tuple(notes),
         )
+
+    def _changed_images(self) -> Iterator[Loss]:
+        """Yield the losses of the images that are not KITTI's own files."""
+        for by_stream, change in (
+            (self._as_png, 'written as PNG, for the bag has pixels, no JPEG'),
+            (self._as_video, "decoded from video: not KITTI's own pixels"),
+            (self._grey, "written grey, not in KITTI's colours"),
+        ):
+            for stream, frames in by_stream.items():
+                text = f'{stream.value} of frames {{}} is {change}'
+                yield Loss(stream.value, len(frames), text, tuple(sorted(frames)))
 
     def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
         """Return the loss of the columns that to-bag skipped."""
