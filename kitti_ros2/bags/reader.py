@@ -29,6 +29,7 @@ from .stored_messages import (
     MissingLibraryError,
     defining_channel,
     is_stored_as_cdr,
+    ros_channel,
     stored_channel,
     types_of,
     why_unread,
@@ -369,7 +370,8 @@ class BagMessages:
     def _as_copied(self, channel: StoredChannel) -> StoredChannel:
         """Return a channel as stored, unless its messages are converted from outside of ROS."""
         stored = stored_channel(channel)
-        return channel if stored.encoding in self._converted - READ else stored
+        is_converted = stored.encoding in self._converted - READ
+        return ros_channel(stored, for_copy=True) if is_converted else stored
 
     def _leave_out_encodings(self) -> None:
         """Skip channels that cannot be converted to CDR.

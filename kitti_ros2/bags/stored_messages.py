@@ -16,7 +16,13 @@ from mcap.records import Schema
 from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
 
 from ..messages.compressed_clouds import COMPRESSED_CLOUD
-from ..messages.foxglove import TRANSLATIONS, Fields, JsonFields, Translation, translate
+from ..messages.foxglove import (
+    OF_COPIES,
+    TRANSLATIONS,
+    Translation,
+    translate,
+)
+from ..messages.foxglove_fields import Fields, JsonFields
 from ..messages.ros_types import TYPESTORE
 from ..messages.ros_versions import jazzy_types
 from ..messages.type_definitions import (
@@ -450,6 +456,7 @@ _PACKAGES = (
     'point_cloud_interfaces/',
 )
 _TRANSLATIONS = {**TRANSLATIONS, 'CompressedPointCloud2': COMPRESSED_CLOUD}
+_TRANSLATIONS_OF_COPIES = {**_TRANSLATIONS, **OF_COPIES}
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
 
@@ -468,9 +475,11 @@ class TranslatedChannel(StoredChannel):
 
     Attributes:
         original: As stored in the file.
+        for_copy: Whether its messages are written to another bag.
     """
 
     original: StoredChannel = field(kw_only=True)
+    for_copy: bool = field(default=False, kw_only=True)
 
     @property
     def is_ros(self) -> bool:
@@ -478,9 +487,10 @@ class TranslatedChannel(StoredChannel):
         return self.original.encoding in _ROS
 
 
-def ros_channel(channel: StoredChannel) -> StoredChannel:
-    """Return a channel as it appears to readers."""
-    translation = _TRANSLATIONS.get(_schema_of(channel))
+def ros_channel(channel: StoredChannel, *, for_copy: bool = False) -> StoredChannel:
+    """Return a channel as it appears to readers, or as it is written to another bag."""
+    translations = _TRANSLATIONS_OF_COPIES if for_copy else _TRANSLATIONS
+    translation = translations.get(_schema_of(channel))
     if translation is None or channel.encoding not in _ENCODINGS:
         return channel
     if channel.encoding in _ROS and channel.msgtype == translation.msgtype:
@@ -490,6 +500,7 @@ def ros_channel(channel: StoredChannel) -> StoredChannel:
         translation.msgtype,
         'cdr',
         original=channel,
+        for_copy=for_copy,
         latched=channel.latched,
         depth=channel.depth,
         profiles=channel.profiles,
@@ -542,7 +553,8 @@ def translator(
         MissingLibraryError: The library that reads protobuf is not installed.
         ValueError: The channel's schema is damaged.
     """
-    translation = _TRANSLATIONS[_schema_of(channel.original)]
+    translations = _TRANSLATIONS_OF_COPIES if channel.for_copy else _TRANSLATIONS
+    translation = translations[_schema_of(channel.original)]
     if channel.original.encoding == 'json':
         return _from_json(translation)
     if channel.original.encoding == 'protobuf':

@@ -21,11 +21,13 @@ import zstandard
 from ..model.bag_formats import CLOUD
 from . import cloudini
 from .cdr import make_header
-from .foxglove import Fields, Translation
+from .foxglove import Translation
 from .ros_types import PointCloud2, PointField
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from .foxglove_fields import Fields
 
 _LARGEST_ALWAYS = 2**27
 _LARGEST_RATIO = 64

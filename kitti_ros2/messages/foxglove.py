@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-import binascii
 import struct
-from base64 import b64decode
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 
 from ..model.bag_formats import (
     CAMERA_INFO,
@@ -23,27 +22,25 @@ from ..model.bag_formats import (
     POSE,
     TF,
 )
-from ..model.geometry import Transform
-from ..model.streams import NS_PER_S, to_sec_nanosec
+from ..model.streams import to_sec_nanosec
 from .cdr import CdrWriter, join, make_header, make_pose, serialize
+from .foxglove_scene import encode_boxes, encode_shapes
 from .ros_types import (
     TYPESTORE,
     CameraInfo,
     CompressedImage,
     ImageMsg,
-    Marker,
     NavSatFix,
     NavSatStatus,
     Odometry,
-    Point,
     PointCloud2,
     PointField,
-    Pose,
     PoseStamped,
     PoseWithCovariance,
     Quaternion,
     RegionOfInterest,
     TFMessage,
+    Time,
     TransformMsg,
     TransformStamped,
     Twist,
@@ -52,11 +49,12 @@ from .ros_types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
-    from ..model.geometry import Float64Array
+    from ..model.geometry import Transform
+    from .foxglove_fields import Fields
     from .ros_types import Header
 
 
@@ -134,322 +132,6 @@ def _moved(
             raise ValueError(f'it has a pose, and {name} of its points is no float')
         points[name] = column
     return moved
-
-
-# The fields of a message with one of Foxglove's schemas, in protobuf, JSON or ROS encoding.
-#
-# A missing field has its default value, as in protobuf: older versions of a schema have fewer
-# fields.
-
-_SECONDS = ('sec', 'seconds')
-_NANOSECONDS = ('nsec', 'nanos', 'nanosec')
-_LARGEST = 2**32 - 1
-
-
-class Fields:
-    """The fields of a protobuf or ROS message, by the names of Foxglove's schemas.
-
-    ROS spells all names in lower case. Subclasses read other encodings.
-
-    Args:
-        message: The decoded message; None is one without fields.
-    """
-
-    def __init__(self, message: Any) -> None:  # noqa: ANN401 - of any encoding
-        self._message = message
-
-    def value(self, name: str) -> Any:  # noqa: ANN401 - of any type
-        """Return the value of a field, None if it is missing."""
-        field = getattr(self._message, name, None)
-        if field is None:
-            return getattr(self._message, name.lower(), None)
-        if hasattr(field, 'DESCRIPTOR') and not self._message.HasField(name):
-            return None
-        return field
-
-    def text(self, name: str) -> str:
-        """Return a string.
-
-        Raises:
-            ValueError: The value is of another type; so do all others.
-        """
-        text = self.value(name)
-        if text is None:
-            return ''
-        if not isinstance(text, str):
-            raise _wrong(name, 'a string', text)
-        return text
-
-    def number(self, name: str, default: float = 0.0) -> float:
-        """Return a number."""
-        number = self.value(name)
-        if number is None:
-            return default
-        if isinstance(number, bool) or not isinstance(number, (int, float, np.number)):
-            raise _wrong(name, 'a number', number)
-        try:
-            return float(number)
-        except OverflowError as error:
-            raise _wrong(name, 'a number', number) from error
-
-    def integer(self, name: str, largest: int = _LARGEST) -> int:
-        """Return an integer of 0 or more."""
-        number = self.number(name)
-        if not 0 <= number <= largest or number != int(number):
-            raise _wrong(name, f'an integer from 0 to {largest}', number)
-        return int(number)
-
-    def numbers(self, name: str, *counts: int) -> Float64Array:
-        """Return (N,) numbers; if counts are given, N is one of them."""
-        sequence = self.value(name)
-        try:
-            numbers = np.array([] if sequence is None else sequence, np.float64)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise _wrong(name, 'a list of numbers', sequence) from error
-        if numbers.ndim != 1 or (counts and len(numbers) not in counts):
-            expected = ' or '.join(map(str, counts)) or 'a list of'
-            raise _wrong(name, f'{expected} numbers', sequence)
-        return numbers
-
-    def data(self, name: str) -> bytes | memoryview:
-        """Return bytes."""
-        data = self.value(name)
-        if isinstance(data, np.ndarray) and data.dtype == np.uint8:
-            return memoryview(data.tobytes())
-        if data is None:
-            return b''
-        if not isinstance(data, bytes):
-            raise _wrong(name, 'bytes', data)
-        return data
-
-    def child(self, name: str) -> Fields:
-        """Return the fields of a nested message; of a missing one all are missing."""
-        return type(self)(self.value(name))
-
-    def children(self, name: str) -> list[Fields]:
-        """Return the fields of each message of a list."""
-        messages = self.value(name)
-        try:
-            return [type(self)(message) for message in messages or ()]
-        except TypeError as error:
-            raise _wrong(name, 'a list', messages) from error
-
-    def stamp_ns(self, name: str, default_ns: int) -> int:
-        """Return a time, nanoseconds, or the default if the field is missing."""
-        if self.value(name) is None:
-            return default_ns
-        time = self.child(name)
-        seconds, nanoseconds = (
-            next((key for key in keys if time.value(key) is not None), keys[0])
-            for keys in (_SECONDS, _NANOSECONDS)
-        )
-        whole = time.integer(seconds, 2**31 - 1)
-        return whole * NS_PER_S + time.integer(nanoseconds, NS_PER_S - 1)
-
-    def xyz(self, name: str) -> tuple[float, float, float]:
-        """Return a Vector3 or Point3."""
-        point = self.child(name)
-        return point.number('x'), point.number('y'), point.number('z')
-
-    def xyzw(self, name: str) -> tuple[float, float, float, float]:
-        """Return a Quaternion; a missing one, or one of zeros, is the identity."""
-        fields = self.child(name)
-        quaternion = (*self.xyz(name), fields.number('w'))
-        return quaternion if any(quaternion) else (0.0, 0.0, 0.0, 1.0)
-
-    def pose(self, name: str) -> Transform:
-        """Return a Pose; a missing one is the identity.
-
-        Raises:
-            ValueError: Its numbers are no pose.
-        """
-        fields = self.child(name)
-        xyzw = np.array(fields.xyzw('orientation'))
-        position = np.array(fields.xyz('position'))
-        length = np.linalg.norm(xyzw)
-        if not (np.isfinite(position).all() and np.isfinite(length) and length > 0):
-            raise ValueError(f'{name} is no pose: {position.tolist()}, {xyzw.tolist()}')
-        return Transform.from_quaternion(xyzw / length, position)
-
-
-class JsonFields(Fields):
-    """The fields of a JSON object; bytes are base64.
-
-    Args:
-        message: The object as a dict; None is one without fields.
-
-    Raises:
-        ValueError: It is no object.
-    """
-
-    def __init__(self, message: Mapping[str, Any] | None) -> None:
-        if message is not None and not isinstance(message, dict):
-            raise ValueError(f'{_shown(message)} is no JSON object')
-        super().__init__(message or {})
-
-    def value(self, name: str) -> Any:  # noqa: ANN401 - of any type
-        """Return the value of a field, None if it is missing."""
-        return self._message.get(name)
-
-    def data(self, name: str) -> bytes:
-        """Return bytes."""
-        try:
-            return b64decode(self.text(name), validate=True)
-        except (binascii.Error, ValueError) as error:
-            raise ValueError(f'{name} is no base64 ({error})') from error
-
-    def children(self, name: str) -> list[Fields]:
-        """Return the fields of each object of a list."""
-        messages = self.value(name)
-        if messages is not None and not isinstance(messages, list):
-            raise _wrong(name, 'a list', messages)
-        return [JsonFields(message) for message in messages or ()]
-
-
-def _wrong(name: str, expected: str, actual: object) -> ValueError:
-    return ValueError(f'{name} is {_shown(actual)}; expected {expected}')
-
-
-def _shown(value: object) -> str:
-    """Return a value as a short text."""
-    if isinstance(value, (str, int, float)):
-        text = repr(value)
-        return text if len(text) <= 40 else f'{text[:36]} ...'
-    return f'a {type(value).__name__}'
-
-
-# Foxglove's SceneUpdate -> visualization_msgs/MarkerArray: its cubes, which are boxes.
-#
-# A cube's namespace is the id of its entity, its text begins with the class: the value of a
-# metadata key such as `category` (nuscenes2mcap writes it), or the entity's text. Entities without
-# cubes that are drawn as pairs of points become line lists. Spheres, arrows, models and other
-# shapes are no boxes and are not converted.
-
-CLASS_KEYS = (
-    'class',
-    'category',
-    'label',
-    'type',
-    'class_name',
-    'category_name',
-    'classification',
-    'object_class',
-    'object_type',
-)
-"""Keys of metadata, in lower case, whose value is the class of an entity."""
-
-_SCORE_KEYS = ('score', 'confidence', 'probability')
-_LINE_LIST = 2  # LinePrimitive.Type
-_ALL = 1  # SceneEntityDeletion.Type
-_NOTHING = np.empty(0, np.uint8)
-
-
-class _Entity(NamedTuple):
-    """Stamp (nanoseconds), frame and id."""
-
-    stamp_ns: int
-    frame_id: str
-    name: str
-
-
-def encode_scene(scene: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags class
-    """Make the MarkerArray of a SceneUpdate.
-
-    Args:
-        scene: The message.
-        log_ns: Stamp of what has none, nanoseconds.
-
-    Raises:
-        ValueError: A value is of a wrong type.
-    """
-    markers = [_deletion(child, log_ns) for child in scene.children('deletions')]
-    for entity in scene.children('entities'):
-        owner = _Entity(
-            entity.stamp_ns('timestamp', log_ns), entity.text('frame_id'), entity.text('id')
-        )
-        text = _caption(entity)
-        cubes = entity.children('cubes')
-        for number, cube in enumerate(cubes):
-            marker = _marker(owner, number, Marker.CUBE)
-            marker.pose = make_pose(cube.pose('pose'))
-            marker.scale = Vector3(*cube.xyz('size'))
-            marker.text = text
-            _paint(marker, cube)
-            markers.append(marker)
-        if not cubes:
-            lines = entity.children('lines')
-            pairs = [line for line in lines if line.integer('type') == _LINE_LIST]
-            markers += [_lines(owner, number, pair) for number, pair in enumerate(pairs)]
-    return TYPESTORE.types[MARKERS](markers)
-
-
-def _caption(entity: Fields) -> str:
-    """Return class, texts and score of an entity, a line each; the first is the class if known."""
-    metadata = {
-        child.text('key').lower(): child.text('value') for child in entity.children('metadata')
-    }
-    lines = [metadata[key] for key in CLASS_KEYS if metadata.get(key)][:1]
-    lines += [child.text('text') for child in entity.children('texts')]
-    lines += [metadata[key] for key in _SCORE_KEYS if metadata.get(key)][:1]
-    return '\n'.join(line for line in lines if line)
-
-
-def _deletion(deletion: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags class
-    owner = _Entity(deletion.stamp_ns('timestamp', log_ns), '', deletion.text('id'))
-    marker = _marker(owner, 0, Marker.CUBE)
-    is_all = deletion.integer('type') == _ALL
-    marker.action = Marker.DELETEALL if is_all else Marker.DELETE
-    return marker
-
-
-def _lines(owner: _Entity, number: int, line: Fields) -> Any:  # noqa: ANN401 - a rosbags class
-    points = [
-        Point(child.number('x'), child.number('y'), child.number('z'))
-        for child in line.children('points')
-    ]
-    indices = line.numbers('indices')
-    if len(indices):
-        if not ((indices >= 0) & (indices < len(points))).all():
-            raise ValueError('indices of a line are beyond its points')
-        points = [points[int(index)] for index in indices]
-    marker = _marker(owner, number, Marker.LINE_LIST)
-    marker.pose = make_pose(line.pose('pose'))
-    marker.scale = Vector3(line.number('thickness'), 0.0, 0.0)
-    marker.points = points
-    _paint(marker, line)
-    return marker
-
-
-def _marker(owner: _Entity, number: int, kind: int) -> Any:  # noqa: ANN401 - a rosbags class
-    header = make_header(owner.stamp_ns, owner.frame_id)
-    types = TYPESTORE.types
-    return types['visualization_msgs/msg/Marker'](
-        header=header,
-        ns=owner.name,
-        id=number,
-        type=kind,
-        action=Marker.ADD,
-        pose=Pose(Point(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
-        scale=Vector3(0.0, 0.0, 0.0),
-        color=types['std_msgs/msg/ColorRGBA'](0.0, 0.0, 0.0, 0.0),
-        lifetime=types['builtin_interfaces/msg/Duration'](*to_sec_nanosec(0)),
-        frame_locked=False,
-        points=[],
-        colors=[],
-        texture_resource='',
-        texture=CompressedImage(make_header(0, ''), '', _NOTHING),
-        uv_coordinates=[],
-        text='',
-        mesh_resource='',
-        mesh_file=types['visualization_msgs/msg/MeshFile']('', _NOTHING),
-        mesh_use_embedded_materials=False,
-    )
-
-
-def _paint(marker: Any, shape: Fields) -> None:  # noqa: ANN401 - a rosbags class
-    color = shape.child('color')
-    for name in 'rgba':
-        setattr(marker.color, name, color.number(name))
 
 
 # Messages with Foxglove's schemas -> the ROS messages of the same content.
@@ -639,6 +321,48 @@ TRANSLATIONS = {
     'PoseInFrame': Translation(POSE, _pose),
     'PosesInFrame': Translation(POSE_ARRAY, _poses),
     'RawImage': Translation(IMAGE, _image),
-    'SceneUpdate': Translation(MARKERS, encode_scene),
+    'SceneUpdate': Translation(MARKERS, encode_boxes),
 }
 """By the name of the schema, without its package."""
+
+
+# Schemas that have no counterpart in ROS -> messages of foxglove_msgs, which has all schemas.
+
+
+def _of_foxglove_msgs(name: str) -> Translation:
+    msgtype = f'foxglove_msgs/msg/{name}'
+    return Translation(msgtype, lambda fields, log_ns: _mirrored(msgtype, fields, log_ns))
+
+
+def _mirrored(msgtype: str, fields: Fields, log_ns: int) -> Any:  # noqa: ANN401 - a rosbags class
+    """Make a message of a type with the fields of its schema; missing times are the log time."""
+    values = [
+        _mirrored_value(name, description, fields, log_ns)
+        for name, description in TYPESTORE.fielddefs[msgtype][1]
+    ]
+    return TYPESTORE.types[msgtype](*values)
+
+
+def _mirrored_value(name: str, description: Any, fields: Fields, log_ns: int) -> Any:  # noqa: ANN401
+    kind, content = description
+    if kind == Nodetype.SEQUENCE:
+        (element, inner), _ = content
+        if element == Nodetype.BASE:
+            return np.frombuffer(fields.data(name), np.uint8)
+        return [_mirrored(inner, child, log_ns) for child in fields.children(name)]
+    if kind == Nodetype.BASE:
+        readers: dict[str, Callable[[str], Any]] = {'string': fields.text, 'float64': fields.number}
+        return readers.get(content[0], fields.integer)(name)
+    if content == 'builtin_interfaces/msg/Time':
+        return Time(*to_sec_nanosec(fields.stamp_ns(name, log_ns)))
+    if content == 'geometry_msgs/msg/Pose':
+        return make_pose(fields.pose(name))
+    return _mirrored(content, fields.child(name), log_ns)
+
+
+OF_COPIES = {
+    'SceneUpdate': Translation(MARKERS, encode_shapes),
+    **{name: _of_foxglove_msgs(name) for name in ('GeoJSON', 'Grid', 'ImageAnnotations', 'Log')},
+}
+"""Of bags that are written as other bags: all shapes of a scene, and what ROS has no counterpart
+of."""

@@ -42,6 +42,28 @@ SECOND_SOURCES = {
         float64 thickness
         foxglove_msgs/Color fill_color
         foxglove_msgs/Color outline_color""",
+    'foxglove_msgs/msg/Grid': """
+        time timestamp
+        string frame_id
+        geometry_msgs/Pose pose
+        uint32 column_count
+        foxglove_msgs/Vector2 cell_size
+        uint32 row_stride
+        uint32 cell_stride
+        foxglove_msgs/PackedElementField[] fields
+        uint8[] data""",
+    'foxglove_msgs/msg/Log': """
+        time timestamp
+        uint8 level
+        string message
+        string name
+        string file
+        uint32 line""",
+    'foxglove_msgs/msg/CompressedVideo': """
+        time timestamp
+        string frame_id
+        uint8[] data
+        string format""",
     'autoware_perception_msgs/msg/DetectedObjectKinematics': """
         geometry_msgs/PoseWithCovariance pose_with_covariance
         bool has_position_covariance

@@ -20,7 +20,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
-from kitti_ros2.messages.foxglove import JsonFields
+from kitti_ros2.messages.foxglove_fields import JsonFields
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions

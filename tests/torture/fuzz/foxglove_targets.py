@@ -23,7 +23,12 @@ from kitti_ros2.messages.ros_types import TYPESTORE
 from .bag_targets import COMMON, RECORD_WORDS, reader
 from .target import Target, place
 
-_MODULES = ('messages/foxglove.py', 'bags/stored_messages.py')  # fmt: skip
+_MODULES = (
+    'messages/foxglove.py',
+    'messages/foxglove_fields.py',
+    'messages/foxglove_scene.py',
+    'bags/stored_messages.py',
+)
 
 
 def _foxglove(data: bytes) -> None:
@@ -32,11 +37,12 @@ def _foxglove(data: bytes) -> None:
     if schema not in TRANSLATIONS:
         return
     channel = StoredChannel('/t', f'foxglove.{schema}', 'json')
-    made = ros_channel(channel)
-    assert isinstance(made, TranslatedChannel)
-    assert stored_channel(made) is channel
-    with suppress(ValueError):
-        translator(made, lambda: TYPESTORE, [].append)(text, 1)
+    for for_copy in (False, True):
+        made = ros_channel(channel, for_copy=for_copy)
+        assert isinstance(made, TranslatedChannel)
+        assert stored_channel(made) is channel
+        with suppress(ValueError):
+            translator(made, lambda: TYPESTORE, [].append)(text, 1)
 
 
 _TIME = {'sec': 1, 'nsec': 2}
