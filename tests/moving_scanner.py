@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 FIRST_NS = 1_317_042_000_123_456_789
 TURN_S = 0.1036
 TURN_NS = 103_600_000
+KITTI_TURN_S = 0.1
 OXTS_AFTER_NS = 15_000_000
 """Packets come after facing forward, as in KITTI."""
 
@@ -100,6 +101,17 @@ class Bend:
         found[:, 0], found[:, 1] = ahead, left
         return found, np.abs(times - before) < 1e-9
 
+    def moved_by_kitti(self, measured, forward_s):
+        """Measured points as the files of odometry have them: by the motion of a turn of 0.1 s."""
+        x, y = measured[:, 0].astype(np.float64), measured[:, 1].astype(np.float64)
+        parts = -np.arctan2(y, x) / (2 * np.pi)
+        angle = parts * KITTI_TURN_S * (self.rate + self.turn_acceleration * forward_s)
+        driven = parts * KITTI_TURN_S * (self.speed + self.acceleration * forward_s)
+        moved = measured.copy()
+        moved[:, 0] = np.cos(angle) * x - np.sin(angle) * y + driven
+        moved[:, 1] = np.sin(angle) * x + np.cos(angle) * y
+        return moved
+
 
 def stamp_of(number):
     return FIRST_NS + number * TURN_NS
@@ -108,7 +120,7 @@ def stamp_of(number):
 def write_bend(root: Path, layout: Layout, bend: Bend, frames: int = 4, columns: int = 300):
     """Write a recording; return the folder to convert, and by frame the exact and measured points.
 
-    A layout with compensated scans has the exact ones.
+    A layout with compensated scans has them as KITTI compensated: a little less than exact.
     """
     street = SyntheticDrive(
         SyntheticOptions(frames=frames, image_size=(16, 16), lidar_columns=columns)
@@ -126,9 +138,11 @@ def write_bend(root: Path, layout: Layout, bend: Bend, frames: int = 4, columns:
             seen, faced = bend.measured(points, time)
             exact[number], measured[number] = points[faced], seen[faced]
             stamp = stamp_of(number)
-            kept = exact if layout.traits.compensated_scans else measured
+            points = measured[number]
+            if layout.traits.compensated_scans:
+                points = bend.moved_by_kitti(points, time)
             bounds = stamp - TURN_NS // 2, stamp + TURN_NS // 2
-            writer.write_scan(number, stamp, Scan(kept[number], *bounds))
+            writer.write_scan(number, stamp, Scan(points, *bounds))
             if layout.traits.compensated_scans:
                 moved = rect_t_velo @ first.inverse() @ bend.pose(time) @ rect_t_velo.inverse()
                 writer.write_pose(number, stamp, moved.matrix()[:3])

@@ -105,6 +105,11 @@ class RecordingCrop:
         return failed + [loss for loss in self._recording.losses if loss.stream in needed]
 
     @property
+    def moved(self) -> str:
+        """How its points are moved, '' if they are those of the files."""
+        return '' if self._recording.deskew is None else self._recording.deskew.state
+
+    @property
     def notes(self) -> list[str]:
         """Notes so far."""
         if not self._emptied:
@@ -285,7 +290,10 @@ def crop_sets(
     if linker.why:
         copied = sum(result.copied for result in results)
         notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {linker.why}')
-    if not options.cuts:
+    moved = next((job.moved for job in jobs if job.moved), '')
+    if moved:
+        notes.append(f"scans are written {moved}, not as in KITTI's files")
+    elif not options.cuts:
         notes.append('no filter is given, so all scans are unchanged')
     return CropReport(out, recordings[0].layout.value, results, losses, tuple(notes))
 

@@ -17,6 +17,7 @@ from ..kitti.find import tree_of
 from ..kitti.kitti_recording import image_size
 from ..kitti.scan_file import (
     format_point_labels,
+    format_scan_text,
     parse_point_labels,
     parse_points,
     parse_rows,
@@ -25,7 +26,7 @@ from ..kitti.scan_file import (
 from ..kitti.store import STORE
 from ..model.boxes import count_points, cuboid_of, has_cuboid, is_absurd
 from ..model.errors import KittiRos2Error, MissingDataError, describe_error
-from ..model.samples import rect_from_velo
+from ..model.samples import Scan, rect_from_velo
 from ..model.streams import KITTI_COLUMNS, Stream
 from ..options.datasets import LASERS, EmptyLabels, View
 
@@ -448,6 +449,8 @@ class ScanCropper:
         path, _ = self._paths.scan(number)
         try:
             scan = _ReadScan.read(path, self._recording)
+            if self._recording.deskew is not None:
+                scan = scan.moved(self._recording, number)
             keep = kept_points(scan.points, self._options, self._views.at(number))
         except (KittiRos2Error, OSError) as error:
             self._leave_out(result, describe_error(error))
@@ -457,7 +460,9 @@ class ScanCropper:
             result.before, result.after = len(keep), int(np.count_nonzero(keep))
             if not result.before:
                 result.failures.append((Stream.SCAN, f'{path}: the file is empty, and stays so'))
-            result.done = self._put(result, self._paths.scan(number), scan.cut, keep)
+            result.done = self._put(
+                result, self._paths.scan(number), scan.cut, keep, changed=scan.is_moved
+            )
             self._cut_point_labels(result, keep)
             self._find_empty_labels(result, scan.points[keep])
         self._write_labels(result)
@@ -512,10 +517,16 @@ class ScanCropper:
             self._write(result, paths, text.encode())
 
     def _put(
-        self, result: CutScan, paths: FileTarget, cut: Callable[[Mask], bytes], keep: Mask
+        self,
+        result: CutScan,
+        paths: FileTarget,
+        cut: Callable[[Mask], bytes],
+        keep: Mask,
+        *,
+        changed: bool = False,
     ) -> bool:
-        """Write a part of a file; link or copy a file that stays whole."""
-        if keep.all():
+        """Write a part of a file; link or copy a file that stays whole, unless it is changed."""
+        if keep.all() and not changed:
             return self._link(result, paths)
         self._write(result, paths, cut(keep))
         return True
@@ -535,11 +546,16 @@ class ScanCropper:
 
 @dataclass(frozen=True, eq=False)
 class _ReadScan:
-    """The points of a scan, and its unparsed rows: bytes or text lines."""
+    """The points of a scan, and its unparsed rows: bytes or text lines.
+
+    Attributes:
+        is_moved: Whether they differ from the file's by the compensation of motion, or its undoing.
+    """
 
     points: Float32Array
     rows: npt.NDArray[np.void] | None = None
     lines: list[bytes] | None = None
+    is_moved: bool = False
 
     @classmethod
     def read(cls, path: Path, recording: KittiRecording) -> _ReadScan:
@@ -560,6 +576,24 @@ class _ReadScan:
         text = data.tobytes()
         lines = text.splitlines(keepends=True)
         return cls(parse_scan_text(text, path), lines=lines)
+
+    def moved(self, recording: KittiRecording, number: int) -> _ReadScan:
+        """Return the scan with its points compensated for motion, or as they were measured.
+
+        Raises:
+            MissingDataError: There are no packets or poses near.
+        """
+        scan = Scan(self.points, turn=recording.turns.get(number))
+        points = recording.adjust_scan(number, scan).points
+        if self.lines is not None:
+            lines = format_scan_text(points).splitlines(keepends=True)
+            return _ReadScan(points, lines=lines, is_moved=True)
+        if self.rows is None:
+            return self
+        rows = self.rows.copy()
+        for axis, name in enumerate('xyz'):
+            rows[name] = points[:, axis]
+        return _ReadScan(points, rows, is_moved=True)
 
     def cut(self, keep: Mask) -> bytes:
         """Return the bytes of some points."""

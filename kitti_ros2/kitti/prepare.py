@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..model.errors import (
+    KittiRos2Error,
     Loss,
     MissingDataError,
     UsageError,
@@ -19,6 +20,7 @@ from ..model.errors import (
     format_count,
     format_numbers,
 )
+from ..model.geometry import Transform
 from ..model.recording import (
     Deskew,
     ScannerMotion,
@@ -26,11 +28,13 @@ from ..model.recording import (
     compensate,
     make_twist,
     move_rigidly,
+    twist_of,
     undo_compensation,
 )
-from ..model.samples import LEFT_OF
+from ..model.samples import LEFT_OF, Turn
 from ..model.streams import FRAME_STREAMS, IMAGE_STREAMS, Stream
 from .label_file import ResultFiles
+from .scan_grid import find_measured
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,7 +44,7 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
     from ..model.recording import MovingRecording
-    from ..model.samples import Int64Array, Pose, Scan, Turn
+    from ..model.samples import Int64Array, Pose, Scan
     from ..options.read import SelectionOptions
     from .kitti_recording import KittiRecording
 
@@ -58,6 +62,13 @@ _REACH_TURNS = 2
 _FEWEST_POSES = 2  # which have no velocity, unlike a packet
 _FASTEST_M_S = 100.0
 _FASTEST_RAD_S = 10.0
+_KITTI_TURN_NS = 100_000_000
+"""The turn by which KITTI compensated, though the scanner took 0.1036 s."""
+_MOST_UNREADABLE = 10
+_BY_POSES = (
+    "points do not come to lie on KITTI's grid of 1 mm: their compensation is undone by the poses,"
+    ' up to some millimetres off'
+)
 
 
 def prepare_motion(recording: KittiRecording) -> None:
@@ -78,9 +89,11 @@ def prepare_motion(recording: KittiRecording) -> None:
             f'{option} changes nothing: scans of layout {recording.layout.value} are {how}'
         )
         return
-    _leave_out_uncovered(recording)
-    turns = dict(recording.turns)
-    if options.deskew:
+    if options.undo_deskew:
+        _prepare_undoing(recording)
+    else:
+        _leave_out_uncovered(recording)
+        turns = dict(recording.turns)
         first = int(recording.streams[Stream.SCAN].numbers[0])
         if 'velo_T_imu' in recording.calibration(first).nominal:
             recording.notes.append(
@@ -89,9 +102,32 @@ def prepare_motion(recording: KittiRecording) -> None:
         recording.deskew = Deskew.ON
         recording.adjust_scan = partial(_compensated, recording, turns)
         recording.turns = {}
-    else:
-        recording.deskew = Deskew.UNDO
+
+
+def _prepare_undoing(recording: KittiRecording) -> None:
+    """Make a recording return its scans as measured: from KITTI's grid, or by its poses.
+
+    Raises:
+        MissingDataError: Its first scan is not on the grid, and there are no poses near any.
+    """
+    if _is_on_grid(recording):
         recording.adjust_scan = partial(_as_measured, recording)
+    else:
+        _leave_out_uncovered(recording)
+        recording.notes.append(f'undo_deskew: {_BY_POSES}')
+        recording.adjust_scan = partial(_moved_back, recording)
+    recording.deskew = Deskew.UNDO
+
+
+def _is_on_grid(recording: KittiRecording) -> bool:
+    """Return whether the first scan that can be read can be taken back to KITTI's grid."""
+    for number in recording.streams[Stream.SCAN].numbers[:_MOST_UNREADABLE].tolist():
+        try:
+            scan = cast('Scan', recording.read(Stream.SCAN, number))
+        except (KittiRos2Error, OSError):
+            continue  # a loss of the command that reads it
+        return find_measured(scan.points, _start_of(recording, number)) is not None
+    return False
 
 
 def scan_at(recording: MovingRecording, number: int, to_ns: int) -> Scan:
@@ -130,10 +166,37 @@ def _compensated(
 
 
 def _as_measured(recording: KittiRecording, number: int, scan: Scan) -> Scan:
-    """Return a scan that KITTI has compensated for motion as it was measured."""
+    """Return a scan that KITTI has compensated for motion as it was measured, exactly.
+
+    One that is not on KITTI's grid is moved by the poses, with a note.
+    """
+    measured_scan = find_measured(scan.points, _start_of(recording, number))
+    if measured_scan is None:
+        return replace(_moved_back(recording, number, scan), note=_BY_POSES)
+    points = scan.points.copy()
+    points[:, :3] = measured_scan.xyz
+    return replace(scan, points=points)
+
+
+def _start_of(recording: KittiRecording, number: int) -> Float64Array | None:
+    """Return the twist of a turn by the poses; None without any near."""
+    turn = recording.turns[number]
+    try:
+        motion = _motion(recording, number, turn, turn.forward_ns)
+    except MissingDataError:
+        return None
+    moved = motion.relative(turn.forward_ns, turn.forward_ns + _KITTI_TURN_NS)
+    turning = twist_of(Transform.from_matrix(moved))
+    return np.array([*moved[:3, 3], turning[2, 1], turning[0, 2], turning[1, 0]])
+
+
+def _moved_back(recording: KittiRecording, number: int, scan: Scan) -> Scan:
+    """Return a scan that was compensated for motion as it was measured, by the poses."""
     turn = recording.turns[number]
     motion = _motion(recording, number, turn, turn.forward_ns)
-    return replace(scan, points=undo_compensation(scan.points, turn, motion, turn.forward_ns))
+    start_ns = turn.forward_ns - _KITTI_TURN_NS // 2
+    points = undo_compensation(scan.points, Turn(start_ns, _KITTI_TURN_NS), motion, turn.forward_ns)
+    return replace(scan, points=points)
 
 
 def _leave_out_uncovered(recording: KittiRecording) -> None:

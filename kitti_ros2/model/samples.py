@@ -84,6 +84,7 @@ class Scan:
             that KITTI has compensated for motion.
         difference: Difference of the points from those of the file, '' if they are the same.
         extra: Further columns of the file by name, (N,) float32 or float64; see ScanColumns.
+        note: How its points differ from what was asked for, '' for not at all.
     """
 
     points: Float32Array
@@ -94,6 +95,7 @@ class Scan:
     turn: Turn | None = None
     difference: str = ''
     extra: Mapping[str, npt.NDArray[np.floating]] = field(default_factory=dict)
+    note: str = ''
 
 
 @dataclass(frozen=True)

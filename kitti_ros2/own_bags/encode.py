@@ -293,6 +293,8 @@ class Encoder:
                 sample, self._rig.cameras, own=self._rig.options.own_frames
             )
             self.sample_notes.add_calibration(mounted)
+        if isinstance(sample, Scan) and sample.note:
+            self.sample_notes.add_estimated(sample.note, entry.number)
         context = EncodeContext(
             self._rig,
             entry.stamp_ns,

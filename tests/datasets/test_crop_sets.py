@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from folder_and_bag import make_holes
 from hypothesis import HealthCheck, given, settings
+from moving_scanner import Bend, write_bend
 from scans import files, spans
 
 import kitti_ros2
@@ -24,6 +25,7 @@ from kitti_ros2.kitti.opening import open_recording, open_recordings
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UnreadableFileError
 from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.read import ReadOptions
 
 from builders import SMALL  # isort: skip
 
@@ -714,3 +716,23 @@ def test_the_source_is_not_changed(copied, layout, tmp_path):
     cut(copied, tmp_path / 'out', range=':9', overwrite=True)
     assert names
     assert files(root_of(copied, layout)) == before
+
+
+@pytest.mark.parametrize('cuts', [{}, {'range': (3, 30)}], ids=['whole', 'cut'])
+@pytest.mark.parametrize(
+    ('layout', 'option'),
+    [(Layout.RAW, 'deskew'), (Layout.TRACKING, 'deskew'), (Layout.ODOMETRY, 'undo_deskew')],
+)
+def test_scans_are_moved_as_they_are_read(layout, option, cuts, tmp_path):
+    folder, _, _ = write_bend(tmp_path / 'bend', layout, Bend())
+    report = cut(folder, tmp_path / 'out', **{option: True}, **cuts)
+    assert any('not as in KITTI' in note for note in report.notes)
+    moved = open_recording(folder, ReadOptions(**{option: True}))
+    made = sorted((tmp_path / 'out').rglob('*.bin'))
+    assert len(made) == 4
+    for number, path in enumerate(made):
+        points = moved.read(Stream.SCAN, number).points
+        distance = np.linalg.norm(points[:, :3].astype(float), axis=1)
+        kept = points[(distance >= 3) & (distance <= 30)] if cuts else points
+        assert len(kept) > 0
+        assert path.read_bytes() == kept.tobytes()

@@ -13,6 +13,7 @@ from moving_scanner import TURN_NS, Bend, stamp_of, write_bend
 
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.prepare import scan_at
+from kitti_ros2.kitti.scan_grid import on_grid
 from kitti_ros2.kitti.text_file import format_packet
 from kitti_ros2.messages.scan import rings
 from kitti_ros2.model.errors import MissingDataError, UsageError
@@ -36,6 +37,7 @@ BENDS = {
     'right': Bend(rate=np.radians(-30)),
     'braking into a bend': Bend(acceleration=-3.0, turn_acceleration=0.5),
 }
+STEADY = ('straight', 'left', 'right')
 MEASURED_LAYOUTS = [Layout.RAW, Layout.TRACKING]
 
 
@@ -101,8 +103,8 @@ def test_an_odometry_scan_is_as_measured_to_a_centimetre(tmp_path, name):
         assert scan.turn == Turn(stamp_of_odometry(recording, number), TURN_NS, nominal=True)
         found = errors(scan.points, true)
         assert errors(exact[number], true).max() > 0.5
-        # Straight behind there may be two solutions.
-        assert np.quantile(found, 0.99) < limit_of(name, number)
+        # Straight behind there may be two solutions; KITTI's twist is constant for a turn.
+        assert np.quantile(found, 0.99) < limit_of(name, number) + 0.02 * (name not in STEADY)
         again = scan_at(recording, number, scan.turn.forward_ns)
         assert errors(again.points, exact[number]).mean() < 0.005
 
@@ -129,7 +131,8 @@ def test_points_of_odometry_at_another_moment(bends, options):
     forward_ns = int(recording.streams[Stream.SCAN].stamps_ns[number])
     found = scan_at(recording, number, forward_ns + 30_000_000).points
     later_t_forward = bend.pose(2 * 0.1036 + 0.03).inverse() @ bend.pose(2 * 0.1036)
-    assert errors(found, later_t_forward.apply(exact[number][:, :3])).mean() < 0.005
+    expected = exact[number] if options is UNDO else points_of(recording, number)
+    assert errors(found, later_t_forward.apply(expected[:, :3])).mean() < 0.005
 
 
 def test_a_compensated_drive_has_the_stamps_of_facing_forward_and_no_turns(bends):
@@ -357,15 +360,27 @@ def odometry(real_kitti):
 
 
 @pytest.mark.parametrize('number', [0, 1])
-def test_a_real_scan_undone_and_done_again_is_itself(odometry, number):
-    path, plain, _ = odometry
+def test_a_real_scan_undone_is_on_the_grid_and_near_what_the_poses_say(odometry, number):
+    path, plain, motion = odometry
     recording = open_recording(path, UNDO)
+    scan = recording.read(Stream.SCAN, number)
+    compensated = points_of(plain, number)
+    assert not scan.note
+    assert (on_grid(scan.points[:, :3]) == scan.points[:, :3]).all()
+    assert errors(scan.points, compensated).max() > 0.4
     forward_ns = int(plain.streams[Stream.SCAN].stamps_ns[number])
-    again = scan_at(recording, number, forward_ns).points
-    found = errors(again, points_of(plain, number))
-    assert errors(points_of(recording, number), points_of(plain, number)).max() > 0.4
-    assert found.mean() < 1e-6
-    assert (found > 1e-3).sum() < 10
+    turn = Turn(forward_ns - 50_000_000, 100_000_000)
+    by_poses = undo_compensation(compensated, turn, motion, forward_ns)
+    assert np.median(errors(scan.points, by_poses)) < 0.0006
+
+
+def test_a_real_sequence_without_poses_is_undone_as_well(odometry, tmp_path):
+    path, _, _ = odometry
+    sequence = tmp_path / 'sequences/11'
+    shutil.copytree(path, sequence)
+    recording = open_recording(sequence, UNDO)
+    assert Stream.POSE not in recording.streams
+    assert (points_of(recording, 1) == points_of(open_recording(path, UNDO), 1)).all()
 
 
 @pytest.mark.parametrize('number', [0, 1])

@@ -183,14 +183,18 @@ def test_a_bag_has_the_points_at_a_moment_of_its_folder(bends, tmp_path, layout,
             assert distances(found, frame.points_at(moment_ns)).max() < 1e-4
 
 
-@pytest.mark.parametrize('option', ['--deskew', '--undo-deskew'])
-def test_a_deskewed_bag_has_the_points_at_a_moment_too(bends, tmp_path, option):
+@pytest.mark.parametrize(
+    ('option', 'most'),
+    [('--deskew', 1e-3), ('--undo-deskew', 0.02)],
+    ids=['deskew', 'undone, since KITTI compensated too little'],
+)
+def test_a_deskewed_bag_has_the_points_at_a_moment_too(bends, tmp_path, option, most):
     folder, _, _ = bends[Layout.RAW if option == '--deskew' else Layout.ODOMETRY]
     with kitti_ros2.open(to_bag(folder, tmp_path / 'bag.mcap', option)) as bag:
         for frame, other in zip(kitti_ros2.open(folder), bag, strict=True):
             moment_ns = frame.stamp_ns + 10_000_000
             found = other.points_at(moment_ns)
-            assert distances(found, frame.points_at(moment_ns)).mean() < 1e-3
+            assert distances(found, frame.points_at(moment_ns)).mean() < most
 
 
 def test_a_bag_without_the_stamps_of_turns_is_an_error(bends, tmp_path):

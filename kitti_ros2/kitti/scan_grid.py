@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""The grid of KITTI's scans: 1 mm, and 0.01 of reflectance; also behind the scans of odometry.
+
+Every coordinate in scans of raw and object is a multiple of 1 mm, rounded to float32. Those of
+odometry are such points that KITTI compensated for motion: file = float32(R(s w) p + s v), with p
+the measured point, s = -azimuth(p) / 360 degrees, and a twist of six numbers, v in metres and w in
+radians of a turn of 0.1 s. Both was seen in the files (167 of 167 scans, 16 of 17 of odometry). So
+the twist can be found in a scan alone: with it, its points lie on the grid.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from ..model.geometry import Float64Array
+    from ..model.samples import Float32Array
+
+PER_METRE = 1000
+PER_REFLECTANCE = 100
+OFF_GRID_M = 20e-6
+"""A point nearer to the grid is on it: float32 rounds by up to 4 um, at 100 m."""
+KITTI_SHARE = 0.99
+"""Of the points of a scan that must be on the grid."""
+
+_NOISE_MM = 0.05
+"""What the fit takes for rounding, of a coordinate."""
+_CERTAIN_MM = 0.12
+"""A point is used whose predicted error, one sigma, is less."""
+_OUTLIER_MM = 0.35
+_AHEAD = 0.01
+"""Of a turn: all points nearer to straight ahead are used."""
+_MOST_POINTS = 6000
+_MOST_ROUNDS = 40
+_SETTLED = 1e-7
+_LEAST_ANGLE = 1e-300
+_POLISHES = 4
+_MOST_PLACES = 1.5
+_SMALL = np.float32(1e-3)
+_STEPS = 4
+"""The time of a point settles by a factor of 20 or more with each; faster ones need more."""
+_UNCERTAIN = np.array([0.2, 0.1, 0.05, 0.005, 0.005, 0.05])
+"""Of a start, one sigma: a car brakes and steers, and hardly pitches or rolls."""
+_STARTS = tuple(np.array([metres, 0, 0, 0, 0, 0]) for metres in (0.8, 1.4, 0.2, 2.0, 2.6, 3.2))
+"""Without poses; each is near enough to what is up to 0.6 m off, in bends as well."""
+
+
+class MeasuredScan(NamedTuple):
+    """A scan of odometry as it was measured.
+
+    Attributes:
+        xyz: (N, 3) float32, metres, on the grid.
+        twist: (6,) v (metres) and w (radians) of a turn: compensated(xyz, twist) is the file.
+        share: Of its points that were nearer than OFF_GRID_M to the grid.
+    """
+
+    xyz: Float32Array
+    twist: Float64Array
+    share: float
+
+
+def grid_share(points: npt.NDArray[np.floating]) -> float:
+    """Return the part of (N, 3) points, metres, that is on the grid of 1 mm; 0 of none."""
+    return float(_is_on_grid(points).mean()) if len(points) else 0.0
+
+
+def _is_on_grid(points: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
+    near: npt.NDArray[np.bool_] = np.abs(_off_grid(points)).max(axis=1) < OFF_GRID_M * PER_METRE
+    return near
+
+
+def on_grid(points: npt.NDArray[np.floating]) -> Float32Array:
+    """Return the nearest points of the grid, float32, metres."""
+    nearest: Float32Array = (np.rint(_scaled(points)) / PER_METRE).astype(np.float32)
+    return nearest
+
+
+def _scaled(points: npt.NDArray[np.floating]) -> Float64Array:
+    return np.asarray(points, dtype=np.float64) * PER_METRE
+
+
+def _off_grid(points: npt.NDArray[np.floating]) -> Float64Array:
+    scaled = _scaled(points)
+    off: Float64Array = scaled - np.rint(scaled)
+    return off
+
+
+def compensated(points: Float64Array, twist: Float64Array) -> Float64Array:
+    """Return (N, 3) measured points as KITTI compensated them for motion, before its rounding."""
+    axes = np.ascontiguousarray(points.T)
+    parts = _parts(axes)
+    moved = _rotated(axes, parts, twist[3:])
+    moved += parts * twist[:3, None]
+    rows: Float64Array = moved.T
+    return rows
+
+
+def measured(points: Float64Array, twist: Float64Array, end: float | None = None) -> Float64Array:
+    """Return (N, 3) compensated points as they were measured: the inverse of compensated.
+
+    Args:
+        points: (N, 3), metres.
+        twist: (6,) of a turn.
+        end: -0.5 or 0.5: of points straight behind, which may be of either end of a turn, this one.
+    """
+    axes = np.ascontiguousarray(points.T)
+    before = axes
+    for _ in range(_STEPS + int(np.linalg.norm(twist[:3]))):
+        parts = _parts(before)
+        if end is not None:
+            parts += np.rint(end - parts)
+        before = _rotated(axes - parts * twist[:3, None], -parts, twist[3:])
+    rows: Float64Array = before.T
+    return rows
+
+
+def _parts(axes: Float64Array) -> Float64Array:
+    """Return (N,) the part of a turn from facing forward to (3, N) points, -0.5..0.5."""
+    parts: Float64Array = np.arctan2(axes[1], axes[0])
+    parts /= -2 * np.pi
+    return parts
+
+
+def _rotated(axes: Float64Array, parts: Float64Array, rotation: Float64Array) -> Float64Array:
+    """Rotate (3, N) points about an axis, each by its part of an angle (Rodrigues)."""
+    angle = float(np.linalg.norm(rotation)) or _LEAST_ANGLE
+    angles = parts * angle
+    sine, rest = np.sin(angles), 1 - np.cos(angles)
+    u, v, w = (rotation / angle).tolist()
+    x, y, z = axes
+    along = u * x + v * y + w * z
+    along *= rest
+    stay = 1 - rest
+    rotated: Float64Array = np.stack(
+        [
+            x * stay + (v * z - w * y) * sine + u * along,
+            y * stay + (w * x - u * z) * sine + v * along,
+            z * stay + (u * y - v * x) * sine + w * along,
+        ]
+    )
+    return rotated
+
+
+def find_measured(points: Float32Array, start: Float64Array | None = None) -> MeasuredScan | None:
+    """Take a scan of odometry back to the grid.
+
+    Args:
+        points: (N, 3) or more columns, as in the file.
+        start: The twist to begin with, such as 0.1 s times the velocity.
+
+    Returns:
+        The scan, None unless at least KITTI_SHARE of its points come to lie on the grid.
+    """
+    file = np.asarray(points[:, :3], dtype=np.float64)
+    sample = _sample(file)
+    for first in _STARTS if start is None else (start, *_STARTS):
+        twist = _fit(sample, first)
+        if grid_share(measured(sample, twist)) < KITTI_SHARE / 2:
+            continue
+        twist = _polish(sample, twist)
+        before = _measured_on_grid(file, twist)
+        share = grid_share(before)
+        if share >= KITTI_SHARE:
+            return MeasuredScan(on_grid(before), twist, share)
+    return None
+
+
+def _measured_on_grid(file: Float64Array, twist: Float64Array) -> Float64Array:
+    """Return compensated points as they were measured; straight behind, at the end that fits."""
+    before = measured(file, twist)
+    for end in (-0.5, 0.5):
+        off = np.flatnonzero(~_is_on_grid(before))
+        other = measured(file[off], twist, end)
+        fits = _is_on_grid(other)
+        before[off[fits]] = other[fits]
+    return before
+
+
+def _sample(file: Float64Array) -> Float64Array:
+    """Return the points that a twist is fitted to: those straight ahead, and some of the others."""
+    finite = file[np.isfinite(file).all(axis=1)]
+    ahead = np.abs(_parts(finite.T)) < _AHEAD
+    others = finite[~ahead]
+    return np.concatenate([finite[ahead], others[:: 1 + len(others) // _MOST_POINTS]])
+
+
+def _fit(file: Float64Array, start: Float64Array) -> Float64Array:
+    """Fit the twist with which points lie on the grid.
+
+    The grid tells each coordinate up to a multiple of a millimetre. So a point is used only when
+    its predicted error, by the covariance of the twist so far, is a part of that: first those
+    nearly straight ahead, which hardly moved, and with each round more, up to all.
+    """
+    twist: Float64Array = start
+    prior = np.diag(_UNCERTAIN**-2.0)
+    information, count = prior, -1
+    for _ in range(_MOST_ROUNDS):
+        before = measured(file, twist)
+        change = _changes(before)
+        covariance = np.linalg.inv(information)
+        spread = np.einsum('nij,jk,nik->ni', change, covariance, change).max(axis=1)
+        certain = spread < _CERTAIN_MM**2
+        off = _off_grid(before)
+        certain &= (np.abs(off) < _OUTLIER_MM).all(axis=1)
+        rows, errors = change[certain].reshape(-1, 6), off[certain].reshape(-1)
+        information = prior + rows.T @ rows / _NOISE_MM**2
+        gradient = prior @ (start - twist) - rows.T @ errors / _NOISE_MM**2
+        step = np.linalg.solve(information, gradient)
+        twist = twist + step
+        if certain.sum() == count and np.abs(step).max() < _SETTLED:
+            break
+        count = int(certain.sum())
+    return twist
+
+
+def _changes(before: Float64Array) -> Float64Array:
+    """Return (N, 3, 6) the change of measured points, millimetres, with that of the twist."""
+    parts = _parts(before.T)
+    change = np.zeros((len(before), 3, 6))
+    for axis in range(3):
+        change[:, axis, axis] = -parts
+        unit = np.eye(3)[axis]
+        change[:, :, 3 + axis] = parts[:, None] * np.cross(before, unit)
+    change *= PER_METRE
+    return change
+
+
+def _polish(file: Float64Array, twist: Float64Array) -> Float64Array:
+    """Return the twist that best gives the float32 of a file, from its points on the grid.
+
+    An error counts in units of its coordinate's last place.
+    """
+    exact = file.astype(np.float32)
+    weight = 1 / np.spacing(np.maximum(np.abs(exact), _SMALL)).astype(np.float64)
+    for _ in range(_POLISHES):
+        before = on_grid(measured(file, twist)).astype(np.float64)
+        errors = (file - compensated(before, twist)) * weight
+        rows = -_changes(before) / PER_METRE * weight[:, :, None]
+        good = np.abs(errors) < _MOST_PLACES
+        twist = twist + np.linalg.lstsq(rows[good], errors[good], rcond=None)[0]
+    return twist

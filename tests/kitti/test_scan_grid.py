@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans on KITTI's grid, moved as KITTI did, and taken back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kitti_ros2.kitti.scan_grid import (
+    KITTI_SHARE,
+    compensated,
+    find_measured,
+    grid_share,
+    measured,
+    on_grid,
+)
+
+REAL = Path(__file__).parents[3] / 'shared/kitti'
+TWISTS = {
+    'straight': (0.828, 0.0422, 0.02, -0.0005, -0.0011, 0.002),
+    'left bend': (1.42, 0.01, 0.013, 0.0008, -0.003, 0.046),
+    'right bend': (0.31, -0.004, 0.009, 0.0012, 0.0008, -0.031),
+    'motorway': (3.0, 0.02, 0.1, 0.001, 0.003, 0.01),
+    'backwards': (-0.2, 0.0, 0.0, 0.0, 0.0, -0.01),
+    'standing': (0.0,) * 6,
+}
+
+
+def street(seed, columns=2000):
+    """A street between walls, (N, 3) float32 on the grid, as 64 lasers see it."""
+    random = np.random.default_rng(seed)
+    elevation = np.radians(np.linspace(2, -24.8, 64))[:, None]
+    azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False)
+    rays = np.stack(
+        np.broadcast_arrays(
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    with np.errstate(divide='ignore'):
+        reach = np.minimum.reduce(
+            [
+                np.where(rays[:, 2] < 0, -1.73 / rays[:, 2], 99),
+                np.abs(7 / rays[:, 1]),
+                np.abs(40 / rays[:, 0]),
+            ]
+        )
+    reach *= 1 + 0.02 * random.normal(size=len(reach))
+    return on_grid((rays * reach[:, None])[reach < 78])
+
+
+def moved(points, twist):
+    return compensated(points.astype(np.float64), np.array(twist)).astype(np.float32)
+
+
+@pytest.mark.parametrize('name', TWISTS)
+def test_a_scan_comes_back_to_the_grid_without_poses(name):
+    points = street(1)
+    file = moved(points, TWISTS[name])
+    found = find_measured(file)
+    assert found is not None
+    assert found.share >= KITTI_SHARE
+    assert np.abs(found.twist - TWISTS[name]).max() < 1e-6
+    assert (found.xyz == points).all(axis=1).mean() > 0.999
+    assert (moved(found.xyz, found.twist) == file).all(axis=1).mean() > 0.99
+
+
+def test_a_start_far_off_does_no_harm():
+    file = moved(street(2), TWISTS['straight'])
+    near = find_measured(file, np.array(TWISTS['straight']))
+    far = find_measured(file, np.array([30.0, 0, 0, 0, 0, 1]))
+    assert near is not None
+    assert far is not None
+    assert np.abs(near.twist - far.twist).max() < 1e-7
+    assert (near.xyz == far.xyz).all()
+
+
+@pytest.mark.parametrize(
+    'points',
+    [
+        np.empty((0, 3), np.float32),
+        np.full((5, 3), np.nan, np.float32),
+        np.zeros((100, 3), np.float32) + np.float32(0.0123456),
+        np.random.default_rng(3).normal(scale=20, size=(20_000, 3)).astype(np.float32),
+        street(4) + np.float32(0.0004),
+    ],
+    ids=['empty', 'NaN', 'one place', 'noise', 'off the grid'],
+)
+def test_other_scans_are_not_taken_for_kittis(points):
+    assert find_measured(points) is None
+
+
+def test_nan_and_far_points_stay():
+    points = street(5)
+    file = moved(points, TWISTS['left bend'])
+    file[::1000] = np.nan
+    found = find_measured(file)
+    assert found is not None
+    assert np.isnan(found.xyz[::1000]).all()
+
+
+def test_undoing_is_the_inverse():
+    points, twist = street(6).astype(np.float64), np.array(TWISTS['left bend'])
+    assert np.abs(measured(compensated(points, twist), twist) - points).max() < 1e-5
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason='no real KITTI files')
+def test_real_scans_of_odometry_come_back():
+    files = sorted(REAL.glob('odometry/dataset/sequences/*/velodyne/*.bin'))
+    files += sorted(REAL.glob('semantickitti/*/velodyne/*.bin'))
+    assert files
+    for path in files:
+        file = np.fromfile(path, np.float32).reshape(-1, 4)
+        assert grid_share(file[:, :3]) < 0.01
+        found = find_measured(file)
+        assert found is not None
+        assert found.share > 0.9997
+        assert (moved(found.xyz, found.twist) == file[:, :3]).all(axis=1).mean() > 0.997
