@@ -71,8 +71,12 @@ class LabelledImages:
         plan, labels = _plan(bag.path, survey)
         self._plan, self._sensors = _make_sensors(bag, plan, labels, survey)
         self.topics: Mapping[str, int] = {
-            camera.topic: index for index, camera in self._plan.cameras.items()
+            camera.topic: index
+            for index, camera in self._plan.cameras.items()
+            if survey.topics[camera.topic].keys is None
         }
+        if not self.topics:
+            raise _no_images(bag.path, 'its images are video, which is played as it is')
         self._labels = _Labels(bag, survey, labels)
         if plan.calibration == SOURCE:
             self._labels.limit_to_frame(bag.index.by_topic(), self.topics)

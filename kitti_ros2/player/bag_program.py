@@ -30,6 +30,7 @@ from ..model.bag_formats import (
     DIAGNOSTICS,
     HEADER,
     IMAGE,
+    VIDEOS,
     Channel,
 )
 from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, describe_error
@@ -176,7 +177,7 @@ def define_images(typestore: Typestore) -> None:
 
 # The program of a bag.
 
-_OF_CAMERA = frozenset({IMAGE, COMPRESSED, CAMERA_INFO})
+_OF_CAMERA = VIDEOS | {IMAGE, COMPRESSED, CAMERA_INFO}
 
 
 class BagProgram:

@@ -17,7 +17,8 @@ from ..messages.images import size_of
 from ..messages.naming import RECORDING, BagContext
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import decoders
-from ..model.bag_formats import CAMERA_INFO, COMPRESSED, IMAGE, STRING, TF_TYPES
+from ..messages.videos import VideoDecoder, begins_video, is_video
+from ..model.bag_formats import CAMERA_INFO, PICTURES, STRING, TF_TYPES, VIDEOS
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.streams import NS_PER_S, Layout
 from ..model.yaml_text import load_yaml
@@ -34,7 +35,7 @@ from .bag_rules import (
 from .rule import SOURCE_RULES, CheckedSource, Unopened, find_breaches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from ..bags.container_file import BagIndex
@@ -132,6 +133,7 @@ class _BagPass:
         self._facts = BagFacts(bag.path)
         self._tracks: dict[str, TopicTrack] = {}
         self._links = LinkTally()
+        self._videos: dict[str, VideoDecoder[int]] = {}
 
     def run(self, progress: Callable[[int, int], None]) -> CheckedSource:
         """Read the bag, and apply the rules."""
@@ -187,6 +189,8 @@ class _BagPass:
                 is_ros1 = messages.sources[message.topic].encoding == 'ros1'
                 self._check(message, decode, messages.typestore if is_ros1 else None)
             progress(done, expected)
+        for topic, decoder in self._videos.items():
+            self._enter_images(topic, decoder.rest())
 
     def _enter_header(self, message: BagMessage) -> None:
         try:
@@ -225,7 +229,9 @@ class _BagPass:
         elif message.msgtype == CAMERA_INFO:
             size = int(value.width), int(value.height)
             self._facts.sizes.add_info(message.topic, stamp_ns_of(value.header), size)
-        elif message.msgtype in {IMAGE, COMPRESSED}:
+        elif message.msgtype in PICTURES | VIDEOS and is_video(value):
+            self._enter_packet(message, value)
+        elif message.msgtype in PICTURES:
             image_size = size_of(value)
             if image_size is not None:
                 self._facts.sizes.add_image(message.topic, stamp_ns_of(value.header), image_size)
@@ -234,3 +240,22 @@ class _BagPass:
                 described = decoders()[RECORDING](value, BagContext(self._bag.path))
                 layout = Layout(described.values['layout'])
                 self._facts.per_frame = layout.traits.calibration_per_frame
+
+    def _enter_packet(self, message: BagMessage, packet: Any) -> None:  # noqa: ANN401 - as _enter
+        track = self._tracks[message.topic]
+        try:
+            begins = begins_video(packet, surely=False)
+        except ValueError:  # image-layout
+            return
+        if message.topic not in self._videos:
+            track.unbegun = (track.unbegun or 0) + (not begins)
+            if not begins:
+                return
+        decoder = self._videos.setdefault(message.topic, VideoDecoder())
+        if self._options.decode:
+            self._enter_images(message.topic, decoder.feed(message.stamp_ns, packet))
+
+    def _enter_images(self, topic: str, images: Iterable[tuple[int, Any]]) -> None:
+        for stamp_ns, image in images:
+            if isinstance(image, ValueError):
+                self._tracks[topic].undecoded[str(image)].append(stamp_ns)

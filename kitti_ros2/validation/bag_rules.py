@@ -21,6 +21,7 @@ from ..messages.images import picture_kind, pixels_of
 from ..messages.naming import FrameNames
 from ..messages.rectified_cameras import angle_of
 from ..messages.scan_sources import SCAN_TYPES
+from ..messages.videos import codec_of, is_video
 from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
@@ -39,6 +40,7 @@ from ..model.bag_formats import (
     TF_TYPES,
     TRACKED_OBJECTS,
     TWIST,
+    VIDEOS,
 )
 from ..model.errors import format_count
 from ..model.streams import NS_PER_S, format_stamp
@@ -309,7 +311,9 @@ def _find_other_size(bag: BagFacts) -> Iterator[Breach]:
 
 # Rules about single messages of a bag: CameraInfo, PointCloud2, Image, transforms.
 
-HEADED_TYPES = frozenset({CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE})
+HEADED_TYPES = VIDEOS | {
+    CLOUD, IMAGE, COMPRESSED, CAMERA_INFO, IMU, FIX, TWIST, ODOMETRY, POSE
+}  # fmt: skip
 """Types of sensors and poses that begin with a header."""
 _READ_TYPES = frozenset(
     {DETECTED_OBJECTS, DETECTIONS_2D, DETECTIONS_3D, MARKERS, PATH, TRACKED_OBJECTS}
@@ -452,7 +456,7 @@ def _find_bad_cloud(message: CheckedMessage) -> Iterator[Breach]:
 @MESSAGE_RULES.add(
     'image-layout',
     ERROR,
-    'Images have data for all rows; compressed ones are whole',
+    'Images have data for all rows; compressed ones are whole; video has a known codec',
     'correct step, width and height in the driver',
 )
 def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
@@ -461,9 +465,9 @@ def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
         if len(image.data) < image.step * image.height or not image.width * image.height:
             text = f'{len(image.data)} bytes of {image.width}x{image.height}, step {image.step}'
             yield message.breach(text)
-    elif message.msgtype == COMPRESSED and image is not None:
+    elif message.msgtype in VIDEOS | {COMPRESSED} and image is not None:
         try:
-            picture_kind(image)
+            (codec_of if is_video(image) else picture_kind)(image)
         except ValueError as error:
             yield message.breach(str(error))
 
@@ -477,7 +481,7 @@ def _find_bad_image(message: CheckedMessage) -> Iterator[Breach]:
 def _find_bad_pixels(message: CheckedMessage) -> Iterator[Breach]:
     if not message.decode or message.value is None:
         return
-    if message.msgtype in {IMAGE, COMPRESSED}:
+    if message.msgtype in {IMAGE, COMPRESSED} and not is_video(message.value):
         try:
             pixels_of(message.value)
         except ValueError as error:
@@ -526,6 +530,8 @@ class TopicTrack:
         profiles: QoS as rosbag2's text.
         log_ns: Log times, in the order of the bag.
         header_ns: Stamps of the headers, for types with one.
+        unbegun: Packets of a video before the first key frame; None for other topics.
+        undecoded: Log times of the packets without an image, by the reason.
     """
 
     bag: Path
@@ -534,6 +540,8 @@ class TopicTrack:
     profiles: str = ''
     log_ns: array[int] = field(default_factory=lambda: array('q'))
     header_ns: array[int] = field(default_factory=lambda: array('q'))
+    unbegun: int | None = None
+    undecoded: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
 
     def breach(self, text: str) -> Breach:
         """Return a breach of the topic."""
@@ -646,6 +654,30 @@ def _find_unlatched(track: TopicTrack) -> Iterator[Breach]:
 def _find_qos_faults(track: TopicTrack) -> Iterator[Breach]:
     for fault in qos_faults(track.profiles):
         yield track.breach(fault)
+
+
+@TOPIC_RULES.add(
+    'video-start',
+    WARNING,
+    'A video begins with a key frame',
+    'the bag was cut between key frames: those before the first cannot be decoded',
+)
+def _find_unbegun(track: TopicTrack) -> Iterator[Breach]:
+    if track.unbegun:
+        of = f'{track.unbegun} of {format_count(len(track.log_ns), "packet")}'
+        yield track.breach(f'{of} {"is" if track.unbegun == 1 else "are"} before a key frame')
+
+
+@TOPIC_RULES.add(
+    'video-decode',
+    ERROR,
+    'Frames of a video can be decoded (with --decode)',
+    "record the topic again; without PyAV run pip install 'kitti_ros2[video]'",
+)
+def _find_undecoded(track: TopicTrack) -> Iterator[Breach]:
+    for reason, stamps_ns in track.undecoded.items():
+        count = format_count(len(stamps_ns), 'packet')
+        yield track.breach(f'{count}, the first at {stamps_ns[0]}: {reason}')
 
 
 def _format_time(stamp_ns: int) -> str:

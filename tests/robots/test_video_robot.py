@@ -6,14 +6,18 @@ from __future__ import annotations
 
 import re
 import sys
+from contextlib import closing
 
 import cv2
+import detector_robot as base
 import foxglove_robot as foxglove
 import pytest
 import robot_bags as bags
 import video_robot as robot
 
+from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
+from kitti_ros2.datasets import validate
 from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.importer.apply_plan import guess
 from kitti_ros2.importer.kitti_frames import Excerpt
@@ -21,10 +25,12 @@ from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
-from kitti_ros2.model.errors import KittiRos2Error
+from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
 from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.table import make_play_settings
+from kitti_ros2.player.bag_program import open_program
 
 
 def shown(out, camera=2):
@@ -259,3 +265,66 @@ def test_schemas_of_foxglove(write, tmp_path):
     out = tmp_path / 'out'
     assert main(['to-kitti', str(bag), str(out), '--layout', 'object']) == 0
     assert shown(out) == {number: number for number in range(foxglove.FRAMES)}
+
+
+def test_video_is_played_as_it_is(tmp_path):
+    """Frames depend on those before them, so no topic is decoded or annotated."""
+    bag = bags.write(tmp_path / 'bag', robot.said())
+    with closing(open_program(bag, make_play_settings({'images': 'both'}))) as program:
+        channels = {channel.topic: index for index, channel in enumerate(program.channels)}
+        assert set(channels) == {'/camera/image', '/camera/camera_info', '/points', '/tf_static'}
+        assert program.losses == ()
+        played = [
+            message.data
+            for index in range(len(program.stamps_ns))
+            for message in program.fetch(index, range(len(channels)))[0]
+            if message.channel == channels['/camera/image']
+        ]
+    with open_messages(bag, {'/camera/image'}) as messages:
+        stored = [bytes(message.data) for message in messages]
+    assert [data[: len(whole)] for data, whole in zip(played, stored, strict=True)] == stored
+
+
+def test_annotated_images_need_pictures(tmp_path):
+    boxes = base.said({'solid'})
+    said = [each for each in boxes if each.topic != '/camera/image']
+    packets = robot.packets(size=base.SIZE)[: base.FRAMES]
+    said += [
+        bags.Said(
+            '/camera/image',
+            each.log_ns,
+            robot.FOXGLOVE,
+            robot.message(packet, robot.FOXGLOVE, 'h264'),
+        )
+        for each, packet in zip(
+            (each for each in boxes if each.topic == '/points'), packets, strict=True
+        )
+    ]
+    bag = bags.write(tmp_path / 'bag', said)
+    with pytest.raises(UsageError, match='its images are video, which is played as it is'):
+        open_program(bag, make_play_settings({'annotated': True}))
+
+
+FINDINGS = {
+    'whole': (lambda packets: packets, []),
+    'cut': (lambda packets: packets[2:], ['video-start: 2 of 10 packets are before a key frame']),
+    'damaged': (
+        lambda packets: robot.damaged(packets, 5),
+        [
+            'video-decode: 1 packet, the first at 1710000000505000000: the packet is damaged',
+            'video-decode: 2 packets, the first at 1710000000605000000: the frame',
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize('msgtype', [robot.FOXGLOVE, robot.FFMPEG, robot.IMAGE])
+@pytest.mark.parametrize(('change', 'lines'), FINDINGS.values(), ids=FINDINGS)
+def test_validation_of_video(change, lines, msgtype, tmp_path):
+    said = robot.said(change(robot.packets()), msgtype, topic='/camera/image')
+    report = validate(bags.write(tmp_path / 'bag', said), decode=True)
+    found = [f'{finding.rule}: {finding.message}' for finding in report.findings]
+    assert len(found) == len(lines)
+    for line in lines:
+        rule, text = line.split(': ', 1)
+        assert any(each.startswith(rule) and text in each for each in found), found

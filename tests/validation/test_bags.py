@@ -404,6 +404,8 @@ def test_every_rule_has_a_test():
         'bag-schema',
         'bag-field-names',
         'bag-note',
+        'video-decode',  # tests/robots/test_video_robot.py
+        'video-start',
     }
     assert set(rules_by_id(bags=True)) - {each.id for each in FOLDER_RULES} == tested
 
