@@ -360,7 +360,8 @@ def test_every_combination_of_versions_is_listed() -> None:
     listed = subprocess.run(
         ['bash', str(REPO / '.ci/versions'), '--list'], capture_output=True, text=True, check=True
     ).stdout.split()
-    assert {name.rpartition('-')[2] for name in listed} == {'3.10', '3.11', '3.12', '3.13'}
+    pythons = {name.rpartition('-')[2] for name in listed}
+    assert pythons == {'3.10', '3.11', '3.12', '3.13', '3.14'}  # the last is not supported yet
     script = (REPO / '.ci/versions').read_text(encoding='utf-8')
     for path in re.findall(r'tests/\w+/\w+\.py', script):
         assert (REPO / path).is_file(), path

@@ -66,7 +66,7 @@ def test_image_is_built_by_the_steps_of_the_readme():
     image = (REPO / 'Dockerfile').read_text(encoding='utf-8')
     run = re.findall(r'^(?:RUN|    &&) (.*?)(?: \\)?$', image, re.MULTILINE)
     assert [line for line in run if line in wanted] == [wanted[0], wanted[2], wanted[1]]
-    assert '\nFROM ros:jazzy\n' in image
+    assert '\nARG ROS_DISTRO=jazzy\nFROM ros:${ROS_DISTRO}\n' in image
 
 
 def test_citation_is_of_this_version_and_of_kittis_papers():

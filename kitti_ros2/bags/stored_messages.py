@@ -13,7 +13,7 @@ from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
 
 from mcap.records import Schema
-from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from ..messages.compressed_clouds import COMPRESSED_CLOUD
 from ..messages.foxglove import (
@@ -35,8 +35,9 @@ from ..messages.type_definitions import (
     with_wide_strings,
     without_wide_fields,
 )
+from ..messages.type_descriptions import defined_hash
 from ..model.bag_formats import HEADER
-from ..model.errors import KittiRos2Error
+from ..model.errors import KittiRos2Error, MissingDataError
 from .container_file import StoredChannel
 from .decompression import ZSTD_MAGIC, decompress_message
 
@@ -177,8 +178,8 @@ class OriginalTexts(SharingTypestore):
     def hash_rihs01(self, typ: str) -> str:
         """Return the hash of a type, empty if it has none."""
         try:
-            return super().hash_rihs01(typ)
-        except (KeyError, TypesysError):
+            return defined_hash(typ, self)
+        except MissingDataError:
             return ''
 
 

@@ -1,11 +1,14 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The offered QoS profiles of a bag, read by the rules of each ROS 2.
+"""What each ROS 2 reads of a bag: QoS profiles, tables of sqlite3, type hashes, definitions.
 
 Sources, in rosbag2's branches humble d256a5ba, iron a269cd41, jazzy 64717ee8, rolling 25304dd3:
 metadata_io.cpp:65-76 (humble), yaml.hpp:103-118 (iron), yaml.hpp:125-143 (jazzy, rolling) of
 rosbag2_storage for metadata.yaml; rosbag2_transport's qos.cpp:82-100 (humble, iron) and
-rosbag2_storage's qos.cpp (jazzy, rolling) for the text of profiles, which containers also hold.
+rosbag2_storage's qos.cpp (jazzy, rolling) for the text of profiles, which containers also hold;
+sqlite_storage.cpp (humble: of rosbag2_storage_default_plugins, others: of rosbag2_storage_sqlite3)
+for the columns that are read. Kilted and Lyrical were branched off rolling later; of the time after
+that, sqlite_storage.cpp and mcap_storage.cpp of commit 02860327 read the same.
 """
 
 from __future__ import annotations
@@ -15,9 +18,13 @@ from dataclasses import dataclass
 
 import pytest
 import yaml
-from bag_samples import CHANNELS, make_samples, write_bag
+from bag_samples import CHANNELS, jazzy, make_samples, write_bag
 from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_typestore
 
+from kitti_ros2.cli import main
+from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options.outputs import BagOptions
 
 POLICIES = ('history', 'reliability', 'durability', 'liveliness')
@@ -145,3 +152,64 @@ def test_the_rules_tell_version_9_from_8(name):
         DISTRIBUTIONS[name].of_metadata([words], 9)
     with pytest.raises(TypeError, match='history'):
         DISTRIBUTIONS[name].of_text(yaml.safe_dump([words]))
+
+
+TYPES = {each.msgtype: jazzy().hash_rihs01(each.msgtype) for each in CHANNELS}
+MESSAGES = {'messages': {'id', 'topic_id', 'timestamp', 'data'}}
+TOPICS = {'name', 'type', 'serialization_format', 'offered_qos_profiles'}
+SINCE_IRON = MESSAGES | {
+    'schema': {'schema_version'},
+    'metadata': {'id', 'metadata_version', 'metadata'},
+    'topics': {'id', 'type_description_hash'} | TOPICS,
+    'message_definitions': {
+        'id', 'topic_type', 'encoding', 'encoded_message_definition', 'type_description_hash',
+    },
+}  # fmt: skip
+COLUMNS = {
+    'humble': MESSAGES | {'schema': {'schema_version', 'ros_distro'}, 'topics': {'id'} | TOPICS},
+    'iron': SINCE_IRON,
+    'jazzy': SINCE_IRON,
+    'rolling': SINCE_IRON,
+}
+"""By distribution the columns that it reads of each table."""
+
+
+@pytest.mark.parametrize('columns', COLUMNS.values(), ids=COLUMNS)
+def test_sqlite3_has_the_columns_that_every_distribution_reads(tmp_path, columns):
+    path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), make_samples(rounds=1))
+    with sqlite3.connect(*bag_files(path)) as database:
+        for table, expected in columns.items():
+            rows = database.execute('SELECT name FROM pragma_table_info(?)', [table])
+            assert expected <= {name for (name,) in rows}
+        assert database.execute('SELECT schema_version FROM schema').fetchall() == [(4,)]
+        topics = dict(database.execute('SELECT name, type_description_hash FROM topics'))
+    assert topics == {channel.topic: TYPES[channel.msgtype] for channel in CHANNELS}
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_the_type_hash_of_another_bag_is_that_of_ros(tmp_path, storage):
+    """That of rosbags differs where there is a char; this one is of the std_msgs of Jazzy."""
+    source, out = tmp_path / 'source.mcap', tmp_path / 'out'
+    with source.open('wb') as file:
+        writer = Writer(file)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema('std_msgs/msg/Char', 'ros2msg', b'char data')
+        channel = writer.register_channel('/char', 'cdr', schema)
+        writer.add_message(channel, 10**9, b'\0\1\0\0a', 10**9)
+        writer.finish()
+    assert main(['to-bag', str(source), str(out), '--storage', storage, '-q']) == 0
+    information = yaml.safe_load((out / 'metadata.yaml').read_text('utf-8'))
+    (topic,) = information['rosbag2_bagfile_information']['topics_with_message_count']
+    assert topic['topic_metadata']['type_description_hash'] == (
+        'RIHS01_3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9'
+    )
+
+
+@pytest.mark.parametrize('name', ['humble', 'iron', 'jazzy', 'kilted', 'lyrical'])
+def test_messages_have_the_fields_of_every_distribution(name):
+    """Lyrical's PointField and Humble's Marker have other constants, which no hash contains."""
+    theirs = get_typestore(Stores[f'ROS2_{name.upper()}']).fielddefs
+    shared = TYPESTORE.fielddefs.keys() & theirs.keys()
+    assert {'sensor_msgs/msg/PointCloud2', 'visualization_msgs/msg/Marker'} <= shared
+    for msgtype in shared:
+        assert TYPESTORE.fielddefs[msgtype][1] == theirs[msgtype][1], msgtype

@@ -10,7 +10,7 @@ import pytest
 from rosbags.serde import SerdeError
 
 from kitti_ros2.bags.stored_messages import parse_definition, typestore_of
-from kitti_ros2.player.message_types import defined_hash
+from kitti_ros2.messages.type_descriptions import defined_hash
 
 NAME = 'test_msgs/msg/WStrings'
 # The fields of the type in ros-jazzy-test-msgs 2.0.3, whose hash is the same in 2.3.0 of Kilted.

@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.messages.type_descriptions import defined_hash
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions
-from kitti_ros2.player.message_types import defined_hash
 
 pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 

@@ -20,13 +20,12 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from kitti_ros2.messages.ros_types import TYPESTORE
+from kitti_ros2.messages.type_descriptions import defined_hash, references_of
 from kitti_ros2.model.errors import MissingDataError
 from kitti_ros2.player import message_types as structs
 from kitti_ros2.player.message_types import (
     _runtime_class,
-    defined_hash,
     message_class,
-    references_of,
     runtime_type,
     type_hash,
 )
