@@ -17,6 +17,7 @@ import numpy as np
 from ..files.image_files import encode_png, parse_png
 from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
 from ..messages.images import pixels_of, png_of, size_of
+from ..messages.naming import without_transport
 from ..messages.rectified_cameras import (
     Rectifier,
     angle_of,
@@ -108,7 +109,6 @@ _BACK = re.compile(r'back|rear', re.IGNORECASE)
 _ANY_SIDE = re.compile(r'left|right', re.IGNORECASE)
 _DEPTH_ENCODINGS = frozenset({'16UC1', '32FC1', '16SC1'})
 _IMAGE_NAMES = ('image_rect_color', 'image_rect', 'image_color', 'image_raw', 'image', 'image_mono')
-_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
 _ROTATION = 1e-3
 
 
@@ -210,7 +210,7 @@ def find_cameras(survey: Survey) -> list[RigCamera]:
     groups: dict[str, list[TopicSurvey]] = {}
     for topic in survey.of_type(types.IMAGE, types.COMPRESSED, *types.VIDEOS):
         if topic.samples and not _is_depth(topic):
-            groups.setdefault(_base(topic.name).rpartition('/')[0], []).append(topic)
+            groups.setdefault(without_transport(topic.name).rpartition('/')[0], []).append(topic)
     infos = {info_topic.name: info_topic for info_topic in survey.of_type(types.CAMERA_INFO)}
     image_topics = [
         (name, min(own, key=_image_rank))
@@ -230,7 +230,7 @@ def find_cameras(survey: Survey) -> list[RigCamera]:
 
 def leaf(topic: str) -> str:
     """Return the last part of an image topic, without that of a transport."""
-    return _base(topic).rpartition('/')[2]
+    return without_transport(topic).rpartition('/')[2]
 
 
 def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey]]:
@@ -242,7 +242,7 @@ def _apart(folder: str, topics: list[TopicSurvey]) -> dict[str, list[TopicSurvey
     names: dict[str, str] = {}
     for topic in topics:
         if topic.frame_id:
-            name = names.setdefault(topic.frame_id, _base(topic.name))
+            name = names.setdefault(topic.frame_id, without_transport(topic.name))
             topics_by_camera.setdefault(name, []).append(topic)
     return topics_by_camera
 
@@ -251,7 +251,7 @@ def _own_info(
     infos: Mapping[str, TopicSurvey], name: str, topic: TopicSurvey
 ) -> TopicSurvey | None:
     """Return the CameraInfo beside an image (image_transport/camera_common.h)."""
-    names = f'{name}/camera_info', f'{_base(topic.name)}/camera_info'
+    names = f'{name}/camera_info', f'{without_transport(topic.name)}/camera_info'
     return next((infos[info_name] for info_name in names if info_name in infos), None)
 
 
@@ -277,13 +277,6 @@ def _image_rank(topic: TopicSurvey) -> tuple[int, int]:
     if topic.keys is not None:
         return name_rank, 3
     return name_rank, 0 if 'png' in topic.samples[0].format else 2
-
-
-def _base(topic: str) -> str:
-    """Return an image topic without the name of its transport (image_transport, its plugins)."""
-    for transport in _TRANSPORTS:
-        topic = topic.removesuffix(f'/{transport}')
-    return topic
 
 
 # Choice of KITTI's cameras by the directions they look in.

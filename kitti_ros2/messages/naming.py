@@ -125,6 +125,15 @@ IMAGE_TOPICS = ('image_rect', 'image_raw', 'image')
 """The possible names of images. Other versions of kitti2bag write "image"."""
 
 
+_TRANSPORTS = ('compressed', 'ffmpeg', 'foxglove')
+
+
+def without_transport(topic: str) -> str:
+    """Return an image topic without the name of its transport (image_transport, its plugins)."""
+    name, _, transport = topic.rpartition('/')
+    return name if name and transport in _TRANSPORTS else topic
+
+
 def naming_of(options: MessageOptions) -> Naming:
     """Return the names for a stack that has names of its own, else those of the preset."""
     return STACK_NAMINGS.get(options.stack, PRESETS[options.preset])

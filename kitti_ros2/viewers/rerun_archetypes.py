@@ -20,10 +20,12 @@ from ..messages.camera_info import camera_model
 from ..messages.cdr import stamp_ns_of, transform_of
 from ..messages.clouds import decode_cloud, guess_intensity_scale
 from ..messages.images import decode_compressed_pixels, decode_pixels, picture_kind
+from ..messages.naming import without_transport
 from ..messages.rectified_cameras import has_lens_of_larger_image
 from ..messages.ros_types import Marker
 from ..messages.topics import prediction_topics
-from ..model.bag_formats import DETECTIONS_3D
+from ..messages.videos import codec_of, is_video
+from ..model.bag_formats import DETECTIONS_3D, VIDEOS
 from ..model.boxes import DONT_CARE
 from ..model.geometry import Transform
 from ..model.streams import from_sec_nanosec
@@ -354,7 +356,7 @@ def is_rectified(image: str, model: CameraModel) -> bool:
 
     image_proc names such images image_rect and image_rect_color.
     """
-    name = image.removesuffix('/compressed').rpartition('/')[2]
+    name = without_transport(image).rpartition('/')[2]
     rotated = np.abs(model.r - np.eye(3)).max() > _SAME
     plain = model.is_as_rectified or not (model.d.any() or rotated)
     return 'rect' in name or plain or has_lens_of_larger_image(model)
@@ -527,6 +529,8 @@ _AXIS_M = 1.0
 _PATH_PX = 2.0
 _PATH_RGB = (76, 175, 80)
 _MEDIA = {'PNG': 'image/png', 'JPEG': 'image/jpeg'}
+_CODECS = {'h264': 'H264', 'hevc': 'H265', 'av1': 'AV1', 'vp9': 'VP9'}
+"""Names in VideoCodec; earlier versions of Rerun have some of them."""
 _FIX_RGB = (231, 76, 60)
 _AXES = rr.SeriesLines(names=list('xyz'), colors=((231, 76, 60), (46, 204, 113), (52, 152, 219)))
 
@@ -557,11 +561,28 @@ class ImageConverter(Converter):
         yield EntityUpdate(self.path, [components], image_frame(self.topic))
 
 
-class CompressedImageConverter(Converter):
-    """sensor_msgs/CompressedImage: the unchanged bytes of its PNG or JPEG, or the pixels."""
+class VideoConverter(Converter):
+    """A video: the unchanged packets, which the viewer decodes."""
+
+    def convert(self, message: Any) -> Iterator[EntityUpdate]:  # noqa: ANN401 - a rosbags class
+        """Yield one update."""
+        name = _CODECS[codec_of(message)]
+        codec = getattr(rr.VideoCodec, name, None)
+        if codec is None:
+            raise ValueError(f'Rerun {rr.__version__} does not show video of {name}')
+        packet = rr.VideoStream.from_fields(sample=message.data.tobytes())
+        always = [rr.VideoStream(codec)]
+        yield EntityUpdate(self.path, [packet], image_frame(self.topic), always)
+
+
+class CompressedImageConverter(VideoConverter):
+    """sensor_msgs/CompressedImage: the unchanged PNG, JPEG or packet, or the pixels."""
 
     def convert(self, message: CompressedImage) -> Iterator[EntityUpdate]:
         """Yield one update."""
+        if is_video(message):
+            yield from super().convert(message)
+            return
         media = _MEDIA.get(picture_kind(message))
         components: rr.EncodedImage | rr.Image
         if media is None:
@@ -694,4 +715,5 @@ TABLE: Mapping[str, type[Converter]] = {
     'vision_msgs/msg/Detection3DArray': Box3DConverter,
     'visualization_msgs/msg/Marker': MarkerConverter,
     'visualization_msgs/msg/MarkerArray': MarkerConverter,
+    **dict.fromkeys(sorted(VIDEOS), VideoConverter),
 }

@@ -15,9 +15,10 @@ import numpy as np
 
 from ..messages.camera_info import camera_model, decode_static
 from ..messages.cdr import peek_header
+from ..messages.naming import without_transport
 from ..messages.rectified_cameras import viewpoints
 from ..messages.tf_tree import FrameTree
-from ..model.bag_formats import CAMERA_INFO, CLOUD, COMPRESSED, DETECTIONS_2D, IMAGE, TF
+from ..model.bag_formats import CAMERA_INFO, CLOUD, COMPRESSED, DETECTIONS_2D, IMAGE, TF, VIDEOS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from ..player.program import Program
 
 
-IMAGES = (COMPRESSED, IMAGE)
+IMAGES = (COMPRESSED, IMAGE, *sorted(VIDEOS))
 
 _LONGEST_NS = 3_000_000_000
 _MOST = 3000
@@ -61,7 +62,7 @@ class ProgramSurvey:
 
     def info_of(self, image: str) -> str | None:
         """Return the CameraInfo topic of an image topic: camera_info in the same namespace."""
-        stem = image.removesuffix('/compressed')
+        stem = without_transport(image)
         info = f'{stem.rpartition("/")[0]}/camera_info'
         return info if self.topics.get(info) == CAMERA_INFO else None
 

@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..messages.cdr import LastKeys
-from ..messages.naming import POINTS
+from ..messages.naming import POINTS, without_transport
 from ..messages.topics import prediction_topics
 from ..model.bag_formats import DETECTIONS_2D, DETECTIONS_3D, FIX, MARKERS
 from ..model.errors import describe_error, one_line
@@ -61,7 +61,7 @@ def chosen_cameras(survey: ProgramSurvey) -> list[str]:
     """Choose at most two image topics, one per camera: with boxes first, then colour images."""
     cameras: dict[str, str] = {}
     for image in survey.of_type(*IMAGES):  # compressed images take a tenth of the memory
-        camera = survey.info_of(image) or image.removesuffix('/compressed')
+        camera = survey.info_of(image) or without_transport(image)
         if camera not in cameras or image.endswith('/compressed'):
             cameras[camera] = image
     boxed = _boxed_images(survey)

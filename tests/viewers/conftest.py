@@ -17,9 +17,9 @@ from kitti_ros2.player.bag_program import BagProgram
 
 
 def every_type():
-    """The types of ROS 2 Jazzy and of vision_msgs."""
+    """The types of ROS 2 Jazzy, of vision_msgs and of Foxglove."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    names = [name for name in TYPESTORE.fielddefs if name.startswith('vision_msgs')]
+    names = [name for name in TYPESTORE.fielddefs if name.startswith(('vision', 'foxglove'))]
     store.register({name: TYPESTORE.fielddefs[name] for name in names})
     return store
 

@@ -78,7 +78,7 @@ def _order(row: Row) -> tuple[int, list[str]]:
 
 
 def _small(name: str) -> bool:
-    return name.split(':')[1] not in {'positions', 'blob', 'buffer', 'colors'}
+    return name.split(':')[1] not in {'positions', 'blob', 'buffer', 'colors', 'sample'}
 
 
 def _array(values: Any) -> np.ndarray:

@@ -31,6 +31,7 @@ from kitti_ros2.messages.ros_types import (
     Twist,
     TwistStamped,
 )
+from kitti_ros2.model.bag_formats import COMPRESSED_VIDEO
 from kitti_ros2.model.boxes import Box, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.options.messages import MarkerColors
@@ -105,6 +106,17 @@ def test_pixels_and_files_of_images_are_untouched(show_messages):
     assert (form['width'], form['height']) == (4, 3)
     assert rrd.one('/b/image/compressed', 'EncodedImage:blob').tobytes() == file.tobytes()
     assert rrd.one('/b/image/compressed', 'EncodedImage:media_type') == ['image/jpeg']
+    assert not report.losses
+
+
+def test_packets_of_a_video_are_untouched(show_messages):
+    data = np.frombuffer(b'\0\0\0\1g packet', np.uint8)
+    video = TYPESTORE.types[COMPRESSED_VIDEO](make_header(T0, '').stamp, 'camera', data, 'h264')
+    isaac = CompressedImage(make_header(T0, 'camera'), 'h265', data)
+    rrd, report = show_messages(('/a/image/foxglove', T0, video), ('/b/image', T0, isaac))
+    for topic, codec in (('/a/image/foxglove', 'avc1'), ('/b/image', 'hev1')):
+        assert rrd.one(topic, 'VideoStream:sample').tobytes() == data.tobytes()
+        assert rrd.one(topic, 'VideoStream:codec') == [int.from_bytes(codec.encode(), 'big')]
     assert not report.losses
 
 
