@@ -14,6 +14,8 @@ from ..model.errors import UsageError
 _JAZZY, _KILTED = 7, 9
 _DISTRIBUTIONS = {3: 'humble', 4: 'iron', _JAZZY: 'jazzy', _KILTED: 'kilted'}
 """By the major version of rclpy."""
+_WHEELS = {'jazzy', 'kilted'}
+"""The distributions whose wheels are on PyPI."""
 
 
 def middleware() -> str:
@@ -62,8 +64,9 @@ def check_installed() -> None:
             f'the middleware {name} is not installed; install {package}, or unset'
             f' RMW_IMPLEMENTATION for the default one'
         )
+    wheel = f", or run pip install 'ros-{distribution()}-rclpy[fastrtps]'"
     raise UsageError(
-        f"no middleware is installed; install {package}, or run pip install 'kitti_ros2[ros]'"
+        f'no middleware is installed; install {package}{wheel * (distribution() in _WHEELS)}'
     )
 
 

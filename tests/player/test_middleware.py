@@ -142,6 +142,24 @@ def test_the_profile_is_that_of_the_fast_dds_of_the_ros(
     assert ros_installation.distribution() == distribution
 
 
+@pytest.mark.parametrize(
+    ('version', 'advice'),
+    [
+        ('7.1.6', "ros-jazzy-rmw-fastrtps-cpp, or run pip install 'ros-jazzy-rclpy[fastrtps]'"),
+        ('9.1.2', "ros-kilted-rmw-fastrtps-cpp, or run pip install 'ros-kilted-rclpy[fastrtps]'"),
+        ('11.0.0', 'ros-rolling-rmw-fastrtps-cpp'),
+    ],
+)
+def test_a_missing_middleware_is_that_of_the_ros_which_is_installed(monkeypatch, version, advice):
+    for name in ('ROS_DISTRO', 'RMW_IMPLEMENTATION', 'AMENT_PREFIX_PATH', 'LD_LIBRARY_PATH'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr('importlib.metadata.version', lambda _: version)
+    monkeypatch.setattr(ros_installation, 'find_spec', lambda name: name == 'rclpy' or None)
+    with pytest.raises(UsageError) as refused:
+        ros_installation.check_installed()
+    assert str(refused.value) == f'no middleware is installed; install {advice}'
+
+
 @pytest.mark.parametrize('reason', [ELEMENT, INTERFACE, BUFFER, FILE])
 def test_what_cyclone_refuses_is_wrong_usage(cyclone, capfd, reason):  # noqa: ARG001
     lines = [
