@@ -12,6 +12,7 @@ import numpy as np
 from ..model.bag_formats import COMPRESSED, COMPRESSED_VIDEO, VIDEOS
 from ..model.samples import MOST_PIXELS
 from ..model.streams import from_sec_nanosec
+from .h264_frames import FrameNumbers
 from .images import encode_pixels, size_of
 
 if TYPE_CHECKING:
@@ -128,15 +129,16 @@ TITLES = {'h264': 'H.264', 'hevc': 'H.265', 'av1': 'AV1', 'vp9': 'VP9'}
 # The decoder of the packets of one topic.
 #
 # Frames depend on those before them, so packets must be given in the order of the bag. A decoder
-# may hold frames back (B-frames), so each is matched to its packet by a number. After a damaged
-# packet FFmpeg goes on with frames that look sound and are not, so all are refused up to the next
-# packet at which decoding can begin.
+# may hold frames back (B-frames), so each is matched to its packet by a number. After a damaged or
+# missing packet FFmpeg goes on with frames that look sound and are not, so all are refused up to
+# the next packet at which decoding can begin.
 
 Key = TypeVar('Key')
 
 NO_PYAV = "decoding video needs PyAV, which is not installed; run pip install 'kitti_ros2[video]'"
 _NO_KEY_FRAME = 'the frame cannot be decoded: no key frame precedes it'
 _AFTER_DAMAGE = 'the frame cannot be decoded: it depends on a damaged one before'
+_AFTER_MISSING = 'the frame cannot be decoded: a packet before it is missing'
 _NO_FRAME = 'the decoder makes no frame of it'
 
 
@@ -156,6 +158,7 @@ class VideoDecoder(Generic[Key]):
         self._waiting: dict[int, _Packet[Key]] = {}
         self._fed = 0
         self._refusal = _NO_KEY_FRAME
+        self._numbers = FrameNumbers()
 
     def feed(self, key: Key, message: Any) -> list[tuple[Key, ImageMsg | ValueError]]:  # noqa: ANN401
         """Decode a packet.
@@ -174,11 +177,14 @@ class VideoDecoder(Generic[Key]):
             if begins and (self._context is None or codec != self._codec):
                 images = self._end(_NO_KEY_FRAME)
                 self._context, self._codec = _open(codec), codec
+                self._numbers = FrameNumbers()
         except ValueError as error:
             self._refusal = str(error)
             return [*images, (key, error)]
         if self._context is None:
             return [(key, ValueError(self._refusal))]
+        if codec == 'h264' and not self._numbers.follows(message.data.tobytes()):
+            return [*self._end(_AFTER_MISSING), (key, ValueError(_AFTER_MISSING))]
         return [*images, *self._decode(key, message)]
 
     def rest(self) -> list[tuple[Key, ImageMsg | ValueError]]:
@@ -197,7 +203,7 @@ class VideoDecoder(Generic[Key]):
         except (av.FFmpegError, ValueError) as error:
             del self._waiting[number]
             reason = str(getattr(error, 'strerror', '') or error)
-            damaged = ValueError(f'the packet is damaged ({reason})')
+            damaged = ValueError(f'the packet is damaged, or one before is missing ({reason})')
             return [*self._end(_AFTER_DAMAGE), (key, damaged)]
         images = self._results(frames)
         if any(frame.is_corrupt for frame in frames):

@@ -25,6 +25,7 @@ from kitti_ros2.importer.planned_recording import PlannedRecording
 from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.messages.h264_frames import FrameNumbers
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
@@ -108,6 +109,11 @@ LOSSES = {
         [4, 5, 6, 7],
         ['/camera/image (1): .*the packet is damaged', f'/camera/image (3): .*{DEPENDS}'],
     ),
+    'not recorded': (
+        lambda packets: robot.without(packets, 5),
+        [6, 7],
+        ['/camera/image (.): .*is missing'],
+    ),
     'damaged at the end': (
         lambda packets: robot.damaged(packets, 11),
         [11],
@@ -116,10 +122,18 @@ LOSSES = {
 }
 
 
-@pytest.mark.parametrize('codec', ['h264', 'h265', 'av1'])
-@pytest.mark.parametrize(('change', 'lost', 'lines'), LOSSES.values(), ids=LOSSES)
+# FFmpeg does not notice a packet of AV1 that is missing.
+CODECS = [
+    pytest.param(codec, *case, id=f'{name}, {codec}')
+    for codec in ('h264', 'h265', 'av1')
+    for name, case in LOSSES.items()
+    if (codec, name) != ('av1', 'not recorded')
+]
+
+
+@pytest.mark.parametrize(('codec', 'change', 'lost', 'lines'), CODECS)
 def test_lost_frames_are_counted_up_to_the_next_key_frame(
-    change, lost, lines, codec, tmp_path, capsys
+    codec, change, lost, lines, tmp_path, capsys
 ):
     packets = change(robot.packets(codec))
     code, images = convert(tmp_path, robot.said(packets, codec=codec))
@@ -328,3 +342,27 @@ def test_validation_of_video(change, lines, msgtype, tmp_path):
     for line in lines:
         rule, text = line.split(': ', 1)
         assert any(each.startswith(rule) and text in each for each in found), found
+
+
+STREAMS = {
+    'no B-frames': 'keyint=15:bframes=0',
+    'pyramid': 'keyint=30:bframes=4:b-pyramid=normal:ref=4',
+    'open groups': 'keyint=20:bframes=2:open-gop=1',
+    'intra refresh': 'keyint=20:bframes=0:intra-refresh=1',
+    'interlaced': 'keyint=30:bframes=1:tff=1',
+    'slices': 'keyint=40:slices=4',
+}
+
+
+@pytest.mark.parametrize('parameters', STREAMS.values(), ids=STREAMS)
+def test_a_missing_packet_of_h264_is_noticed_if_others_refer_to_it(parameters):
+    packets = robot.x264(parameters)
+    assert all(map(FrameNumbers().follows, packets))
+    for missing, packet in enumerate(packets[:-1]):
+        types = [unit[0] for unit in re.findall(rb'\x00\x00\x01(.)', packet, re.DOTALL)]
+        is_reference = any(each & 31 in {1, 5} and each >> 5 for each in types)
+        numbers = FrameNumbers()
+        found = [numbers.follows(each) for place, each in enumerate(packets) if place != missing]
+        is_before_key = b'\0\0\1\x65' in packets[missing + 1]
+        expected = missing > 0 and is_reference and not is_before_key
+        assert (False in found) == expected, missing

@@ -82,6 +82,22 @@ def packets(
     return tuple(Packet(packet.pts, bytes(packet)) for packet in found)
 
 
+def x264(parameters: str) -> list[bytes]:
+    """80 packets of noise by parameters of x264."""
+    context = av.CodecContext.create('libx264', 'w')
+    context.width, context.height, context.pix_fmt = *SIZE, 'yuv420p'
+    context.time_base, context.thread_count = Fraction(1, 10), 1
+    context.options = {'preset': 'veryfast', 'x264-params': f'{parameters}:scenecut=0'}
+    noise = np.random.default_rng(5).integers(0, 255, (SIZE[1], SIZE[0] + 160, 3), np.uint8)
+    found = []
+    for number in range(80):
+        pixels = np.ascontiguousarray(noise[:, 2 * number : 2 * number + SIZE[0]])
+        frame = av.VideoFrame.from_ndarray(pixels, format='bgr24')
+        frame.pts, frame.time_base = number, context.time_base
+        found += context.encode(frame)
+    return [bytes(packet) for packet in found + context.encode(None)]
+
+
 def message(packet: Packet, msgtype: str, codec: str, frame_id: str = 'camera_optical') -> dict:
     """The values of a message with a packet; codec as its field names it."""
     stamp_ns = START_NS + packet.frame * PERIOD_NS
