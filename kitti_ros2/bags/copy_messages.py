@@ -84,6 +84,8 @@ class ToRos2:
         if self._types is None or not _is_ros1(channel):
             return Outlet(channel)
         made = RENAMED.get(channel.msgtype, channel.msgtype)
+        if made != channel.msgtype:
+            self.notes[f'{channel.msgtype} of ROS 1 is written as {made}'] = None
         return Outlet(replace(channel, msgtype=made), self._types.converter(channel.msgtype))
 
 

@@ -8,7 +8,8 @@
 - Some types have other fields: Marker has texture, uv_coordinates and mesh_file in ROS 2 only.
   Messages of these are made anew, field by field.
 - tf/tfMessage of ROS 1's first tf is tf2_msgs/msg/TFMessage in ROS 2, std_msgs/Time and Duration
-  are those of builtin_interfaces.
+  are those of builtin_interfaces, with the same bytes. rosgraph_msgs/Log is rcl_interfaces/msg/Log,
+  with other numbers of levels, and without the topics of the node.
 """
 
 from __future__ import annotations
@@ -35,12 +36,14 @@ if TYPE_CHECKING:
 
     Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
 
+_LOG = 'rosgraph_msgs/msg/Log'
 _TIMES = frozenset({'builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration'})
 RENAMED = {
     'tf/msg/tfMessage': TF,
+    _LOG: 'rcl_interfaces/msg/Log',
     **{name.replace('builtin_interfaces', 'std_msgs'): name for name in _TIMES},
 }
-"""Types of ROS 1 that have another name in ROS 2 and the same bytes."""
+"""Types of ROS 1 that have another name in ROS 2."""
 
 
 @lru_cache(maxsize=1)
@@ -230,6 +233,9 @@ class Ros1Types:
 
 # Conversion of ROS 1 messages, in CDR by the definitions of their bag, to ROS 2.
 
+_LEVELS = {1: 10, 2: 20, 4: 30, 8: 40, 16: 50}
+"""Levels of logs, from debug to fatal, of ROS 1 and ROS 2."""
+
 
 class Ros2Types:
     """The ROS 2 counterparts of the types of ROS 1 bags.
@@ -261,12 +267,22 @@ class Ros2Types:
         if self.migration.same_layout(msgtype):
             return None
         made = RENAMED.get(msgtype, msgtype)
+        rebuild = self._rebuild_log if msgtype == _LOG else self.migration.rebuild
 
         def convert(data: bytes | memoryview) -> memoryview:
             message = self._source.deserialize_cdr(bytes(data), msgtype)
-            return self.typestore.serialize_cdr(self.migration.rebuild(message, msgtype), made)
+            return self.typestore.serialize_cdr(rebuild(message, msgtype), made)
 
         return convert
+
+    def _rebuild_log(self, log: Any, msgtype: str) -> Any:  # noqa: ANN401 - rosbags classes
+        """Make a log of ROS 2."""
+        if log.topics:
+            self.migration.left_out.add(f'{msgtype}.topics')
+        level = _LEVELS.get(log.level, log.level)
+        return self.typestore.types[RENAMED[msgtype]](
+            log.header.stamp, level, log.name, log.msg, log.file, log.function, log.line
+        )
 
 
 def _in_lower_case(constants: Constdefs, fields: Fielddefs) -> tuple[Constdefs, Fielddefs]:

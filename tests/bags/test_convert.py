@@ -253,7 +253,7 @@ def write_one(path, msgtype, text, data, **channel):
         ('std_msgs/msg/Time', 'time data', 8, 'builtin_interfaces/msg/Time'),
         ('std_msgs/msg/Duration', 'duration data', 8, 'builtin_interfaces/msg/Duration'),
         ('std_msgs/msg/String', 'string data', 4, 'std_msgs/msg/String'),
-        ('rosgraph_msgs/msg/Log', 'byte level\nstring name', 5, 'rosgraph_msgs/msg/Log'),
+        ('robot_msgs/msg/Temperature', 'float32 celsius', 4, 'robot_msgs/msg/Temperature'),
     ],
 )
 def test_types_have_their_names_in_ros_2(msgtype, text, size, made, tmp_path):
@@ -275,6 +275,24 @@ def test_a_value_without_a_field_in_ros_2_is_named(tmp_path, capsys):
         (row,) = reader.messages()
         message = reader.deserialize(row[2], row[0].msgtype)
     assert (message.range, message.max_range, message.min_range) == (1, 2, 0)
+
+
+def test_a_log_has_the_stamp_and_the_level_of_ros_2(tmp_path, capsys):
+    log = ROS1.types['rosgraph_msgs/msg/Log'](
+        ROS1.types['std_msgs/msg/Header'](3, ROS1.types['builtin_interfaces/msg/Time'](7, 8), ''),
+        *(4, '/node', 'hot', 'a.cpp', 'main', 12, ['/rosout']),
+    )
+    with Ros1Writer(tmp_path / 'bag.bag') as writer:
+        made = writer.add_connection('/rosout', 'rosgraph_msgs/msg/Log', typestore=ROS1)
+        writer.write(made, START_NS, ROS1.serialize_ros1(log, 'rosgraph_msgs/msg/Log'))
+    assert convert(tmp_path / 'bag.bag', tmp_path / 'out') == 1
+    assert 'no field rosgraph_msgs/msg/Log.topics' in capsys.readouterr().err
+    with AnyReader([tmp_path / 'out']) as reader:
+        ((connection, _, data),) = reader.messages()
+        message = reader.deserialize(data, connection.msgtype)
+    assert connection.msgtype == 'rcl_interfaces/msg/Log'
+    assert (message.stamp.sec, message.stamp.nanosec, message.level) == (7, 8, 30)
+    assert (message.name, message.msg, message.file, message.line) == ('/node', 'hot', 'a.cpp', 12)
 
 
 def test_a_part_begins_with_what_was_latched_before(source, tmp_path):
