@@ -266,6 +266,7 @@ class FileContents:
         compressions: Names of the compressions found so far.
         stamps: Nanoseconds by channel id; None if they are in the indexes of the chunks only.
         index_lengths: Bytes of the indexes behind the chunk at a position, in MCAP.
+        attachments: Number of attachments, as far as the index lists them.
     """
 
     channels: Mapping[int, StoredChannel] = field(default_factory=dict)
@@ -273,6 +274,7 @@ class FileContents:
     compressions: set[str] = field(default_factory=set)
     stamps: dict[int, array[int]] | None = None
     index_lengths: dict[int, int] = field(default_factory=dict)
+    attachments: int = 0
 
 
 class Run:
@@ -591,6 +593,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         self.channels = contents.channels
         self.chunks = contents.chunks
         self.compressions: set[str] = contents.compressions
+        self.attachments = contents.attachments
         self._stamps = contents.stamps
         self._file = file
         self._problems = problems

@@ -449,6 +449,7 @@ class BagFile(ABC):
         is_start_enough: Asked with the id of a channel before a large message is read: whether its
             MessageStart is enough. A file may give the whole message all the same.
         fetches: Whether any thread may fetch chunks.
+        attachments: Number of attachments, which are not read, as far as it is known.
     """
 
     channels: Mapping[int, StoredChannel]
@@ -456,6 +457,7 @@ class BagFile(ABC):
     compressions: Collection[str] = ()
     is_start_enough: Callable[[int], bool] | None = None
     fetches: bool = False
+    attachments: int = 0
     _problems: Problems
 
     @abstractmethod

@@ -178,9 +178,10 @@ def _refuse_nothing(
     """Refuse a copy without messages, unless the bag itself has none."""
     if any(copy.counts.values()):
         return
-    if messages.losses:
-        reason = next(iter(messages.losses))
-        text = f'holds no message that can be read ({reason})'
+    losses = {**messages.losses, **copy.losses}
+    if losses:
+        reason = next(iter(losses))
+        text = f'holds no message that can be written ({reason})'
         raise BadBagError(path, text, 'one at least')
     if not selection.is_whole and messages.expected:
         raise UsageError(f'{path}: {selection} takes no message')

@@ -168,6 +168,12 @@ def outlets_of(messages: BagMessages, storage: str) -> ToRos1 | ToRos2:
     return ToRos1(messages) if is_ros1 else ToRos2(messages)
 
 
+_CAUSES: dict[type[Exception], str] = {
+    RecursionError: 'its definition refers to itself',
+    KeyError: 'neither the bag nor ROS 2 Jazzy defines it',
+}
+
+
 class MessageCopy:
     """A copy in progress: writes messages, and counts those that the new bag cannot hold.
 
@@ -221,8 +227,7 @@ class MessageCopy:
             except (KittiRos2Error, MemoryError):
                 raise
             except Exception as error:  # noqa: BLE001 - types of any kind
-                circular = isinstance(error, RecursionError)
-                why = 'its definition refers to itself' if circular else error
+                why = _CAUSES.get(type(error), error)
                 text = f'{topic}: {channel.msgtype} cannot be written to {self._storage} ({why})'
                 self._unwritten[topic] = text
                 self._losses[text] = 0

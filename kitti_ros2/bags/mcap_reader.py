@@ -537,7 +537,9 @@ def _summarized(
     for opcode, position, end in file.limits.counted(start, split_records(section)):
         body = section[position:end]
         if opcode == Opcode.STATISTICS:
-            message_count = Statistics.read(ReadDataStream(BytesIO(body))).message_count
+            statistics = Statistics.read(ReadDataStream(BytesIO(body)))
+            message_count = statistics.message_count
+            contents.attachments = statistics.attachment_count
         elif opcode == Opcode.CHUNK_INDEX:
             chunk, compression, index_length = parse_chunk_index(body)
             contents.compressions.add(compression)

@@ -18,7 +18,7 @@ from ..kitti.recording_index import turn_length
 from ..messages.cdr import lacking_field
 from ..messages.naming import RECORDING, SWEEP, decode_description, decode_sweep
 from ..model.bag_formats import STRING
-from ..model.errors import BadBagError, Loss, UsageError
+from ..model.errors import BadBagError, Loss, UsageError, format_count
 from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .bag_files import BagSource, OpenBag, opened, path_of
 from .container_file import LAST_NS, BagIndex, BagSummary, Problems, TopicSummary, summarize
@@ -248,6 +248,8 @@ class BagMessages:
                 for path, file in bag.files(self._problems, exit_stack)
             ]
             self._files = [file for _, _, file in files]
+            if as_stored and not as_ros:
+                self._lose_attachments(files)
             self._readings = {
                 (number, channel_id): Reading(
                     number,
@@ -366,6 +368,12 @@ class BagMessages:
         first_ns = self._first_lost.setdefault((reading, reason), stamp_ns)
         which = f'{reading.file}: messages of {reading.channel.topic} from {first_ns} on'
         self._problems.lose_one(f'{which} cannot be read ({reason})')
+
+    def _lose_attachments(self, files: Iterable[tuple[Path, Path, BagFile]]) -> None:
+        for _, path, file in files:
+            if file.attachments:
+                count = format_count(file.attachments, 'attachment')
+                self._problems.lose(f'{path}: {count} of MCAP cannot be copied', 0)
 
     def _as_copied(self, channel: StoredChannel) -> StoredChannel:
         """Return a channel as stored, unless its messages are converted from outside of ROS."""

@@ -32,6 +32,7 @@ from ..messages.type_definitions import (
     closure,
     lazy_typestore,
     parse_plain,
+    with_wide_names,
     with_wide_strings,
     without_wide_fields,
 )
@@ -173,7 +174,8 @@ class OriginalTexts(SharingTypestore):
             return self._texts[typename], ''
         if typename not in self.fielddefs:
             return '', ''
-        return super().generate_msgdef(typename, ros_version)
+        text, md5sum = super().generate_msgdef(typename, ros_version)
+        return (with_wide_names(text) if ros_version == 2 else text), md5sum
 
     def hash_rihs01(self, typ: str) -> str:
         """Return the hash of a type, empty if it has none."""

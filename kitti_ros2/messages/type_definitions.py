@@ -149,6 +149,16 @@ def wide_string_bound(msgtype: str) -> int | None:
     return int(match[1] or 0) if match else None
 
 
+_WIDE_BLOCK = re.compile(r'={80}\nMSG: rosidl_runtime_c/U16String[0-9]*\nuint32\[\] units\n')
+_WIDE_NAME = re.compile(r'^rosidl_runtime_c/U16String([0-9]*)', re.MULTILINE)
+
+
+def with_wide_names(text: str) -> str:
+    """Return a text that was made of types with wide strings, as ROS 2 writes them: wstring."""
+    without = _WIDE_BLOCK.sub('', text)
+    return _WIDE_NAME.sub(lambda name: f'wstring{"<=" * bool(name[1])}{name[1]}', without)
+
+
 def with_wide_strings(types: Typesdict) -> Typesdict:
     """Return types with that of a wide string in place of each wstring, and these types."""
     replaced: Typesdict = {

@@ -295,6 +295,61 @@ def test_a_log_has_the_stamp_and_the_level_of_ros_2(tmp_path, capsys):
     assert (message.name, message.msg, message.file, message.line) == ('/node', 'hot', 'a.cpp', 12)
 
 
+IDL = '=' * 80 + '\nIDL: a_msgs/msg/W\nmodule a_msgs {{ module msg {{ struct W {{ {} }}; }}; }};\n'
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'text', 'expected'),
+    [
+        ('ros2msg', '# comment\nint32 x 7\nwstring<=5 s\n', '# comment\nint32 x 7\nwstring<=5 s\n'),
+        ('ros2idl', IDL.format('long x; wstring<5> s;'), 'int32 x\nwstring<=5 s\n'),
+        ('ros2idl', IDL.format('long x; wstring s;'), 'int32 x\nwstring s\n'),
+        ('', '', ''),
+    ],
+)
+def test_a_definition_is_kept_or_becomes_the_text_of_a_message(encoding, text, expected, tmp_path):
+    bag, data = tmp_path / 'bag.mcap', b'\0\1\0\0' + bytes(8)
+    with bag.open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema('a_msgs/msg/W', encoding, text.encode())
+        channel = writer.register_channel('/topic', 'cdr', schema)
+        writer.add_message(channel, START_NS, data, START_NS)
+        writer.finish()
+    assert convert(bag, tmp_path / 'out.mcap') == 0
+    with (tmp_path / 'out.mcap').open('rb') as file:
+        ((schema, _, message),) = make_reader(file).iter_messages()
+    assert (schema.encoding, schema.data.decode(), message.data) == ('ros2msg', expected, data)
+
+
+def test_an_undefined_type_cannot_become_ros_1(tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    with bag.open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema('a_msgs/msg/W', '', b'')
+        channel = writer.register_channel('/topic', 'cdr', schema)
+        writer.add_message(channel, START_NS, bytes(8), START_NS)
+        writer.finish()
+    assert convert(bag, tmp_path / 'out.bag') == 2
+    assert 'neither the bag nor ROS 2 Jazzy defines it' in capsys.readouterr().err
+    assert not (tmp_path / 'out.bag').exists()
+
+
+def test_an_attachment_is_named(tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    with bag.open('wb') as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+        channel = writer.register_channel('/topic', 'cdr', schema)
+        writer.add_message(channel, START_NS, b'\0\1\0\0\1\0\0\0\0', START_NS)
+        writer.add_attachment(START_NS, START_NS, 'notes.txt', 'text/plain', b'rain')
+        writer.finish()
+    assert convert(bag, tmp_path / 'out') == 1
+    assert '1 attachment of MCAP cannot be copied' in capsys.readouterr().err
+
+
 def test_a_part_begins_with_what_was_latched_before(source, tmp_path):
     path, _ = source
     words = '--start', '0.15s', '--end', '0.25s', '--topics', '/imu', '/tf_static'

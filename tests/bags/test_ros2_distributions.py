@@ -21,7 +21,9 @@ import yaml
 from bag_samples import CHANNELS, jazzy, make_samples, write_bag
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
+from test_convert import TOPICS, write_ros2
 
 from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -142,6 +144,20 @@ def test_profiles_are_read_by_every_distribution(bag, distribution):
             for topic in topics
         }
     assert expected == {topic: distribution.of_text(text) for topic, text in channel_texts(bag)}
+
+
+@pytest.mark.parametrize('distribution', DISTRIBUTIONS.values(), ids=DISTRIBUTIONS)
+@pytest.mark.parametrize('target', BAGS)
+def test_profiles_of_a_bag_of_version_9_are_read_after_a_conversion(target, distribution, tmp_path):
+    name, storage = BAGS[target]
+    source, path = write_ros2(tmp_path / 'version9', StoragePlugin.MCAP), tmp_path / name
+    words = ['--storage', storage] if storage == 'sqlite3' else []
+    assert main(['to-bag', str(source), str(path), '-q', *words]) == 0
+    expected = {
+        topic: [[1, 1 if latched else 2, 1 if latched else 2, 1]]
+        for topic, (_, latched) in TOPICS.items()
+    }
+    assert expected == {topic: distribution.of_text(text) for topic, text in channel_texts(path)}
 
 
 @pytest.mark.parametrize('name', ['humble', 'iron'])
