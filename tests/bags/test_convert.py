@@ -254,14 +254,19 @@ def write_one(path, msgtype, text, data, **channel):
         ('std_msgs/msg/Duration', 'duration data', 8, 'builtin_interfaces/msg/Duration'),
         ('std_msgs/msg/String', 'string data', 4, 'std_msgs/msg/String'),
         ('robot_msgs/msg/Temperature', 'float32 celsius', 4, 'robot_msgs/msg/Temperature'),
+        ('std_msgs/msg/Empty', '', 0, 'std_msgs/msg/Empty'),
     ],
 )
 def test_types_have_their_names_in_ros_2(msgtype, text, size, made, tmp_path):
     bag = write_one(tmp_path / 'bag.bag', msgtype, text, bytes(size))
     assert convert(bag, tmp_path / 'out.mcap') == 0
-    with open_messages(tmp_path / 'out.mcap') as messages:
-        assert messages.channels == (('/topic', made),)
-        assert sum(1 for _ in messages) == 1
+    with AnyReader([tmp_path / 'out.mcap']) as reader:
+        ((connection, _, data),) = reader.messages()
+        assert connection.msgtype == made
+        assert reader.deserialize(data, made)
+    assert convert(tmp_path / 'out.mcap', tmp_path / 'back.bag') == 0
+    with Ros1Reader(tmp_path / 'back.bag') as back:
+        assert [bytes(data) for _, _, data in back.messages()] == [bytes(size)]
 
 
 def test_a_value_without_a_field_in_ros_2_is_named(tmp_path, capsys):

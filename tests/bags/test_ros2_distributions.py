@@ -23,7 +23,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
-from test_convert import TOPICS, write_ros2
+from test_convert import TOPICS as CONVERTED
+from test_convert import write_ros2
 
 from kitti_ros2.cli import main
 from kitti_ros2.messages.ros_types import TYPESTORE
@@ -155,7 +156,7 @@ def test_profiles_of_a_bag_of_version_9_are_read_after_a_conversion(target, dist
     assert main(['to-bag', str(source), str(path), '-q', *words]) == 0
     expected = {
         topic: [[1, 1 if latched else 2, 1 if latched else 2, 1]]
-        for topic, (_, latched) in TOPICS.items()
+        for topic, (_, latched) in CONVERTED.items()
     }
     assert expected == {topic: distribution.of_text(text) for topic, text in channel_texts(path)}
 
