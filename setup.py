@@ -109,6 +109,7 @@ EXTRAS['test'] = [
     *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
     *EXTRAS['foxglove'][2:],
+    'zlib-ng>=0.5,<2',
 ]
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.image_files import encode_png, parse_png
+from ..files.image_files import encode_png, is_in_opencv_form, parse_png
 from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
 from ..messages.images import pixels_of, png_of, size_of
 from ..messages.naming import without_transport
@@ -43,7 +43,7 @@ from ..messages.videos import (
 )
 from ..model import bag_formats as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
-from ..model.streams import CAMERA_NAMES
+from ..model.streams import CAMERA_NAMES, PngForm
 from .plan import X_FORWARD, CameraPlan
 from .survey import topic_of
 from .tf_frames import optical_link, optical_name
@@ -839,7 +839,7 @@ class ImageConversion:
         """Return (width, height) of a camera's images, None where unknown so far."""
         return self._sizes.get(camera)
 
-    def png(self, camera: int, message: Any) -> bytes:  # noqa: ANN401 - of the bag's types
+    def png(self, camera: int, message: Any, form: PngForm = PngForm.FAST) -> bytes:  # noqa: ANN401 - of the bag's types
         """Convert an Image or CompressedImage to a PNG file, rectified where the plan requests it.
 
         Raises:
@@ -848,7 +848,7 @@ class ImageConversion:
         rectifier = self._rectifiers.get(camera)
         compressed = hasattr(message, 'format')
         own = png_of(message) if compressed and rectifier is None else None
-        if own is not None:
+        if own is not None and (form is PngForm.FAST or is_in_opencv_form(own)):
             try:
                 # png_of has checked its checksums.
                 image = parse_png(own, 'the message', len(own))
@@ -861,7 +861,7 @@ class ImageConversion:
         pixels = self.pixels(camera, message)
         if pixels.dtype.itemsize > 1:
             self._count_deep(camera)
-        return encode_png(pixels)
+        return encode_png(pixels, form)
 
     def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
         """Decode an Image or CompressedImage, rectified where the plan requests it.

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from contextlib import closing
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..bags.reader import Decoder, open_messages
-from ..files.image_files import encode_png
+from ..files.image_files import encode_depth_map
 from ..files.threads import ordered_map, worker_count
 from ..kitti import names
 from ..kitti.find import make_writer
@@ -24,7 +25,7 @@ from ..kitti.writers import WriteOptions
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damage
 from ..model.geometry import Transform
 from ..model.samples import NONE, rect_from_velo
-from ..model.streams import Stream
+from ..model.streams import PngForm, Stream
 from .bag_labels import LabelMessages, merge_markers
 from .bag_poses import read_motion
 from .bag_scans import dropped_notes
@@ -131,7 +132,7 @@ class DepthMaps:
             size = sensors.images.size(camera)
             if calibration is not None and size is not None:
                 pixels = make_depth_map(points, calibration, camera, size)
-                self._writer.write_depth(camera, number, encode_png(pixels))
+                self._writer.write_depth(camera, number, encode_depth_map(pixels))
 
     def notes(self) -> list[str]:
         """Return notes on the maps, or why none were written."""
@@ -186,8 +187,15 @@ class SampleWriter:
     """
 
     def __init__(
-        self, plan: Plan, frames: Frames, rigs: SensorRigs, writer: LayoutWriter, first: int
+        self,
+        plan: Plan,
+        frames: Frames,
+        rigs: SensorRigs,
+        writer: LayoutWriter,
+        first: int,
+        png: PngForm,
     ) -> None:
+        self._png = png
         self.plan = plan
         self.frames = frames
         self.rigs = rigs
@@ -235,7 +243,7 @@ class SampleWriter:
 
     def write_image(self, camera: int, number: int, topic: str, index: int, image: Any) -> int:  # noqa: ANN401 - of the bag
         """Write an image, by its index in its topic; return its bytes."""
-        png = self._sensors(number).images.png(camera, image)
+        png = self._sensors(number).images.png(camera, image, self._png)
         self.writer.write_image(camera, number, self._stamp_ns(number, topic, index), png)
         return len(png)
 
@@ -583,6 +591,17 @@ def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int6
 
 # Conversion of bags by a plan: one pass, each sample written when it is read.
 
+_KITTI_IMAGES = re.compile(r'/kitti/camera_(?:gray|color)_(?:left|right)/')
+"""Topics of KITTI's images in bags of kitti2bag, kitti2mcap and others that took its names."""
+
+
+def _png_form(plan: Plan) -> PngForm:
+    """Return KITTI's form if all images have the topics of KITTI's."""
+    topics = [camera.topic for camera in plan.cameras.values()]
+    are_kittis = bool(topics) and all(map(_KITTI_IMAGES.match, topics))
+    return PngForm.KITTI if are_kittis else PngForm.FAST
+
+
 _LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
 
 
@@ -617,7 +636,8 @@ def build(
             losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        samples = SampleWriter(plan, frames, rigs, writer, target.first)
+        png = options.png or _png_form(plan)
+        samples = SampleWriter(plan, frames, rigs, writer, target.first, png)
         builder = SetBuilder(samples, packets, target, losses, survey)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:

@@ -24,6 +24,7 @@ from ..files.image_files import (
     webp_size,
 )
 from ..model.samples import MOST_PIXELS, Image
+from ..model.streams import PngForm
 from ..options.messages import ColorEncoding
 from .cdr import make_header
 from .ros_types import CompressedImage, ImageMsg
@@ -356,12 +357,12 @@ def encode_pixels(
     )
 
 
-def decode_image(message: ImageMsg) -> Image:
-    """Decode any Image to a PNG file of its pixels.
+def decode_image(message: ImageMsg, form: PngForm = PngForm.FAST) -> Image:
+    """Decode any Image to a PNG file of its pixels, in one of its forms.
 
     Raises:
         ValueError: As decode_pixels.
     """
     pixels = decode_pixels(message)
     height, width = pixels.shape[:2]
-    return Image(encode_png(pixels), width, height, 1 if pixels.ndim == 2 else 3)
+    return Image(encode_png(pixels, form), width, height, 1 if pixels.ndim == 2 else 3)

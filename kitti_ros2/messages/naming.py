@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.image_files import decode_image
+from ..files.local_files import crc32
 from ..model.errors import UsageError, runs_of
 from ..model.geometry import Transform
 from ..model.samples import Description, Scan, TextFile
-from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, Stream
+from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, PngForm, Stream
 from ..options.messages import BASE_T_IMU, KITTI2BAG_BASE_T_IMU, MapFrame, Preset
 from ..options.stack_names import FRAMES, TOPICS, StackName
 from .ros_types import String
@@ -291,10 +292,12 @@ class BagContext:
     Attributes:
         path: The bag, or the file that is made of the message, for errors.
         base_t_imu: imu_link in base_link, for poses.
+        png: The form of the files that are made of pixels.
     """
 
     path: PurePath
     base_t_imu: Transform = field(default_factory=Transform.identity)
+    png: PngForm = PngForm.FAST
 
 
 def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
@@ -325,6 +328,8 @@ RECORDING = '/kitti/source/recording'
 FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 SWEEP = '/kitti/source/sweep'
+FILE_CHECKS = '/kitti/source/'
+"""Followed by the stream of images that a bag has as pixels alone."""
 POINTS = '/kitti/source/points'
 LABEL_LINES = '/kitti/source/labels'
 OXTS_LINES = '/kitti/source/oxts'
@@ -379,6 +384,21 @@ def decode_sweep(message: String) -> tuple[int | None, int | None]:
     """Decode start and end of a sweep: the inverse of encode_sweep."""
     values = json.loads(message.data)
     return values['start_ns'], values['end_ns']
+
+
+def encode_file_check(path: PurePath, data: bytes) -> String:
+    """Make a String of the name, size and CRC-32 of a file of which a bag has the pixels alone."""
+    return String(f'{path.name} {len(data)} {crc32(data)}')
+
+
+def decode_file_check(message: String) -> tuple[str, tuple[int, int]]:
+    """Decode name, and size and CRC-32, of a file: the inverse of encode_file_check.
+
+    Raises:
+        ValueError: The message is damaged.
+    """
+    name, size, checksum = message.data.rsplit(' ', 2)
+    return name, (int(size), int(checksum))
 
 
 def promise(

@@ -59,7 +59,7 @@ from ..model.bag_formats import (
     Points,
 )
 from ..model.errors import BadFileError, MissingDataError, UsageError, did_you_mean
-from ..model.samples import Description, cuboids_of, identified
+from ..model.samples import PNG, Description, cuboids_of, identified
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Images, MessageOptions, Objects
 from .camera_info import (
@@ -81,6 +81,7 @@ from .images import decode_compressed, decode_image, encode_compressed, encode_p
 from .markers import encode_annotations, encode_markers, encode_prediction_markers
 from .naming import (
     CALIBRATION,
+    FILE_CHECKS,
     FILES,
     IMAGE_TOPICS,
     LABEL_LINES,
@@ -93,6 +94,7 @@ from .naming import (
     decode_text,
     decode_texts,
     encode_description,
+    encode_file_check,
     encode_sweep,
     encode_text,
     encode_texts,
@@ -257,6 +259,11 @@ def make_image(image: Image, context: EncodeContext) -> object:
     """Make the Image of an image's pixels, of colour in the encoding that the options request."""
     encoding = context.rig.options.color_encoding
     return encode_pixels(context.pixels(image), context.stamp_ns, _image_frame(context), encoding)
+
+
+def make_file_check(image: Image, context: EncodeContext) -> object | None:
+    """Make a String by which the PNG file made of an image's pixels is compared with its own."""
+    return encode_file_check(context.path, image.data) if image.format == PNG else None
 
 
 def make_annotated(image: Image, context: EncodeContext) -> object:
@@ -590,7 +597,9 @@ def _camera_rows(
         )
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
     if options.images is not Images.COMPRESSED:
-        pair = make_image, lambda message, _: decode_image(message)
+        rows.append(Topic(FILE_CHECKS + stream.value, STRING, stream, make_file_check))
+    if options.images is not Images.COMPRESSED:
+        pair = make_image, lambda message, bag: decode_image(message, bag.png)
         rows.append(Topic(image, IMAGE, stream, *pair, restores=True))
     if options.annotated:
         rows.append(Topic(f'{camera}/annotated', IMAGE, stream, make_annotated))

@@ -160,6 +160,14 @@ class LayoutTraits:
         return self.extracts and name.endswith('_extract')
 
 
+class PngForm(str, Enum):
+    """The forms of PNG files of equal pixels: that of KITTI's camera images, and others."""
+
+    KITTI = 'kitti'
+    KITTI_360 = 'kitti360'
+    FAST = 'fast'
+
+
 class Layout(str, Enum):
     """KITTI's layouts: the ways in which its files are arranged in folders."""
 

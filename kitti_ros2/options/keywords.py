@@ -98,6 +98,7 @@ class ToKittiKeywords(TypedDict, total=False):
     origin: str | Sequence[float] | None
     split: float
     all_cameras: bool
+    png: str | None
     append: bool
     overwrite: bool
     fsync: bool

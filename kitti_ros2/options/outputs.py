@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import UsageError, not_one_of
-from ..model.streams import GeoOrigin, Layout
+from ..model.streams import GeoOrigin, Layout, PngForm
 from .declare import (
     accepts,
     check_bounds,
@@ -147,6 +147,8 @@ class ImportOptions:
         origin: LAT,LON,ALT of the origin of poses that become oxts; None takes the plan's.
         train_fraction: Fraction of an object set's frames in train, 0 to 1.
         all_cameras: Whether each camera of a bag of others gets a data set of its own.
+        png: The form of PNG files made of pixels, of equal pixels: KITTI's or fast; None is KITTI's
+            where the bag has KITTI's images.
         append: Whether to continue the numbering of an existing object set.
         overwrite: Whether an existing data set may be replaced.
         fsync: Whether the finished data set outlasts a power cut.
@@ -190,6 +192,12 @@ class ImportOptions:
     )
     all_cameras: bool = option(
         False, 'Write one data set for each camera, with scans in common', parse_flag
+    )
+    png: PngForm | None = choice(
+        None,
+        "PNG files made of pixels: in the form of KITTI's own files, or encoded fast",
+        PngForm,
+        unset="kitti for KITTI's images, else fast",
     )
     append: bool = option(
         False, 'Object: continue the numbering of the data set in OUT', parse_flag

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ import numpy as np
 
 from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, bag_stamps, open_messages
+from ..files.local_files import crc32
 from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.apply_plan import adapt, guess, streams_of_topics
@@ -31,7 +32,7 @@ from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..kitti.store import STORE
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import POINTS, RECORDING, BagContext
+from ..messages.naming import FILE_CHECKS, POINTS, RECORDING, BagContext, decode_file_check
 from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,
@@ -44,7 +45,7 @@ from ..model.errors import (
     merged,
 )
 from ..model.samples import Image
-from ..model.streams import Layout, LayoutTraits, Stream
+from ..model.streams import Layout, LayoutTraits, PngForm, Stream
 from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp
 from .reencoded_images import open_videos
 from .schedule import frames_of
@@ -134,12 +135,17 @@ class _File:
 
 @dataclass(frozen=True)
 class _Written:
-    """A written file, or the reason why it was not written; its difference from KITTI's file."""
+    """A written file, or the reason why it was not written; its difference from KITTI's file.
+
+    Attributes:
+        check: Of a PNG file made of pixels: its size and CRC-32.
+    """
 
     file: _File
     size_bytes: int
     error: str = ''
     difference: str = ''
+    check: tuple[int, int] | None = None
 
 
 def _topics(present: Collection[str]) -> set[str]:
@@ -149,7 +155,9 @@ def _topics(present: Collection[str]) -> set[str]:
     if POINTS in present:
         scans = {topic for topic in topics if own_topics()[topic].stream is Stream.SCAN}
         topics -= scans - {POINTS}
-    return {topic for topic in topics if f'{topic}/compressed' not in present}
+    topics = {topic for topic in topics if f'{topic}/compressed' not in present}
+    checks = {f'{FILE_CHECKS}{own_topics()[topic].stream.value}' for topic in topics}
+    return topics | checks.intersection(present)
 
 
 def restore(
@@ -157,6 +165,7 @@ def restore(
     out: Path,
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
     *,
+    png: PngForm | None = None,
     overwrite: bool = False,
     fsync: bool = True,
 ) -> list[ImportReport]:
@@ -166,6 +175,7 @@ def restore(
         recordings: Each bag with its source files.
         out: The data set's folder, absent or empty unless it is overwritten.
         progress: Called with the files and the bytes written so far of one bag.
+        png: The form of PNG files made of pixels; None is KITTI's.
         overwrite: Whether a data set in the folder may be replaced.
         fsync: Whether the finished data set outlasts a power cut.
 
@@ -184,11 +194,16 @@ def restore(
             raise UsageError(f'{path}: holds {name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
     with staged(out, refusal, fsync=fsync) as stage:
-        return [_restore(bag, source_files, stage, progress) for bag, source_files in recordings]
+        form = png or PngForm.KITTI
+        return [_restore(bag, files, stage, form, progress) for bag, files in recordings]
 
 
 def _restore(
-    source: BagSource, source_files: SourceFiles, stage: Path, progress: Callable[[int, int], None]
+    source: BagSource,
+    source_files: SourceFiles,
+    stage: Path,
+    png: PngForm,
+    progress: Callable[[int, int], None],
 ) -> ImportReport:
     texts = (*source_files.texts.items(), *source_files.calibrations.items())
     refused = write_texts(stage / source_files.root, texts, path_of(source))
@@ -196,7 +211,7 @@ def _restore(
         opened(source) as bag,
         open_messages(bag, _topics(source_files.topics), must_read=False) as messages,
     ):
-        writer = _Writer(messages, source_files, stage / source_files.root, bag)
+        writer = _Writer(messages, source_files, stage / source_files.root, bag, png)
         files = ordered_map(writer.write, writer.files(), worker_count())
         with closing(files):
             for done, written in enumerate(files, 1):
@@ -207,11 +222,48 @@ def _restore(
     return replace(report, losses=(*damaged, *source_files.losses, *refused, *report.losses))
 
 
+@dataclass
+class _FilesOfPixels:
+    """PNG files that were made of pixels, compared with those that to-bag read.
+
+    Attributes:
+        checks: Size and CRC-32 of these, by path.
+        numbers: Stream and number of the files that are made, by path.
+        made: Their size and CRC-32, by path.
+    """
+
+    checks: dict[PurePosixPath, tuple[int, int]] = field(default_factory=dict)
+    numbers: dict[PurePosixPath, tuple[Stream, int]] = field(default_factory=dict)
+    made: dict[PurePosixPath, tuple[int, int]] = field(default_factory=dict)
+
+    def notes(self) -> Iterator[str]:
+        """Yield a note on those with other bytes, and one on those that could not be compared."""
+        for differs, text in (
+            (True, "have the pixels of KITTI's files, in other bytes"),
+            (False, "are made of pixels; the bag does not tell the bytes of KITTI's files"),
+        ):
+            frames: dict[Stream, list[int]] = {}
+            for path, check in self.made.items():
+                own = self.checks.get(path)
+                if own != check and (own is not None) is differs:
+                    stream, number = self.numbers[path]
+                    frames.setdefault(stream, []).append(number)
+            for stream, numbers in frames.items():
+                yield f'{stream.value} of frames {format_numbers(sorted(numbers))} {text}'
+
+
 class _Writer:
     def __init__(
-        self, messages: BagMessages, source_files: SourceFiles, root: Path, bag: OpenBag
+        self,
+        messages: BagMessages,
+        source_files: SourceFiles,
+        root: Path,
+        bag: OpenBag,
+        png: PngForm,
     ) -> None:
         self._bag = bag
+        self._png = png
+        self._pixels = _FilesOfPixels()
         self._messages = messages
         self._reencoded = open_videos(bag, messages.channels)
         self._source_files = source_files
@@ -239,6 +291,9 @@ class _Writer:
         for message, decoded in self._decoded(decode):
             if isinstance(decoded, ValueError):
                 self._lose(message, str(decoded))
+                continue
+            if message.topic.startswith(FILE_CHECKS) and not own_topics()[message.topic].restores:
+                self._take_check(decoded, message)
                 continue
             file = (
                 self._line(decoded, message)
@@ -274,6 +329,16 @@ class _Writer:
         else:
             self._unnumbered[stream] += 1
 
+    def _take_check(self, decoded: Any, message: BagMessage) -> None:  # noqa: ANN401
+        folder = self._source_files.folders.get(own_topics()[message.topic].stream)
+        try:
+            name, check = decode_file_check(decoded)
+        except ValueError as error:
+            self._losses.lose(message.topic, message.stamp_ns, str(error))
+            return
+        if folder is not None:
+            self._pixels.checks[folder.path / name] = check
+
     def _line(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         """Make the file of a text of one frame, unless the whole file is known."""
         stream = own_topics()[message.topic].stream
@@ -307,7 +372,7 @@ class _Writer:
             return None
         number = numbers.pop(0)
         path = self._source_files.folders[stream].file(number)
-        sample = partial(decoders()[message.topic], decoded, BagContext(path))
+        sample = partial(decoders()[message.topic], decoded, BagContext(path, png=self._png))
         if self._reencoded is not None and message.topic in self._reencoded.videos:
             sample = partial(self._reencoded.file, message.topic, stamp_ns, decoded)
             self._as_video.setdefault(stream, set()).add(number)
@@ -315,6 +380,8 @@ class _Writer:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
             self._as_png.setdefault(stream, set()).add(number)
+        elif hasattr(decoded, 'encoding'):
+            self._pixels.numbers[path] = stream, number
         columns = self._source_files.columns
         content = partial(format_sample, sample, self._root / path, columns)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
@@ -335,7 +402,8 @@ class _Writer:
         except (ValueError, KittiRos2Error) as error:
             return _Written(file, 0, str(error))
         refusal = write_new(self._root / file.path, content)
-        return _Written(file, len(content), refusal, difference)
+        check = (len(content), crc32(content)) if file.path in self._pixels.numbers else None
+        return _Written(file, len(content), refusal, difference, check)
 
     def take(self, written: _Written) -> None:
         """Count a file."""
@@ -345,6 +413,8 @@ class _Writer:
             self._losses.lose(written.file.topic, written.file.stamp_ns, written.error)
             return
         self._counts[stream.value] += 1
+        if written.check is not None:
+            self._pixels.made[written.file.path] = written.check
         if written.difference:
             self._differences.setdefault(written.difference, set()).add(written.file.number)
         self._written.setdefault(stream, set()).add(written.file.number)
@@ -378,6 +448,7 @@ class _Writer:
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
         missing += self._changed_images()
+        notes += self._pixels.notes()
         return ImportReport(
             layout=self._source_files.layout,
             name=self._source_files.name,
@@ -469,7 +540,12 @@ class Conversion:
         frames = sum(_count_frames(*pair) for pair in selected)
         with self.progress(count, frames) as show:
             return restore(
-                selected, self.out, show, overwrite=options.overwrite, fsync=options.fsync
+                selected,
+                self.out,
+                show,
+                png=options.png,
+                overwrite=options.overwrite,
+                fsync=options.fsync,
             )
 
     def _convert_by_plan(

@@ -17,7 +17,7 @@ from ..kitti.find import make_writer
 from ..model.errors import OutputExistsError, UsageError
 from ..model.samples import Scan, rect_from_velo
 from ..model.streams import NS_PER_S, Layout, Stream
-from .render import Cameras, encode_png
+from .render import Cameras, encode_image
 from .scene import (
     CAR_T_VELO,
     Motion,
@@ -201,7 +201,7 @@ class SyntheticDrive:
 
     def image(self, frame: int, camera: int) -> Image:
         """Return an image as a PNG file."""
-        return encode_png(self.picture(frame, camera))
+        return encode_image(self.picture(frame, camera))
 
     def instances(self, frame: int, camera: int) -> Canvas:
         """Return the index in placed(frame), plus one, of each pixel of an image, and its depth."""

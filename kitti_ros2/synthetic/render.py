@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..files.image_files import encode_png
 from ..model.geometry import rotation_to_rpy
 from ..model.samples import Image
+from ..model.streams import PngForm
 from .scene import ROAD_CENTRE, ROAD_LEFT, ROAD_RIGHT, SCANNER_HEIGHT
 
 if TYPE_CHECKING:
@@ -786,11 +788,8 @@ class Cameras:
         return self._noise[grey][top : top + height, left : left + width]
 
 
-def encode_png(picture: Picture) -> Image:
-    """Encode a picture as a PNG file."""
-    done, data = cv2.imencode('.png', picture, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL])
-    if not done:
-        raise RuntimeError('OpenCV cannot encode a PNG')
+def encode_image(picture: Picture) -> Image:
+    """Encode a picture as a PNG file in KITTI's form."""
     height, width = picture.shape[:2]
     channels = 1 if picture.ndim == 2 else picture.shape[2]
-    return Image(data.tobytes(), width, height, channels)
+    return Image(encode_png(picture, PngForm.KITTI), width, height, channels)

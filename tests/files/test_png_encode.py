@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import hashlib
 import struct
 import sys
 import threading
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,7 +15,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.files.image_files import encode_png, parse_png
+from kitti_ros2.files.image_files import (
+    decode_png,
+    encode_depth_map,
+    encode_png,
+    is_in_opencv_form,
+    parse_png,
+)
+from kitti_ros2.model.streams import PngForm
 
 
 def decoded(png: bytes) -> np.ndarray:
@@ -162,3 +171,83 @@ def test_every_thread_writes_the_same_bytes(encoder):
         thread.join()
     assert len(found) == 1
     np.testing.assert_array_equal(decoded(found.pop()), pixels)
+
+
+# --- the forms of KITTI's files -----------------------------------------------------------------
+
+SHARED = Path(__file__).parents[3] / 'shared'
+FORMS = {
+    (PngForm.KITTI, 3): 'bf9c72fa91178d05314d890215a5e6e13bc72719643ddd99b9e7f2ca8b04fba2',
+    (PngForm.KITTI, 1): 'e6e3a3b8e2d8165fbd1a7b478765e419068e6e169f5cb890a3a25413915e2596',
+    (PngForm.KITTI_360, 3): 'f9113f2c69f505a72b49e57f289b31282f0fa50ccd5c1689a5d0e896c44c6139',
+    (PngForm.KITTI_360, 1): '9e34e15702f31fa213f1d49ac4b0c35f47adb16691fc89a7216044bf04369787',
+}
+"""SHA-256 of the files of a generated picture: no version of zlib or NumPy may change a bit."""
+
+
+def generated(channels):
+    """A picture with flat parts, ramps and noise, made of integers alone."""
+    row, column = np.indices((60, 200))
+    grey = (row * 3 + column) % 256
+    grey[:, 100:] = (grey[:, 100:] * 1103515245 + row[:, 100:] ** 3 * 12345 >> 7) % 256
+    grey[20:40, 20:60] = 17
+    grey = grey.astype(np.uint8)
+    return grey if channels == 1 else np.stack([grey, grey[::-1], 255 - grey], axis=-1)
+
+
+@pytest.mark.parametrize(('form', 'channels'), FORMS)
+def test_the_bytes_of_a_form_never_change(form, channels):
+    pixels = generated(channels)
+    png = encode_png(pixels, form)
+    assert hashlib.sha256(png).hexdigest() == FORMS[form, channels]
+    np.testing.assert_array_equal(decoded(png), pixels)
+    assert is_in_opencv_form(png) == (channels == 3), 'a small file has one chunk'
+    assert not is_in_opencv_form(encode_png(pixels))
+
+
+def test_the_bytes_of_a_depth_map_never_change():
+    pixels = generated(1).astype(np.uint16) * 200
+    png = encode_depth_map(pixels)
+    assert (
+        hashlib.sha256(png).hexdigest()
+        == 'af7af7830c3b088682a1ee408b00f9ad4f26ad4a5fc4eef572b66677178ae574'
+    )
+    np.testing.assert_array_equal(decoded(png), pixels)
+
+
+def test_zlib_ng_writes_the_same_bits(monkeypatch):
+    zlib_ng = pytest.importorskip('zlib_ng.zlib_ng')
+    for shape in ((375, 1242, 3), (7, 9), (200, 300)):
+        pixels = pixels_of('smooth', shape, np.uint8, 1)
+        assert zlib_ng.compressobj
+        with_it = encode_png(pixels, PngForm.KITTI)
+        with monkeypatch.context() as without:
+            without.setitem(sys.modules, 'zlib_ng', None)
+            assert encode_png(pixels, PngForm.KITTI) == with_it
+
+
+@given(
+    st.sampled_from(['noise', 'flat', 'few values', 'smooth']),
+    st.integers(1, 60),
+    st.integers(1, 400),
+    st.sampled_from([((), np.uint8), ((), np.uint16), ((3,), np.uint8), ((3,), np.uint16)]),
+    st.sampled_from(PngForm),
+)
+@settings(max_examples=100, deadline=None)
+def test_pixels_come_back_of_every_form(kind, height, width, shape, form):
+    channels, dtype = shape
+    pixels = pixels_of(kind, (height, width, *channels), dtype, 1)
+    np.testing.assert_array_equal(decoded(encode_png(pixels, form)), pixels)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason='no real KITTI files')
+def test_kittis_files_are_made_again_of_their_pixels():
+    paths = sorted(SHARED.glob('kitti*/**/*.png'))
+    assert len(paths) > 20
+    for path in paths:
+        png = path.read_bytes()
+        pixels = decode_png(parse_png(png, path))
+        form = PngForm.KITTI_360 if 'kitti360' in path.parts else PngForm.KITTI
+        assert (
+            encode_depth_map(pixels) if pixels.dtype == np.uint16 else encode_png(pixels, form)
+        ) == png, path

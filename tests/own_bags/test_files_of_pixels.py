@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""PNG files that are made of the pixels in bags: byte for byte KITTI's, or said not to be."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from folder_and_bag import make_holes
+
+from kitti_ros2.cli import main
+from kitti_ros2.files.image_files import decode_png, encode_png, parse_png
+from kitti_ros2.model.streams import Layout
+
+OTHER_BYTES = "have the pixels of KITTI's files, in other bytes"
+UNKNOWN = "the bag does not tell the bytes of KITTI's files"
+CONTAINERS = ('bag.mcap', 'bag.bag', 'bag')
+
+
+def files_of(root):
+    return {
+        path.relative_to(root).as_posix(): path.read_bytes()
+        for path in sorted(root.rglob('*'))
+        if path.is_file()
+    }
+
+
+def there_and_back(source, tmp_path, *words, bag='bag.mcap', back=()):
+    bag, out = tmp_path / bag, tmp_path / 'out'
+    shutil.rmtree(out, ignore_errors=True)
+    assert main(['to-bag', str(source), str(bag), '--overwrite', '-q', *words]) in (0, 1)
+    assert main(['to-kitti', str(bag), str(out), *back]) in (0, 1)
+    return files_of(out)
+
+
+@pytest.mark.parametrize('bag', CONTAINERS)
+@pytest.mark.parametrize('layout', list(Layout), ids=[layout.value for layout in Layout])
+def test_every_image_comes_back_to_the_byte(recordings, tmp_path, capsys, layout, bag):
+    source = make_holes(recordings[layout], layout, tmp_path / 'holed')
+    root = source.parent.parent if layout is Layout.RAW else source
+    made = there_and_back(source, tmp_path, '--images', 'raw', bag=bag)
+    true = files_of(root)
+    pictures = {name for name in true if name.endswith('.png')}
+    assert pictures
+    assert {name: made.get(name) for name in pictures} == {name: true[name] for name in pictures}
+    said = capsys.readouterr().out
+    assert OTHER_BYTES not in said
+    assert UNKNOWN not in said
+
+
+def test_other_bytes_are_counted(recordings, tmp_path, capsys):
+    source = tmp_path / 'object'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    (changed,) = source.glob('training/image_2/000003.png')
+    changed.write_bytes(encode_png(decode_png(parse_png(changed.read_bytes(), changed))))
+    there_and_back(source, tmp_path, '--images', 'raw')
+    assert f'image_2 of frames 3 {OTHER_BYTES}' in capsys.readouterr().out
+    there_and_back(source, tmp_path, '--images', 'raw', back=['--png', 'fast'])
+    assert f'image_2 of frames 0-2, 4 {OTHER_BYTES}' in capsys.readouterr().out
+
+
+def test_where_the_bag_does_not_tell_nothing_is_claimed(recordings, tmp_path, capsys):
+    words = ['--images', 'raw', '--exclude-topics', '/kitti/source/image_2']
+    there_and_back(recordings[Layout.OBJECT], tmp_path, *words)
+    assert f'image_2 of frames 0-4 are made of pixels; {UNKNOWN}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('preset', ['kitti2bag', 'default'])
+def test_bags_with_kittis_topics_get_kittis_form(recordings, tmp_path, preset):
+    """Without the notes of to-bag a bag is any program's."""
+    source = recordings[Layout.RAW]
+    words = ['--images', 'raw', '--preset', preset, '--exclude-topics', '/kitti/source/*']
+    true = set(files_of(source.parent.parent).values())
+    for back, same in ((), True), (('--png', 'fast'), False):
+        made = there_and_back(source, tmp_path, *words, back=['--layout', 'raw', *back])
+        pictures = {data for name, data in made.items() if name.endswith('.png')}
+        assert pictures
+        assert (pictures <= true) is same
