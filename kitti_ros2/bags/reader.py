@@ -29,6 +29,7 @@ from .stored_messages import (
     MissingLibraryError,
     defining_channel,
     is_stored_as_cdr,
+    may_be_lossy,
     ros_channel,
     stored_channel,
     types_of,
@@ -210,6 +211,8 @@ class BagMessages:
             number of their messages and the reason.
         latched: The depth of each topic that offers its last messages to late subscribers.
         compressions: Names of the compressions known before messages are read.
+        earlier_losses: What the messages read so far had lost before they were stored, one line
+            each, as those of compressed clouds.
 
     Raises:
         BadBagError: A bag cannot be read at all, bags disagree about a topic's type, or the type of
@@ -235,10 +238,11 @@ class BagMessages:
         self._last_ns = LAST_NS if as_ros else _LAST_STORED_NS
         self._converter = CdrConverter(
             lambda: self.typestore,
-            lambda text: self._problems.note(f'{self._path}: {text}'),
+            self._note_earlier_loss,
             converts_ros1='ros1' in self._converted,
         )
         self.left_out: list[tuple[StoredChannel, Loss]] = []
+        self.earlier_losses: dict[str, None] = {}
         self._first_lost: dict[tuple[Reading, str], int] = {}
         with ExitStack() as exit_stack:
             entered = [exit_stack.enter_context(opened(bag)) for bag in bags]
@@ -304,6 +308,11 @@ class BagMessages:
     def problems(self) -> tuple[str, ...]:
         """Notes and losses found so far, one line each."""
         return self._problems.lines
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes found so far, one line each."""
+        return tuple(self._problems.notes)
 
     @property
     def expected(self) -> int:
@@ -374,6 +383,10 @@ class BagMessages:
             if file.attachments:
                 count = format_count(file.attachments, 'attachment')
                 self._problems.lose(f'{path}: {count} of MCAP cannot be copied', 0)
+
+    def _note_earlier_loss(self, text: str) -> None:
+        self.earlier_losses[text] = None
+        self._problems.note(f'{self._path}: {text}')
 
     def _as_copied(self, channel: StoredChannel) -> StoredChannel:
         """Return a channel as stored, unless its messages are converted from outside of ROS."""
@@ -562,6 +575,23 @@ def bag_stamps(bags: Bags) -> dict[str, Int64Array]:
         OSError: A file cannot be read.
     """
     return index_bag(bags).by_topic()
+
+
+def read_earlier_losses(bag: BagSource) -> tuple[str, ...]:
+    """Read what the first message of each topic had lost before it was stored.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+    losses: dict[str, None] = {}
+    with opened(bag) as open_bag:
+        with open_messages(open_bag) as messages:
+            topics = [name for name, channel in messages.sources.items() if may_be_lossy(channel)]
+        for topic in topics:
+            with open_messages(open_bag, {topic}, must_read=False) as messages:
+                next(iter(messages), None)
+                losses |= messages.earlier_losses
+    return tuple(losses)
 
 
 def open_messages(

@@ -527,6 +527,14 @@ def types_of(channel: StoredChannel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((defining_channel(channel).msgtype, channel.msgtype)))
 
 
+def may_be_lossy(channel: StoredChannel) -> bool:
+    """Return whether messages of a channel may have lost something before they were stored."""
+    return (
+        isinstance(channel, TranslatedChannel)
+        and _TRANSLATIONS[_schema_of(channel.original)] is COMPRESSED_CLOUD
+    )
+
+
 def why_unread(channel: StoredChannel) -> str:
     """Return why a channel that is neither in CDR nor of ROS 1 is not read."""
     encoding = channel.encoding or 'in an encoding that is not named'

@@ -491,9 +491,7 @@ def survey_bags(bags: Sequence[BagSource], topics: Collection[str] | None = None
         survey_pass = _SurveyPass(messages)
         messages.skim(survey_pass.needs_start_only)
         survey_pass.take_all(messages)
-        losses = messages.losses
-        notes = [text for text in messages.problems if text not in losses]
-        return survey_pass.survey(notes, losses, messages.left_out)
+        return survey_pass.survey(messages.notes, messages.losses, messages.left_out)
 
 
 def survey_sensors(source: BagSource) -> Survey:
@@ -511,10 +509,12 @@ def survey_sensors(source: BagSource) -> Survey:
         if describing:
             with open_messages(bag, describing) as messages:
                 survey_pass.take_all(messages)
+        notes: list[str] = []
         for topic in (topic for topic, msgtype in types.items() if msgtype in FIRST_ONLY):
             with open_messages(bag, {topic}) as messages:
                 survey_pass.take_all(islice(messages, 1))
-    return survey_pass.survey((), losses, left_out)
+                notes += messages.notes
+    return survey_pass.survey(tuple(dict.fromkeys(notes)), losses, left_out)
 
 
 class _SurveyPass:

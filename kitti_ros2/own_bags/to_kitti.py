@@ -439,11 +439,7 @@ class _Writer:
             if others:
                 numbers = format_numbers(others)
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
-        scans, deskew = self._written.get(Stream.SCAN), self._source_files.deskew
-        if scans and deskew is not None:
-            text = f"scans {{}} are written {deskew.state}, not as in KITTI's files"
-            missing.append(Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans))))
-        missing += self._skipped_columns(scans or ())
+        missing += self._changed_scans(self._written.get(Stream.SCAN) or ())
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
@@ -470,13 +466,20 @@ class _Writer:
                 text = f'{stream.value} of frames {{}} is {change}'
                 yield Loss(stream.value, len(frames), text, tuple(sorted(frames)))
 
-    def _skipped_columns(self, scans: Collection[int]) -> list[Loss]:
-        """Return the loss of the columns that to-bag skipped."""
-        columns = self._source_files.columns
-        if columns is None or not columns.skipped or not scans:
-            return []
-        text = f'scans {{}} are written without {columns.describe_skipped()}, which to-bag left out'
-        return [Loss(Stream.SCAN.value, len(scans), text, tuple(sorted(scans)))]
+    def _changed_scans(self, scans: Collection[int]) -> list[Loss]:
+        """Return what to-bag, or a program after it, has changed in all written scans."""
+        deskew, columns = self._source_files.deskew, self._source_files.columns
+        texts = []
+        if deskew is not None:
+            texts.append(f"scans {{}} are written {deskew.state}, not as in KITTI's files")
+        if columns is not None and columns.skipped:
+            skipped = columns.describe_skipped()
+            texts.append(f'scans {{}} are written without {skipped}, which to-bag left out')
+        texts += [
+            f"scans {{}} are not KITTI's own: {loss}" for loss in self._messages.earlier_losses
+        ]
+        numbers = tuple(sorted(scans))
+        return [Loss(Stream.SCAN.value, len(scans), text, numbers) for text in texts if scans]
 
     def _count_frames(self) -> int:
         """Count the written frames, in files of their own or in a common one."""
