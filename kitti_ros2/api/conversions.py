@@ -9,6 +9,9 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from ..bags.convert import check_options
+from ..bags.convert import convert as convert_bag
+from ..bags.locate import looks_like_bag
 from ..bags.open_source import open_bag_source, open_folder
 from ..files.remote import as_path
 from ..files.staging import refuse_inside
@@ -22,7 +25,7 @@ from ..options.read import Bound
 from ..options.table import TO_BAG, TO_KITTI, BatchOptions, make_import_options, make_settings
 from ..own_bags.encode import Encoder
 from ..own_bags.schedule import make_schedule
-from ..own_bags.to_bag import ExportOptions, convert
+from ..own_bags.to_bag import ExportOptions, ExportReport, convert
 from ..own_bags.to_kitti import Conversion
 from .arguments import by_name, require, warn_of
 
@@ -34,7 +37,6 @@ if TYPE_CHECKING:
 
     from ..importer.kitti_frames import ImportReport
     from ..options.keywords import ToBagKeywords, ToKittiKeywords
-    from ..own_bags.to_bag import ExportReport
     from .open_recording import Frame
     from .single_files import AnyPath
 
@@ -53,10 +55,10 @@ def to_bag(
     jobs: int = 1,
     **options: Unpack[ToBagKeywords],
 ) -> ExportReport:
-    """Write a KITTI recording to a bag, as `kitti-ros2 to-bag` does.
+    """Write a KITTI recording or a bag to a bag, as `kitti-ros2 to-bag` does.
 
     Args:
-        src: A KITTI folder.
+        src: A KITTI folder, or a bag.
         out: The bag: a name ending in .mcap or .bag, or that of a rosbag2 folder.
         progress: Called with the samples done and the number of all.
         jobs: Number of worker processes that encode, 1 to 256; 1 encodes in threads, as do
@@ -65,8 +67,8 @@ def to_bag(
             images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
 
     Returns:
-        The written bag: path, counts by topic, frames, size_bytes, losses, notes. Each loss is
-        also a KittiRos2Warning.
+        The written bag: path, counts by topic, frames (0 for a bag), size_bytes, losses, notes.
+        Each loss is also a KittiRos2Warning.
 
     Raises:
         KittiRos2Error: The source, an option or the output is invalid; nothing is left behind.
@@ -76,7 +78,14 @@ def to_bag(
         ExportReport(...)
     """
     source, target = as_path(src), as_path(out)
-    settings = make_settings(by_name(options, TO_BAG))
+    given = by_name(options, TO_BAG)
+    settings = make_settings(given)
+    if settings.read.layout is None and looks_like_bag(source):
+        check_options(source, given, jobs if jobs != 1 else None)
+        with open_bag_source(source) as bag:
+            converted = convert_bag(bag, target, settings, progress or (lambda _done, _all: None))
+        warn_of(converted.losses)
+        return ExportReport(frames=0, **vars(converted))
     exported = ExportOptions.of(settings, target)
     recording = open_folder(source, settings.read)
     add_predictions(recording, settings.predictions.path)

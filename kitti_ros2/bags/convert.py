@@ -14,12 +14,14 @@ from ..files.staging import lies_inside
 from ..messages.topics import match_names, unmatched
 from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, damage
 from ..model.streams import format_stamp
+from ..options.declare import parse_values
+from ..options.table import TO_BAG
 from .copy_messages import MessageCopy, open_copied, outlets_of
 from .stored_messages import stored_channel
 from .writer import guess_storage, open_bag
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Mapping
     from pathlib import Path
 
     from ..options.read import Bound, SelectionOptions
@@ -36,6 +38,7 @@ class ConversionReport:
         path: The new bag.
         counts: Messages by topic, including topics without messages.
         size_bytes: Bytes of all messages.
+        first_ns, last_ns: Log times of the first and the last message; 0 without messages.
         losses: Data that was skipped.
         notes: Notes, one line each.
     """
@@ -43,6 +46,8 @@ class ConversionReport:
     path: Path
     counts: dict[str, int]
     size_bytes: int
+    first_ns: int
+    last_ns: int
     losses: tuple[Loss, ...]
     notes: tuple[str, ...]
 
@@ -95,9 +100,57 @@ def convert(
         writer.path,
         copy.counts,
         copy.size_bytes,
+        copy.first_ns or 0,
+        copy.last_ns,
         damage(losses, str(bag.path)),
         (*part.notes, *notes, *copy.notes, *_changes_of_types(messages)),
     )
+
+
+# Options that the conversion of a bag takes.
+_OF_BAGS = frozenset(
+    {
+        'storage',
+        'compression',
+        'compression_level',
+        'split_size',
+        'split_duration',
+        'overwrite',
+        'fsync',
+        'keep_partial',
+        'strict',
+        'topics',
+        'exclude_topics',
+        'start',
+        'end',
+    }
+)
+
+
+def check_options(bag: Path, given: Mapping[str, object], jobs: int | None) -> None:
+    """Check that no option of to-bag is given that is for KITTI folders.
+
+    Args:
+        bag: The bag.
+        given: Values of options by name.
+        jobs: Number of worker processes; None is not given.
+
+    Raises:
+        UsageError: One is given, with another value than its default.
+    """
+    values = parse_values(given, TO_BAG)
+    others = [
+        opt.name
+        for opt in TO_BAG
+        if opt.name not in _OF_BAGS and values.get(opt.name, opt.default) != opt.default
+    ]
+    others += ['jobs'] * (jobs is not None)
+    if others:
+        name = others[0].replace('_', '-')
+        raise UsageError(
+            f'{bag}: --{name} is for KITTI folders, and this is a bag: it is written as it is;'
+            f' leave --{name} out'
+        )
 
 
 class BagPart:

@@ -186,6 +186,7 @@ class MessageCopy:
     Attributes:
         counts: Messages by topic.
         size_bytes: Bytes of all messages.
+        first_ns, last_ns: Log times of the first and the last message; None and 0 without any.
         notes: Notes, one line each.
     """
 
@@ -199,6 +200,8 @@ class MessageCopy:
         self._left_out: Counter[tuple[str, str]] = Counter()
         self.counts: dict[str, int] = {}
         self.size_bytes = 0
+        self.first_ns: int | None = None
+        self.last_ns = 0
         self._losses: Counter[str] = Counter()
         self._add_channels(messages.sources)
         self.notes = tuple(self._made.notes)
@@ -256,6 +259,9 @@ class MessageCopy:
             text = f'{topic}: messages from {message.stamp_ns} on cannot be written ({reason})'
             self._losses[self._first_lost.setdefault((topic, reason), text)] += 1
             return
+        if self.first_ns is None:
+            self.first_ns = message.stamp_ns
+        self.last_ns = message.stamp_ns
         self.counts[topic] += 1
         self.size_bytes += len(data)
         if convert is not None:

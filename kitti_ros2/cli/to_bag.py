@@ -23,7 +23,6 @@ from ..model.errors import (
     notes_of,
 )
 from ..model.streams import Clock
-from ..options.declare import parse_values
 from ..options.messages import Images
 from ..options.table import TO_BAG, make_settings, split_batch_options
 from .command import JsonOption, QuietOption, add_config, argument, takes
@@ -117,52 +116,22 @@ def _start_workers(given: Mapping[str, object]) -> None:
         prepare_workers(cluster=scheduler is not None)
 
 
-# Options that the conversion of a bag takes.
-_OF_BAGS = frozenset(
-    {
-        'storage',
-        'compression',
-        'compression_level',
-        'split_size',
-        'split_duration',
-        'overwrite',
-        'fsync',
-        'keep_partial',
-        'strict',
-        'topics',
-        'exclude_topics',
-        'start',
-        'end',
-    }
-)
-
-
-def _refuse_others(src: Path, given: Mapping[str, object], batch: BatchOptions) -> None:
-    """Refuse options that are for KITTI folders.
-
-    Raises:
-        UsageError: One is given, with another value than its default.
-    """
-    values = parse_values(given, TO_BAG)
-    others = [
-        opt.name
-        for opt in TO_BAG
-        if opt.name not in _OF_BAGS and values.get(opt.name, opt.default) != opt.default
-    ]
-    others += ['jobs'] * (batch.jobs is not None)
-    if others:
-        name = others[0].replace('_', '-')
-        raise UsageError(
-            f'{src}: --{name} is for KITTI folders, and this is a bag: it is written as it is;'
-            f' leave --{name} out'
-        )
-
-
-def _convert_bag(src: Path, out: Path, settings: Settings, *, quiet: bool, json: bool) -> int:
+def _convert_bag(
+    src: Path,
+    out: Path,
+    given: Mapping[str, object],
+    settings: Settings,
+    batch: BatchOptions,
+    *,
+    quiet: bool,
+    json: bool,
+) -> int:
     """Write a bag as another."""
+    from ..bags.convert import check_options
     from ..bags.convert import convert as convert_bag
     from ..bags.open_source import open_bag_source
 
+    check_options(src, given, batch.jobs)
     started = time.monotonic()
     with (
         open_bag_source(src) as bag,
@@ -240,8 +209,7 @@ def to_bag(
     if batch.whole:
         return _run_all(src, out, given, settings, batch, quiet=quiet, json=json)
     if settings.read.layout is None and looks_like_bag(src):
-        _refuse_others(src, given, batch)
-        return _convert_bag(src, out, settings, quiet=quiet, json=json)
+        return _convert_bag(src, out, given, settings, batch, quiet=quiet, json=json)
     options = ExportOptions.of(settings, out)
     recording = open_folder(src, settings.read)
     add_predictions(recording, settings.predictions.path)

@@ -16,6 +16,7 @@ import kitti_ros2
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
+from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.streams import Layout
 
 
@@ -50,6 +51,20 @@ def test_to_bag_and_back_is_the_commands(holed, tmp_path):
     assert seen[-1][0] == seen[-1][1]
     assert sum(report.counts.values()) >= seen[-1][1]
     assert len(reports) == 1
+
+
+def test_a_bag_becomes_another(recordings, tmp_path):
+    first = kitti_ros2.to_bag(recordings[Layout.RAW], tmp_path / 'a.mcap')
+    seen = []
+    second = kitti_ros2.to_bag(
+        tmp_path / 'a.mcap', tmp_path / 'b.bag', progress=lambda *done: seen.append(done)
+    )
+    assert second.counts == {topic: count for topic, count in first.counts.items() if count}
+    assert (second.first_ns, second.last_ns) == (first.first_ns, first.last_ns)
+    assert (second.frames, second.losses) == (0, ())
+    assert seen[-1] == (sum(first.counts.values()),) * 2
+    with pytest.raises(UsageError, match='--images is for KITTI folders'):
+        kitti_ros2.to_bag(tmp_path / 'a.mcap', tmp_path / 'c.bag', images='raw')
 
 
 def test_options_have_the_names_of_the_command_line(recordings, tmp_path):
