@@ -8,6 +8,7 @@ each other: see messages.ros_versions. Messages with Foxglove's schemas become t
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 # What becomes of the channels of a bag in another container.
 
 _FOXGLOVE = frozenset({'protobuf', 'json'})
+_ROS2_NAME = re.compile(r'/?(?:(?!\w*__)[A-Za-z_]\w*/)*(?!\w*__)[A-Za-z_]\w*', re.ASCII)
 
 
 class Outlet(NamedTuple):
@@ -75,6 +77,8 @@ class ToRos2:
         Raises:
             Exception: Its type cannot be written.
         """
+        if not _ROS2_NAME.fullmatch(channel.topic):
+            self.notes[f'{channel.topic} is no valid topic in ROS 2, which cannot play it'] = None
         if not channel.profiles and channel.topic.endswith('tf_static') and not channel.latched:
             self.notes[
                 f'{channel.topic} has no QoS in the bag; it is latched in the new one, as ROS 2'

@@ -81,10 +81,16 @@ class Migration:
     def __init__(self, source: Typestore, target: Typestore) -> None:
         self._source, self._target = source, target
         self._plans: dict[str, tuple[list[_Step], Fielddefs]] = {}
+        self._same: dict[str, bool] = {}
         self.left_out: set[str] = set()
 
     def same_layout(self, msgtype: str) -> bool:
         """Return whether messages of a type have the same bytes by both, but for ROS 1's seq."""
+        if msgtype not in self._same:
+            self._same[msgtype] = self._compare(msgtype)
+        return self._same[msgtype]
+
+    def _compare(self, msgtype: str) -> bool:
         made = RENAMED.get(msgtype, msgtype)
         if made == HEADER or made in _TIMES:
             return True

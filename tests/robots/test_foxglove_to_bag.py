@@ -27,13 +27,13 @@ def convert(source, out, *words):
     return main(['to-bag', str(source), str(out), '-q', *words])
 
 
-def write_json(path, schema, message):
+def write_json(path, schema, message, topic='/topic'):
     """An MCAP file with one message in JSON."""
     with path.open('wb') as file:
         writer = McapWriter(file)
         writer.start()
         number = writer.register_schema(schema, 'jsonschema', b'{}')
-        channel = writer.register_channel('/topic', 'json', number)
+        channel = writer.register_channel(topic, 'json', number)
         writer.add_message(channel, START_NS, json.dumps(message).encode(), START_NS)
         writer.finish()
     return path
@@ -170,6 +170,23 @@ def test_what_is_not_of_foxglove_is_named_and_the_rest_is_written(tmp_path, caps
     expected = Counter(topic for topic, _, schema, _ in records if not schema.startswith('json '))
     with open_messages(tmp_path / 'out') as messages:
         assert Counter(message.topic for message in messages) == expected
+
+
+@pytest.mark.parametrize(
+    ('topic', 'valid'),
+    [
+        ('/a/b_1', True),
+        ('a', True),
+        ('/a b', False),
+        ('/1', False),
+        ('/a__b', False),
+        ('/a/', False),
+    ],
+)
+def test_a_topic_that_ros_2_cannot_play_is_named(topic, valid, tmp_path, capsys):
+    bag = write_json(tmp_path / 'bag.mcap', 'foxglove.Log', HEAD, topic)
+    assert main(['to-bag', str(bag), str(tmp_path / 'out')]) == 0
+    assert (f'{topic} is no valid topic' in capsys.readouterr().out) != valid
 
 
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])

@@ -36,8 +36,11 @@ def _several(data: bytes) -> None:
     """Read two bags as one recording, and as recover copies them."""
     first, second = without_log(data)
     paths = stored('several/a.mcap', first), stored('several/b.mcap', second)
-    for as_stored in (True, False):
-        with suppress(KittiRos2Error), BagMessages(paths, as_stored=as_stored) as messages:
+    for as_stored, converted in ((True, ()), (True, ('ros1', 'json', 'protobuf')), (False, ())):
+        with (
+            suppress(KittiRos2Error),
+            BagMessages(paths, as_stored=as_stored, converted=converted) as messages,
+        ):
             for message in messages:
                 bytes(message.data[:4])
     with suppress(KittiRos2Error), open_messages(paths, {'/t', '/i'}) as messages:
