@@ -274,10 +274,15 @@ def _open(codec: str) -> Any:  # noqa: ANN401 - of PyAV
     return context
 
 
-def _image(frame: Any, packet: _Packet[Key]) -> ImageMsg:  # noqa: ANN401 - of PyAV
+def _image(frame: Any, packet: _Packet[Key]) -> ImageMsg | ValueError:  # noqa: ANN401 - of PyAV
+    import av  # noqa: PLC0415 - an extra
+
     is_grey = packet.is_grey or frame.format.name.startswith('gray')
-    pixels = np.ascontiguousarray(frame.to_ndarray(format='gray' if is_grey else 'bgr24'))
-    return encode_pixels(pixels, packet.stamp_ns, packet.frame_id)
+    try:
+        pixels = frame.to_ndarray(format='gray' if is_grey else 'bgr24')
+    except (av.FFmpegError, ValueError) as error:  # of a damaged description of colours
+        return ValueError(f'no pixels of the format {frame.format.name} ({error})')
+    return encode_pixels(np.ascontiguousarray(pixels), packet.stamp_ns, packet.frame_id)
 
 
 def picture_size(message: Any) -> tuple[int, int] | None:  # noqa: ANN401 - of the bag's types

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import sys
 from contextlib import closing
+from random import Random
 
 import cv2
 import detector_robot as base
@@ -14,6 +15,7 @@ import foxglove_robot as foxglove
 import pytest
 import robot_bags as bags
 import video_robot as robot
+from rosbags.typesys import Stores
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
@@ -26,6 +28,8 @@ from kitti_ros2.importer.set_builder import Target, build
 from kitti_ros2.importer.survey import survey_bags
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.h264_frames import FrameNumbers
+from kitti_ros2.messages.images import decode_pixels
+from kitti_ros2.messages.videos import VideoDecoder
 from kitti_ros2.model.errors import KittiRos2Error, UsageError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.outputs import ImportOptions
@@ -366,3 +370,23 @@ def test_a_missing_packet_of_h264_is_noticed_if_others_refer_to_it(parameters):
         is_before_key = b'\0\0\1\x65' in packets[missing + 1]
         expected = missing > 0 and is_reference and not is_before_key
         assert (False in found) == expected, missing
+
+
+@pytest.mark.parametrize('codec', ['h264', 'h265', 'av1', 'vp9'])
+def test_every_packet_has_one_answer_whatever_its_bytes(codec):
+    random = Random(codec)
+    for _ in range(60):
+        decoder = VideoDecoder()
+        answers = []
+        for number, packet in enumerate(robot.packets(codec)):
+            data = bytearray(packet.data)
+            for _ in range(random.choice((0, 0, 3))):
+                data[random.randrange(min(len(data), 40))] ^= 1 << random.randrange(8)
+            cut = random.choice((len(data), len(data), len(data), random.randrange(len(data))))
+            message = robot.message(packet._replace(data=bytes(data[:cut])), robot.FOXGLOVE, codec)
+            store = bags.types_of(Stores.ROS2_JAZZY)
+            answers += decoder.feed(number, bags.made(store, robot.FOXGLOVE, message))
+        answers += decoder.rest()
+        assert sorted(number for number, _ in answers) == list(range(robot.FRAMES))
+        for _, image in answers:
+            assert isinstance(image, ValueError) or decode_pixels(image).size
