@@ -83,7 +83,7 @@ EXTRAS = {
         'ros-jazzy-common-interfaces>=5.3.6,<6',
         'ros-jazzy-rclpy[fastrtps]>=7.1.6,<8',
     ],
-    # Films in H.264; without it they are MPEG-4 Part 2, which browsers do not show.
+    # Video in bags; films in H.264, without it MPEG-4 Part 2, which browsers do not show.
     'video': ['av>=14,<19'],
 }
 EXTRAS['test'] = [

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# pymcap-cli: roscompress makes video of PNGs with full-range luma and does not flag it.
+# pymcap-cli: roscompress makes video of PNG and JPEG with full-range luma and does not flag it.
 #
 # Versions: pymcap-cli 0.34.0, PyAV 18.1.0 (FFmpeg 8.1.2), mcap 1.4.0, Python 3.11.
 #

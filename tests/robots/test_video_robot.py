@@ -9,6 +9,7 @@ import sys
 from contextlib import closing
 from random import Random
 
+import av
 import cv2
 import detector_robot as base
 import foxglove_robot as foxglove
@@ -126,12 +127,13 @@ LOSSES = {
 }
 
 
-# FFmpeg does not notice a packet of AV1 that is missing.
+# FFmpeg does not notice a missing packet of AV1; of H.265 from version 8 on.
+UNNOTICED = {'av1', 'h265'} if av.library_versions['libavcodec'][0] < 62 else {'av1'}
 CODECS = [
     pytest.param(codec, *case, id=f'{name}, {codec}')
     for codec in ('h264', 'h265', 'av1')
     for name, case in LOSSES.items()
-    if (codec, name) != ('av1', 'not recorded')
+    if name != 'not recorded' or codec not in UNNOTICED
 ]
 
 

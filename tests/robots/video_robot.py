@@ -33,6 +33,7 @@ ENCODERS = {
         {'preset': 'ultrafast', 'crf': '8', 'x265-params': 'log-level=none:scenecut=0'},
     ),
     'av1': ('libsvtav1', {'preset': '10', 'crf': '10', 'svtav1-params': 'pred-struct=1'}),
+    'av1 of PyAV 14': ('libaom-av1', {'cpu-used': '8', 'crf': '10', 'lag-in-frames': '0'}),
     'vp9': ('libvpx-vp9', {'deadline': 'realtime', 'crf': '8'}),
 }
 
@@ -65,6 +66,8 @@ def packets(
 ) -> tuple[Packet, ...]:
     """The packets in their order; held_back: number of B-frames in a row."""
     name, options = ENCODERS[codec]
+    if name not in av.codecs_available:
+        name, options = ENCODERS[f'{codec} of PyAV 14']
     context = av.CodecContext.create(name, 'w')
     context.width, context.height, context.pix_fmt = *size, pixel
     context.time_base, context.gop_size = Fraction(1, 10), GROUP
