@@ -18,6 +18,7 @@ from ..files.output_rules import keep_all, keep_all_but_files
 from ..files.processes import freeze_imports
 from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
 from ..model.streams import Stream
+from ..options.declare import options_of
 from ..options.table import make_settings, make_view_settings
 from .command import QuietOption, argument, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK, end_by_signal
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 # kitti-ros2 view, as pictures and films.
 
 _MOVIE = '.mp4'
+_FROM_ABOVE = {'range': ('bev', 'panel'), 'resolution': ('bev',)}
+"""By option of the view from above: the modes that take it."""
 
 
 def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) -> int:
@@ -112,7 +115,9 @@ def _draw(
         description = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
         film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
-        for note in (*source.guess_notes, *_missing_classes(settings, source, tally.kinds), *film):
+        idle = _idle_options(settings, source, single=single)
+        classes = _missing_classes(settings, source, tally.kinds)
+        for note in (*source.guess_notes, *idle, *classes, *film):
             say(f'note: {note}')
         elapsed = time.monotonic() - started
         pace = '' if single else f' ({tally.drawn / elapsed:.0f} pictures/s)'
@@ -122,6 +127,22 @@ def _draw(
         )
     mode = MODES[settings.mode]
     return (*concerned_losses(source, numbers, mode, settings.pictures), *tally.losses())
+
+
+def _idle_options(
+    settings: ViewSettings, source: RecordingFrames, *, single: bool
+) -> Iterator[str]:
+    """Yield notes on options that do not concern this picture."""
+    from ..kitti.prepare import CHANGES_NOTHING
+
+    yield from (note for note in source.notes if CHANGES_NOTHING in note)
+    if single and settings.rate_hz is not None:
+        yield f'fps {CHANGES_NOTHING}: it is for films'
+    bird = settings.pictures.bird
+    for opt in options_of(type(bird)):
+        modes = _FROM_ABOVE[opt.name]
+        if getattr(bird, opt.field) != opt.default and settings.mode not in modes:
+            yield f'{opt.name} {CHANGES_NOTHING}: it is for --mode {" and ".join(modes)}'
 
 
 def _missing_classes(

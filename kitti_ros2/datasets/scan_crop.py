@@ -15,6 +15,7 @@ from ..files.local_files import walk_files
 from ..kitti import names
 from ..kitti.find import tree_of
 from ..kitti.kitti_recording import image_size
+from ..kitti.prepare import CHANGES_NOTHING
 from ..kitti.scan_file import (
     format_point_labels,
     format_scan_text,
@@ -83,7 +84,10 @@ class CropPaths:
         self.labelled = frozenset(labels).intersection(self.numbers)
         common = Stream.LABELS in recording.layout.traits.line_streams
         self.track_labels = recording.path(Stream.LABELS, 0) if common and self.labelled else None
-        self.notes = self._find_notes()
+        self.notes = [note for note in recording.notes if CHANGES_NOTHING in note]
+        if options.empty_labels is EmptyLabels.DROP and index is None:
+            self.notes.append(f'empty_labels {CHANGES_NOTHING}: {recording.name} has no labels')
+        self.notes += self._find_notes()
 
     def scan(self, number: int) -> FileTarget:
         """Return the path of a scan, and of the cut one."""

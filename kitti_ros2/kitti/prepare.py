@@ -58,6 +58,8 @@ if TYPE_CHECKING:
 #
 # Every time of a turn must be within two turns (0.2 s) of a packet or pose.
 
+CHANGES_NOTHING = 'changes nothing'
+"""In notes on options of this file."""
 _REACH_TURNS = 2
 _FEWEST_POSES = 2  # which have no velocity, unlike a packet
 _FASTEST_M_S = 100.0
@@ -86,7 +88,7 @@ def prepare_motion(recording: KittiRecording) -> None:
         how = 'compensated for motion by KITTI' if compensated else 'as measured'
         option = 'deskew' if options.deskew else 'undo_deskew'
         recording.notes.append(
-            f'{option} changes nothing: scans of layout {recording.layout.value} are {how}'
+            f'{option} {CHANGES_NOTHING}: scans of layout {recording.layout.value} are {how}'
         )
         return
     if options.undo_deskew:
@@ -343,7 +345,7 @@ def prepare_stereo(recording: KittiRecording) -> None:
     own = bool(pairs) and recording.calibration(_first(streams[pairs[0][0]])).independent_cameras
     if own or not pairs:
         why = 'each camera has extrinsics of its own' if own else 'no two cameras are a pair'
-        recording.notes.append(f'stereo changes nothing: {why}')
+        recording.notes.append(f'stereo {CHANGES_NOTHING}: {why}')
         return
     recording.stereo = True
     for left, right in pairs:

@@ -35,7 +35,8 @@ from ..model.errors import (
 )
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
 from ..model.streams import CAMERA_NAMES, NS_PER_S, Stream
-from ..options.messages import ColorEncoding
+from ..options.declare import options_of
+from ..options.messages import ColorEncoding, MarkerOptions
 from ..options.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
@@ -94,6 +95,16 @@ def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream)
             continue
         return image.channels > 1
     return False
+
+
+_OF_BOXES = (Stream.LABELS, Stream.PREDICTIONS)
+_STREAMS_OF = {
+    **{opt.name: _OF_BOXES for opt in options_of(MarkerOptions)},
+    **dict.fromkeys(('objects', 'autoware_labels', 'annotations'), _OF_BOXES),
+    **dict.fromkeys(('map', 'tf', 'ground_truth_tree'), (Stream.POSE,)),
+    'covariances': (Stream.OXTS, Stream.OXTS_EXTRACT),
+}
+"""By option of messages: the streams, of which it needs one."""
 
 
 # Notes on samples, collected while they are encoded.
@@ -348,9 +359,29 @@ class Encoder:
             notes += turn_notes(scans, self._recording.turns, FORMATS[options.cloud])
             notes += self._missing_source()
         notes += self.sample_notes.on_scans()
+        notes += self._idle_options() if options.stack is None else []
         if options.stack is not None:
             notes += stack_notes(options, self.table, self._images, self._schedule) + self._unmade
         return (*notes, *self._unmatched)
+
+    def _idle_options(self) -> list[str]:
+        """Return notes on options of messages that the recording, or the selection, has none of."""
+        options = self._rig.options
+        lacking: dict[str, list[str]] = {}
+        for holder in (options, options.markers, options.ground_truth):
+            for opt in options_of(type(holder)):
+                streams = _STREAMS_OF.get(opt.name, ())
+                if getattr(holder, opt.field) == opt.default or not streams:
+                    continue
+                if not any(self._rows[stream] for stream in streams):
+                    what = ' or '.join(stream.value for stream in streams)
+                    lacking.setdefault(f'no {what}', []).append(opt.name)
+        if options.markers.trails and not self._rig.tracked and self._rows[Stream.LABELS]:
+            lacking['labels without tracks'] = ['trails']
+        return [
+            f'{self._recording.name} has {reason}; without effect: {", ".join(names)}'
+            for reason, names in lacking.items()
+        ]
 
     def _missing_source(self) -> list[str]:
         """Return a note if clouds have a loss and the points of the files are not selected."""

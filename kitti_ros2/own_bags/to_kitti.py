@@ -194,15 +194,14 @@ def restore(
             raise UsageError(f'{path}: holds {name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
     with staged(out, refusal, fsync=fsync) as stage:
-        form = png or PngForm.KITTI
-        return [_restore(bag, files, stage, form, progress) for bag, files in recordings]
+        return [_restore(bag, files, stage, png, progress) for bag, files in recordings]
 
 
 def _restore(
     source: BagSource,
     source_files: SourceFiles,
     stage: Path,
-    png: PngForm,
+    png: PngForm | None,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
     texts = (*source_files.texts.items(), *source_files.calibrations.items())
@@ -230,14 +229,19 @@ class _FilesOfPixels:
         checks: Size and CRC-32 of these, by path.
         numbers: Stream and number of the files that are made, by path.
         made: Their size and CRC-32, by path.
+        asked: Whether their form was asked for.
     """
+
+    asked: bool
 
     checks: dict[PurePosixPath, tuple[int, int]] = field(default_factory=dict)
     numbers: dict[PurePosixPath, tuple[Stream, int]] = field(default_factory=dict)
     made: dict[PurePosixPath, tuple[int, int]] = field(default_factory=dict)
 
     def notes(self) -> Iterator[str]:
-        """Yield a note on those with other bytes, and one on those that could not be compared."""
+        """Yield notes on those with other bytes, and on those that could not be compared."""
+        if self.asked and not self.made:
+            yield 'png changes nothing: the bag has the files of images, no pixels'
         for differs, text in (
             (True, "have the pixels of KITTI's files, in other bytes"),
             (False, "are made of pixels; the bag does not tell the bytes of KITTI's files"),
@@ -259,11 +263,11 @@ class _Writer:
         source_files: SourceFiles,
         root: Path,
         bag: OpenBag,
-        png: PngForm,
+        png: PngForm | None,
     ) -> None:
         self._bag = bag
-        self._png = png
-        self._pixels = _FilesOfPixels()
+        self._png = png or PngForm.KITTI
+        self._pixels = _FilesOfPixels(asked=png is not None)
         self._messages = messages
         self._reencoded = open_videos(bag, messages.channels)
         self._source_files = source_files
@@ -533,6 +537,12 @@ class Conversion:
         own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
         if not is_restored(own, options) or self.plan_file is not None:
             return self._convert_by_plan(own, losses)
+        if options.train_fraction < 1:
+            raise UsageError(
+                '--split is for object sets that are made by a plan; to-bag wrote this bag, and its'
+                ' files come back as they were: leave it out, and divide the data set by'
+                ' kitti-ros2 split'
+            )
         if options.origin is not None:
             raise UsageError(
                 '--origin is for oxts that are made of poses; to-bag wrote this bag, and its files'
