@@ -72,6 +72,8 @@ EXTRAS = {
         'mcap-protobuf-support>=0.5.3,<0.7',
         'websockets>=15,<18',
     ],
+    # KITTI's form of PNG files in 0.6 of the time, the same bits.
+    'png': ['zlib-ng>=0.5,<2'],
     # The pictures of `stats -o` and `eval odometry -o`.
     'plot': ['matplotlib>=3.8,<4'],
     # URLs: s3://, http://, https://. Other stores need a package of their own, such as gcsfs.
@@ -109,7 +111,7 @@ EXTRAS['test'] = [
     *EXTRAS['remote'][2:],
     'types-PyYAML>=6.0.12,<7',
     *EXTRAS['foxglove'][2:],
-    'zlib-ng>=0.5,<2',
+    *EXTRAS['png'],
 ]
 
 
