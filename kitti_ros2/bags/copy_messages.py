@@ -110,15 +110,16 @@ class ToRos1:
         """
         if isinstance(channel, Ros1Channel):
             return Outlet(channel)
+        msgtype, caller, convert = channel.msgtype, None, None
         if _is_ros1(channel):
-            definition, caller, convert = channel.definition, None, None
-            md5sum = _md5sum(channel)
+            definition, md5sum = channel.definition, _md5sum(channel)
         else:
-            definition, md5sum = self._types.definition(channel.msgtype)
+            msgtype = self._types.name(channel.msgtype)
+            definition, md5sum = self._types.definition(msgtype)
             caller, convert = CALLER, self._types.converter(channel.msgtype)
         made = Ros1Channel(
             channel.topic,
-            channel.msgtype,
+            msgtype,
             'ros1',
             definition,
             'ros1msg',

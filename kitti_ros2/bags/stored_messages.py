@@ -210,6 +210,7 @@ def _shared(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> 
 # One typestore of the message types as the bags define them.
 
 _LONGEST_REASON = 80
+_CONSTANT = re.compile(r'^[ \t]*\w+[ \t]+\w+[ \t]*=.*$', re.MULTILINE)
 _IDL_DIVIDER = '=' * 80 + '\n'
 
 
@@ -334,7 +335,7 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
     if encoding == 'ros2msg':
         return _parse_messages(msgtype, text)
     if encoding == 'ros1msg':
-        return _ros2_like(_parse_messages(msgtype, text))
+        return _ros2_like(_parse_ros1(msgtype, text))
     if encoding not in {'ros2idl', 'omgidl'}:
         raise ValueError(f'unknown encoding {encoding!r}')
     types: Typesdict = {}
@@ -344,6 +345,14 @@ def parse_definition(msgtype: str, text: str, encoding: str) -> Typesdict:
         if body.strip():
             types.update(get_types_from_idl(body))
     return with_wide_strings(types) if 'wstring' in text else types
+
+
+def _parse_ros1(msgtype: str, text: str) -> Typesdict:
+    try:
+        return _parse_messages(msgtype, text)
+    except Exception:  # noqa: BLE001 - a parser of any text may raise anything
+        # ROS 1 has constants that ROS 2 has not: in small letters, and any text.
+        return _parse_messages(msgtype, _CONSTANT.sub('', text))
 
 
 def _parse_messages(msgtype: str, text: str) -> Typesdict:

@@ -45,6 +45,9 @@ RENAMED = {
 }
 """Types of ROS 1 that have another name in ROS 2."""
 
+_LEVELS = {1: 10, 2: 20, 4: 30, 8: 40, 16: 50}
+"""Levels of logs, from debug to fatal, of ROS 1 and ROS 2."""
+
 
 @lru_cache(maxsize=1)
 def jazzy_types() -> Typesdict:
@@ -196,6 +199,8 @@ def _is_compatible(source: FieldDesc, target: FieldDesc) -> bool:
     return fits and _is_compatible(content[0], content_made[0])  # type: ignore[arg-type]
 
 
+_NAMES_IN_ROS1 = {made: name for name, made in RENAMED.items() if made != TF}
+
 # Conversion of ROS 2 messages to ROS 1: definitions, md5 sums and bytes.
 #
 # Types missing in Noetic's store (tf2_msgs, vision_msgs) keep ROS 2's fields with ROS 1's Header.
@@ -215,19 +220,32 @@ class Ros1Types:
         self._ros1 = get_typestore(Stores.ROS1_NOETIC)
         self.migration = Migration(self._ros2, self._ros1)
 
+    def name(self, msgtype: str) -> str:
+        """Return the name of a type in ROS 1, in the spelling of ROS 2."""
+        return _NAMES_IN_ROS1.get(msgtype, msgtype)
+
     def definition(self, msgtype: str) -> tuple[str, str]:
-        """Return the text and the md5 sum of a type in ROS 1."""
+        """Return the text and the md5 sum of a type in ROS 1, by its name there."""
         self._complete(msgtype)
         return self._ros1.generate_msgdef(msgtype, ros_version=1)
 
     def converter(self, msgtype: str) -> Callable[[bytes | memoryview], memoryview]:
         """Return a function that converts the type's CDR to ROS 1's serialization."""
         self._complete(msgtype)
-        if self.migration.same_layout(msgtype):
+        if msgtype != RENAMED[_LOG] and self.migration.same_layout(msgtype):
             return lambda data: self._ros2.cdr_to_ros1(data, msgtype)
+        rebuild = self._rebuild_log if msgtype == RENAMED[_LOG] else self.migration.rebuild
         return lambda data: self._ros1.serialize_ros1(
-            self.migration.rebuild(self._ros2.deserialize_cdr(data, msgtype), msgtype), msgtype
+            rebuild(self._ros2.deserialize_cdr(data, msgtype), msgtype), self.name(msgtype)
         )
+
+    def _rebuild_log(self, log: Any, msgtype: str) -> Any:  # noqa: ANN401 - rosbags classes
+        """Make a log of ROS 1, without the topics of the node."""
+        types = self._ros1.types
+        header = types[HEADER](0, log.stamp, '')
+        level = next((own for own, ros2 in _LEVELS.items() if ros2 == log.level), log.level)
+        values = log.name, log.msg, log.file, log.function, log.line
+        return types[self.name(msgtype)](header, level, *values, [])
 
     def _complete(self, msgtype: str) -> None:
         defined = self._ros1.fielddefs
@@ -238,9 +256,6 @@ class Ros1Types:
 
 
 # Conversion of ROS 1 messages, in CDR by the definitions of their bag, to ROS 2.
-
-_LEVELS = {1: 10, 2: 20, 4: 30, 8: 40, 16: 50}
-"""Levels of logs, from debug to fatal, of ROS 1 and ROS 2."""
 
 
 class Ros2Types:

@@ -238,10 +238,8 @@ def test_the_messages_are_read_by_mcap_ros2_support(kind, tmp_path):
 
 def write_one(path, msgtype, text, data, **channel):
     """A ROS 1 bag with one message of a type that the text defines."""
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(text, msgtype))
     with Ros1Writer(path) as writer:
-        made = writer.add_connection('/topic', msgtype, typestore=store, **channel)
+        made = writer.add_connection('/topic', msgtype, msgdef=text, md5sum='0' * 32, **channel)
         writer.write(made, START_NS, data)
     return path
 
@@ -255,6 +253,12 @@ def write_one(path, msgtype, text, data, **channel):
         ('std_msgs/msg/String', 'string data', 4, 'std_msgs/msg/String'),
         ('robot_msgs/msg/Temperature', 'float32 celsius', 4, 'robot_msgs/msg/Temperature'),
         ('std_msgs/msg/Empty', '', 0, 'std_msgs/msg/Empty'),
+        (
+            'robot_msgs/msg/State',
+            'int8 idle=-1\nstring A="x" y\nint16 v',
+            2,
+            'robot_msgs/msg/State',
+        ),
     ],
 )
 def test_types_have_their_names_in_ros_2(msgtype, text, size, made, tmp_path):
@@ -266,6 +270,8 @@ def test_types_have_their_names_in_ros_2(msgtype, text, size, made, tmp_path):
         assert reader.deserialize(data, made)
     assert convert(tmp_path / 'out.mcap', tmp_path / 'back.bag') == 0
     with Ros1Reader(tmp_path / 'back.bag') as back:
+        renamed = msgtype if msgtype.startswith('std_msgs/') else made
+        assert [each.msgtype for each in back.connections] == [renamed]
         assert [bytes(data) for _, _, data in back.messages()] == [bytes(size)]
 
 
@@ -298,6 +304,12 @@ def test_a_log_has_the_stamp_and_the_level_of_ros_2(tmp_path, capsys):
     assert connection.msgtype == 'rcl_interfaces/msg/Log'
     assert (message.stamp.sec, message.stamp.nanosec, message.level) == (7, 8, 30)
     assert (message.name, message.msg, message.file, message.line) == ('/node', 'hot', 'a.cpp', 12)
+    assert convert(tmp_path / 'out', tmp_path / 'back.bag') == 0
+    with AnyReader([tmp_path / 'back.bag']) as reader:
+        ((connection, _, data),) = reader.messages()
+        message = reader.deserialize(data, connection.msgtype)
+    assert connection.msgtype == 'rosgraph_msgs/msg/Log'
+    assert (message.header.stamp.sec, message.level, message.topics) == (7, 4, [])
 
 
 IDL = '=' * 80 + '\nIDL: a_msgs/msg/W\nmodule a_msgs {{ module msg {{ struct W {{ {} }}; }}; }};\n'
