@@ -89,6 +89,16 @@ class BagVideos:
         for decoder in self._decoders.values():
             yield from self._outcomes(decoder.rest())
 
+    def notes(self) -> list[str]:
+        """Return notes on the videos so far."""
+        return [
+            f'{topic}: {decoder.beyond_range} images have luma beyond the limited range of video,'
+            f' and no flag of the full range: their contrast is too high if the encoder meant that'
+            f' (pymcap-cli 0.34 does for PNG and JPEG)'
+            for topic, decoder in self._decoders.items()
+            if decoder.beyond_range
+        ]
+
     def _outcomes(self, images: Any) -> Iterator[Outcome]:  # noqa: ANN401 - of VideoDecoder
         for (index, head), image in images:
             yield index, head, image

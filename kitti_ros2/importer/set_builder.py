@@ -558,7 +558,7 @@ class SetBuilder:
         """Return the report of the conversion, after the writer is closed."""
         plan, frames, rigs = self._samples.plan, self._samples.frames, self._samples.rigs
         notes = [*survey.notes, *frames.notes, *rigs.notes(), *self._packets.notes()]
-        notes += self._samples.notes()
+        notes += [*self._samples.notes(), *self._videos.notes()]
         if not self._target.first and self._target.excerpt is None:
             files = self.counts[Stream.LABELS.value]
             notes += set_notes(plan, self._target.stage, files, self._samples.empty_labels)

@@ -150,9 +150,14 @@ class _Packet(NamedTuple, Generic[Key]):
 
 
 class VideoDecoder(Generic[Key]):
-    """Decodes the packets of one topic in their order; for one thread at a time."""
+    """Decodes the packets of one topic in their order; for one thread at a time.
+
+    Attributes:
+        beyond_range: Number of images with luma beyond the limited range, and no flag of the full.
+    """
 
     def __init__(self) -> None:
+        self.beyond_range = 0
         self._context: Any = None
         self._codec = ''
         self._waiting: dict[int, _Packet[Key]] = {}
@@ -238,6 +243,7 @@ class VideoDecoder(Generic[Key]):
                 images.append((packet.key, ValueError('the frame is damaged')))
             else:
                 images.append((packet.key, _image(frame, packet)))
+                self.beyond_range += _is_beyond_range(frame)
         return images
 
 
@@ -272,6 +278,25 @@ def _open(codec: str) -> Any:  # noqa: ANN401 - of PyAV
     context.thread_count = 1  # threads hold frames back
     context.options = {'err_detect': 'explode', 'max_pixels': str(MOST_PIXELS)}
     return context
+
+
+# Luma of 8 bits is 16 to 235, and little more at edges, unless a flag says that it is 0 to 255.
+
+_UNSPECIFIED = 0
+_PLANAR = frozenset({'yuv420p', 'yuv422p', 'yuv444p', 'nv12'})
+_BEYOND = (8, 243)
+_SHARE = 0.01
+_STEP = 4
+"""Of the rows that are read."""
+
+
+def _is_beyond_range(frame: Any) -> bool:  # noqa: ANN401 - of PyAV
+    if frame.format.name not in _PLANAR or int(frame.color_range) != _UNSPECIFIED:
+        return False
+    plane = frame.planes[0]
+    luma = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[::_STEP, : frame.width]
+    low, high = _BEYOND
+    return bool(np.count_nonzero((luma < low) | (luma > high)) > _SHARE * luma.size)
 
 
 def _image(frame: Any, packet: _Packet[Key]) -> ImageMsg | ValueError:  # noqa: ANN401 - of PyAV

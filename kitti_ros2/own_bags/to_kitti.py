@@ -384,7 +384,7 @@ class _Writer:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
             self._as_png.setdefault(stream, set()).add(number)
-        elif hasattr(decoded, 'encoding'):
+        elif hasattr(decoded, 'encoding') and number not in self._as_video.get(stream, ()):
             self._pixels.numbers[path] = stream, number
         columns = self._source_files.columns
         content = partial(format_sample, sample, self._root / path, columns)
@@ -449,6 +449,8 @@ class _Writer:
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
         missing += self._changed_images()
         notes += self._pixels.notes()
+        if self._reencoded is not None:
+            notes += self._reencoded.videos.notes()
         return ImportReport(
             layout=self._source_files.layout,
             name=self._source_files.name,

@@ -85,6 +85,22 @@ def packets(
     return tuple(Packet(packet.pts, bytes(packet)) for packet in found)
 
 
+def luma_packets(left: int, right: int) -> tuple[Packet, ...]:
+    """Packets without a flag of their range; luma of the left and of the right half."""
+    context = av.CodecContext.create('libx264', 'w')
+    context.width, context.height, context.pix_fmt = *SIZE, 'yuv420p'
+    context.time_base, context.thread_count = Fraction(1, 10), 1
+    context.options = {'preset': 'veryfast', 'tune': 'zerolatency'}
+    planes = np.full((SIZE[1] * 3 // 2, SIZE[0]), 128, np.uint8)
+    planes[: SIZE[1], : SIZE[0] // 2], planes[: SIZE[1], SIZE[0] // 2 :] = left, right
+    found = []
+    for number in range(FRAMES):
+        frame = av.VideoFrame.from_ndarray(planes, format='yuv420p')
+        frame.pts, frame.time_base = number, context.time_base
+        found += context.encode(frame)
+    return tuple(Packet(packet.pts, bytes(packet)) for packet in found + context.encode(None))
+
+
 def x264(parameters: str) -> list[bytes]:
     """80 packets of noise by parameters of x264."""
     context = av.CodecContext.create('libx264', 'w')
