@@ -156,31 +156,18 @@ def test_any_other_file(tmp_path, capsys, command):
 # A bag in place of a folder, and a folder in place of a bag.
 
 
-def test_a_bag_given_to_to_bag(bag, tmp_path, capsys):
-    line = complain(['to-bag', bag, tmp_path / 'o.mcap'], capsys)
-    assert line.endswith(
-        f'{bag}: is a bag (mcap), not a KITTI folder; play it, or convert it to KITTI:'
-        f' kitti-ros2 play {bag} or kitti-ros2 to-kitti {bag} {tmp_path}/o'
-    )
-    assert main(command_in(line)) == 0
-
-
-def test_a_damaged_bag_given_to_to_bag(bag, tmp_path, capsys):
+def test_a_damaged_bag_given_to_to_bag_is_written_as_far_as_it_goes(bag, tmp_path, capsys):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(bag.read_bytes()[:-5000])
-    line = complain(['to-bag', cut, tmp_path / 'o.mcap'], capsys)
-    assert 'play it, convert it to KITTI, or repair it, as it is damaged: ' in line
-    assert f'kitti-ros2 play {cut} or kitti-ros2 to-kitti' in line
-    assert command_in(line) == ['recover', str(cut), str(tmp_path / 'o.mcap')]
-    assert main([*command_in(line), '-q']) == 1
+    assert main(['to-bag', str(cut), str(tmp_path / 'o.mcap')]) == 1
+    assert 'cut off at byte' in capsys.readouterr().err
+    assert main(['info', str(tmp_path / 'o.mcap')]) == 0
 
 
-@pytest.mark.parametrize('storage', ['sqlite3', 'ros1'])
-def test_other_bags_given_to_to_bag(recordings, tmp_path, capsys, storage):
-    path = make_bag(recordings[Layout.OBJECT], tmp_path, storage)
-    line = complain(['to-bag', path, tmp_path / 'out'], capsys)
-    assert f'is a bag ({"rosbag2 " if storage == "sqlite3" else ""}{storage}), not a' in line
-    assert command_in(line) == ['to-kitti', str(path), str(tmp_path / 'out')]
+def test_options_of_folders_given_with_a_bag_to_to_bag(bag, tmp_path, capsys):
+    line = complain(['to-bag', bag, tmp_path / 'o.mcap', '--images', 'raw'], capsys)
+    assert '--images' in line
+    assert not (tmp_path / 'o.mcap').exists()
 
 
 def test_a_layout_for_a_bag_and_the_wrong_one_for_a_folder(bag, recordings, capsys):
