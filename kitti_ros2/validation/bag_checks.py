@@ -17,7 +17,7 @@ from ..messages.images import size_of
 from ..messages.naming import RECORDING, BagContext
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.topics import decoders
-from ..messages.videos import VideoDecoder, begins_video, is_video
+from ..messages.videos import NO_PYAV, VideoDecoder, begins_video, is_video
 from ..model.bag_formats import CAMERA_INFO, PICTURES, STRING, TF_TYPES, VIDEOS
 from ..model.errors import BadBagError, KittiRos2Error
 from ..model.streams import NS_PER_S, Layout
@@ -134,6 +134,7 @@ class _BagPass:
         self._tracks: dict[str, TopicTrack] = {}
         self._links = LinkTally()
         self._videos: dict[str, VideoDecoder[int]] = {}
+        self._unchecked: set[str] = set()
 
     def run(self, progress: Callable[[int, int], None]) -> CheckedSource:
         """Read the bag, and apply the rules."""
@@ -158,6 +159,7 @@ class _BagPass:
             *self._facts.notes,
             *(problem for problem in index.problems if problem not in reported),
             *find_differences(self._bag.path, index),
+            *(f'{topic}: frames are not checked: {NO_PYAV}' for topic in sorted(self._unchecked)),
         ]
         self._facts.messages = index.total
         static, moving, changing = self._links.sorted()
@@ -257,5 +259,9 @@ class _BagPass:
 
     def _enter_images(self, topic: str, images: Iterable[tuple[int, Any]]) -> None:
         for stamp_ns, image in images:
-            if isinstance(image, ValueError):
+            if not isinstance(image, ValueError):
+                continue
+            if str(image) == NO_PYAV:
+                self._unchecked.add(topic)
+            else:
                 self._tracks[topic].undecoded[str(image)].append(stamp_ns)

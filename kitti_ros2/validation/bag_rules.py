@@ -672,7 +672,7 @@ def _find_unbegun(track: TopicTrack) -> Iterator[Breach]:
     'video-decode',
     ERROR,
     'Frames of a video can be decoded (with --decode)',
-    "record the topic again; without PyAV run pip install 'kitti_ros2[video]'",
+    'record the topic again',
 )
 def _find_undecoded(track: TopicTrack) -> Iterator[Breach]:
     for reason, stamps_ns in track.undecoded.items():

@@ -270,6 +270,14 @@ def test_without_pyav_one_line_says_what_to_install(tmp_path, monkeypatch, capsy
     assert lines[0].endswith("run pip install 'kitti_ros2[video]'")
 
 
+def test_without_pyav_validation_notes_what_it_does_not_check(tmp_path, monkeypatch):
+    bag = bags.write(tmp_path / 'bag', robot.said())
+    monkeypatch.setitem(sys.modules, 'av', None)
+    (finding,) = validate(bag, decode=True).findings
+    assert (finding.rule, finding.severity) == ('bag-note', 'note')
+    assert '/camera/image: frames are not checked: decoding video needs PyAV' in finding.message
+
+
 def test_a_codec_that_is_not_known_is_named(tmp_path, capsys):
     said = robot.said(codec='theora')
     bag = bags.write(tmp_path / 'bag', said)
@@ -424,4 +432,4 @@ def test_images_that_pymcap_cli_compressed(codec, tmp_path):
             cv2.imread(str(tmp_path / f'{name}_set/training/image_2/{number:06}.png')).astype(int)
             for name in ('whole', 'packed')
         )
-        assert np.abs(before - after).mean() < 12
+        assert np.abs(before - after).mean() < 5
