@@ -29,7 +29,7 @@ from .bag_calibration import CAMERA, LEVEL, PlannedRig, optical_axis
 from .bag_poses import PlannedMotion, read_motion
 from .box_labels import is_own
 from .clocks import clock_notes, clocked
-from .guess import Guess, guess_plan, unused_notes
+from .guess import Guess, guess_plan, lost_description, unused_notes
 from .kitti_frames import choose_frames, pick_frames, select_frames
 from .plan import NONE, SOURCE, TF, topic_uses
 from .sensor_rig import SensorRig
@@ -330,7 +330,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     if plan.labels is not None and plan.calibration == NONE:
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
-    notes += (*clock_notes(clocked(survey, plan), plan), *loader_notes(plan, survey))
+    notes += (*lost_description(survey), *clock_notes(clocked(survey, plan), plan))
+    notes += tuple(loader_notes(plan, survey))
     return replace(guessed, plan=plan, notes=(*notes, *unused_notes(survey, plan, notes)))
 
 

@@ -708,6 +708,18 @@ def _by_hint(unused: Iterable[Unused]) -> list[Unused]:
     ]
 
 
+def lost_description(survey: Survey) -> list[str]:
+    """Return a note on a bag of to-bag that no longer has the description of its recording."""
+    sources = sorted(filter(_is_source, survey.topics))
+    if RECORDING in survey.topics or not sources:
+        return []
+    note = (
+        f'{some_of(sources)}, but no {RECORDING}: names and numbers of the files are unknown, and'
+        f' frames are numbered from 0'
+    )
+    return [note]
+
+
 def _planned_links(survey: Survey, plan: Plan) -> set[str]:
     try:
         return link_topics(plan, survey)

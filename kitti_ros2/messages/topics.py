@@ -474,17 +474,13 @@ def _calibration_key(calibration: Calibration) -> Hashable:
     return tuple(file.text for file in calibration.files)
 
 
-_MOST_CALIBRATIONS = 100
-"""Of an object set, which has one a frame, late subscribers get so many."""
-
 _files: tuple[Encode, Decode] = (make_files, lambda message, _: decode_texts(message))
 _source: tuple[Encode, Decode] = (make_source, lambda message, _: decode_text(message))
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
     Topic('/tf_static', TF, Stream.CALIBRATION, make_static,
           change_key=_calibration_key, **_last),
-    Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files,
-          latched=True, depth=_MOST_CALIBRATIONS, restores=True),
+    Topic(CALIBRATION, STRING, Stream.CALIBRATION, *_files, restores=True, **_last),
     Topic(RECORDING, STRING, Stream.RECORDING,
           lambda description, _: encode_description(dict(description.values)),
           lambda message, _: Description(decode_description(message)), **_last),
@@ -580,6 +576,16 @@ def make_table(
         rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
     names = naming_of(options)
     return [replace(row, topic=names.topic(row.topic)) for row in rows]
+
+
+def without_latched_calibrations(rows: Sequence[Topic]) -> list[Topic]:
+    """Return the rows for a recording with a calibration a frame: a sample as any other."""
+    return [
+        Topic(row.topic, row.msgtype, row.stream, row.encode, row.decode, restores=row.restores)
+        if row.topic == CALIBRATION
+        else row
+        for row in rows
+    ]
 
 
 def _camera_rows(

@@ -122,6 +122,8 @@ STRING = 'std_msgs/msg/String'
 TF = 'tf2_msgs/msg/TFMessage'
 TF_TYPES = frozenset({TF, 'tf/msg/tfMessage'})
 """Types of dynamic and static transforms, also of ROS 1's first tf."""
+HEADLESS = frozenset({ANNOTATIONS, STRING, MARKERS, *TF_TYPES})
+"""Types of ours without a header of the message as a whole."""
 TRACKED_OBJECTS = 'autoware_perception_msgs/msg/TrackedObjects'
 TWIST = 'geometry_msgs/msg/TwistStamped'
 TWIST_COVARIANCE = 'geometry_msgs/msg/TwistWithCovarianceStamped'

@@ -23,7 +23,12 @@ from ..messages.naming import (
     naming_of,
     promise,
 )
-from ..messages.topics import make_table, select_topics, unmatched
+from ..messages.topics import (
+    make_table,
+    select_topics,
+    unmatched,
+    without_latched_calibrations,
+)
 from ..model.bag_formats import FORMATS, IMAGE
 from ..model.errors import (
     KittiRos2Error,
@@ -256,6 +261,8 @@ class Encoder:
     ) -> None:
         images = naming_of(options).image_topic(recording.layout, recording.image_topic)
         table = make_table(recording.cameras, images, options, _packets_of(recording))
+        if Stream.CALIBRATION in recording.streams:
+            table = without_latched_calibrations(table)
         selected = select_topics(table, selection)
         self._selected = _selected_streams(recording, options, selection)
         self._schedule = schedule

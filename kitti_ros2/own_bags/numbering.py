@@ -23,7 +23,7 @@ from ..kitti.label_file import cuboids_by_frame, parse_tracklets
 from ..messages.cdr import peek_header
 from ..messages.naming import BagContext
 from ..messages.topics import decoders, own_topics
-from ..model.bag_formats import ANNOTATIONS, MARKERS, STRING, TF_TYPES
+from ..model.bag_formats import HEADLESS
 from ..model.errors import BadFileError, Loss, UsageError
 from ..model.recording import StreamIndex
 from ..model.streams import FRAME_STREAMS, Clock, Stream
@@ -185,8 +185,6 @@ def row_frames(lines: Iterable[str]) -> Iterator[int]:
 
 BY_POSITION = 'frames of this bag are numbered by position, from 0'
 """The note on a bag that was not written by to-bag."""
-
-_HEADLESS = frozenset({ANNOTATIONS, STRING, MARKERS, *TF_TYPES})
 
 
 class NumberedTopic(NamedTuple):
@@ -359,7 +357,7 @@ def _by_header(
                     decoded = messages.typestore.deserialize_cdr(message.data, message.msgtype)
                     text = decoders()[message.topic](decoded, BagContext(path_of(bag)))
                     number = _named(text, mapped.source_files, streams[message.topic])
-                elif message.msgtype not in _HEADLESS:
+                elif message.msgtype not in HEADLESS:
                     stamp_ns, _ = peek_header(message.data)
                 else:
                     continue

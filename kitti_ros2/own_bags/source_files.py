@@ -32,12 +32,13 @@ from ..model.errors import BadBagError, Loss, LossTally, UsageError, damage
 from ..model.recording import Deskew
 from ..model.streams import Clock, Layout, ScanColumns, Stream
 from ..options.read import ScanStamp, is_period
+from .missing_files import text_of_stamps, texts_of_turns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from ..bags.bag_files import BagSource
+    from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessages
     from ..kitti.names import FileNames
     from ..kitti.object_set import RealTimes
@@ -224,6 +225,20 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'
         raise UndescribedError(path, reason) from error
+
+
+def joined(first: RecordingDescription, other: RecordingDescription) -> RecordingDescription:
+    """Return the description of two parts of a recording: the files that either has."""
+    folders = {**other.folders, **first.folders}
+    for stream, folder in first.folders.items():
+        more = set(other.folders[stream].carried) if stream in other.folders else set[int]()
+        carried = more.intersection(folder.numbers).union(folder.carried)
+        folders[stream] = replace(folder, carried=tuple(sorted(carried)))
+    texts = first.texts
+    if texts is not None:
+        texts = tuple(dict.fromkeys((*texts, *(other.texts or ()))))
+    calibrations = tuple(dict.fromkeys((*first.calibrations, *other.calibrations)))
+    return replace(first, folders=folders, texts=texts, calibrations=calibrations)
 
 
 def _period(values: Mapping[str, Any]) -> int:
@@ -656,8 +671,54 @@ def find_source_files(source: BagSource) -> SourceFiles | None:
         with open_messages(bag, {RECORDING, FILES, CALIBRATION} & topics) as messages:
             texts = _Source(messages, bag.path)
             damaged |= messages.losses
-    source_files = texts.make(topics, damaged)
-    return replace(source_files, losses=(*unread, *source_files.losses))
+        return _completed(bag, texts.make(topics, damaged), unread)
+
+
+def _completed(bag: OpenBag, source_files: SourceFiles, unread: Sequence[Loss]) -> SourceFiles:
+    """Add the missing files of stamps that the messages have; these and the others are losses."""
+    made = _missing_stamps(bag, source_files) if source_files.missing else {}
+    losses = list(source_files.losses)
+    for path in sorted(source_files.missing):
+        how = f'; it is made of the stamps of {made[path][1]}' if path in made else ''
+        losses.append(lost_file(path, how))
+    return replace(
+        source_files,
+        texts={**source_files.texts, **{path: text for path, (text, _) in made.items()}},
+        missing=source_files.missing - made.keys(),
+        losses=(*unread, *losses),
+    )
+
+
+def lost_file(path: PurePosixPath, how: str = '') -> Loss:
+    """Return the loss of a text file, and how one is made in its place."""
+    return Loss(TEXT_FILE, 1, f'the bag does not hold {path}{how}')
+
+
+def _missing_stamps(
+    bag: OpenBag, source_files: SourceFiles
+) -> dict[PurePosixPath, tuple[str, str]]:
+    """Make the missing files of stamps: by path the text, and the topic that it is made of."""
+    made: dict[PurePosixPath, tuple[str, str]] = {}
+    missing, clock = source_files.missing, source_files.layout.traits.clock
+    is_forward = source_files.scan_stamp is ScanStamp.FORWARD
+    epoch_ns = source_files.epoch_ns if clock is Clock.RELATIVE else None
+    for stream, folder in source_files.folders.items():
+        path = source_files.stamps_path(stream)
+        own_stamps = source_files.stamped_as(stream) is stream
+        if path not in missing - made.keys() or not own_stamps or clock is Clock.NOMINAL:
+            continue
+        if stream is not Stream.SCAN or is_forward:
+            text = text_of_stamps(bag, stream, folder.carried, epoch_ns)
+            made.update({path: text} if text else {})
+    scans = source_files.folders.get(Stream.SCAN)
+    if scans is not None and SWEEP in source_files.topics:
+        turns = names.TIMESTAMPS_START, names.TIMESTAMPS_END
+        paths = [scans.path.parent / name for name in turns]
+        texts = () if missing.isdisjoint(paths) else texts_of_turns(bag, scans.carried)
+        made.update(
+            {p: (text, SWEEP) for p, text in zip(paths, texts, strict=False) if p in missing}
+        )
+    return made
 
 
 def read_source_files(
@@ -698,13 +759,22 @@ class _Source:
             try:
                 decoded = decode(message, STRING)
                 if message.topic == RECORDING:
-                    self._description = parse_description(decoded, path)
+                    self._describe(parse_description(decoded, path), message.stamp_ns)
                     continue
                 files = decoders()[message.topic](decoded, BagContext(path))
             except ValueError as error:
                 self._tally.lose(message.topic, message.stamp_ns, str(error))
                 continue
             self._found += [(message.topic, message.stamp_ns, file) for file in files]
+
+    def _describe(self, other: RecordingDescription, stamp_ns: int) -> None:
+        """Take a description; a bag that was merged of parts of a recording has one a part."""
+        first = self._description or other
+        if (other.layout, other.name) == (first.layout, first.name):
+            self._description = joined(first, other)
+        else:
+            reason = f'describes {other.name}; the bag is read as that of {first.name}, its first'
+            self._tally.lose(RECORDING, stamp_ns, reason)
 
     def make(self, topics: frozenset[str], damaged: Mapping[str, int | None]) -> SourceFiles:
         """Make the source files; invalid or missing texts are losses."""
@@ -722,13 +792,12 @@ class _Source:
         else:
             listed = (*description.texts, *description.calibrations)
         missing = [path for path in dict.fromkeys(listed) if path not in present]
-        absent = (Loss(TEXT_FILE, 1, f'the bag does not hold {path}') for path in missing)
         return SourceFiles(
             texts=texts,
             calibrations=calibrations,
             topics=topics,
             missing=frozenset(missing),
-            losses=(*self._tally.losses(), *absent),
+            losses=self._tally.losses(),
             damage=damaged,
             **{attr.name: getattr(description, attr.name) for attr in fields(DescribedRecording)},
         )

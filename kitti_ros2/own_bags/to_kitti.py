@@ -32,7 +32,7 @@ from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..kitti.store import STORE
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import FILE_CHECKS, POINTS, RECORDING, BagContext, decode_file_check
+from ..messages.naming import FILE_CHECKS, FILES, POINTS, RECORDING, BagContext, decode_file_check
 from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,
@@ -46,6 +46,7 @@ from ..model.errors import (
 )
 from ..model.samples import Image
 from ..model.streams import Layout, LayoutTraits, PngForm, Stream
+from .missing_files import is_calibration, make_by_plan
 from .numbering import has_common_numbers, number_bag, select_part, select_times, tracklets_by_stamp
 from .reencoded_images import open_videos
 from .schedule import frames_of
@@ -53,6 +54,7 @@ from .source_files import (
     EarlierVersionError,
     UndescribedError,
     find_source_files,
+    lost_file,
     owner_of,
     shown,
     write_new,
@@ -216,9 +218,45 @@ def _restore(
             for done, written in enumerate(files, 1):
                 writer.take(written)
                 progress(done, writer.size_bytes)
+        planned, notes = _write_by_plan(bag, source_files, stage)
+        made = {**planned, **writer.write_parts()}
         report = writer.report()
         damaged = damage(merged(source_files.damage, messages.losses), bag.path.name)
-    return replace(report, losses=(*damaged, *source_files.losses, *refused, *report.losses))
+    return replace(
+        report,
+        losses=(*damaged, *_losses(source_files, made), *refused, *report.losses),
+        notes=(*report.notes, *notes),
+    )
+
+
+def _losses(source_files: SourceFiles, made: Mapping[PurePosixPath, str]) -> list[Loss]:
+    """Return the losses of source files; those of files that are made say how."""
+    replaced = {lost_file(path): lost_file(path, f'; {how}') for path, how in made.items()}
+    return [replaced.get(loss, loss) for loss in source_files.losses]
+
+
+def _write_by_plan(
+    bag: OpenBag, source_files: SourceFiles, stage: Path
+) -> tuple[dict[PurePosixPath, str], tuple[str, ...]]:
+    """Write the missing text files that a plan can make; return how each is made, and notes."""
+    lost = {source_files.root / path: path for path in source_files.missing}
+    frames = _frames_from_zero(bag, source_files) if lost else 0
+    try:
+        made = make_by_plan(bag, source_files.layout, source_files.name, lost, frames)
+    except KittiRos2Error as error:
+        return {}, (f'no plan makes the missing text files of other messages: {error}',)
+    for path, data in made.items():
+        write_new(stage / path, data)
+    return {
+        lost[path]: "a plan makes it of other messages, not as KITTI's own" for path in made
+    }, ()
+
+
+def _frames_from_zero(bag: OpenBag, source_files: SourceFiles) -> int:
+    """Return the number of frames in a bag if they are numbered from 0 without a gap, else 0."""
+    numbered = number_bag(bag, bag_stamps(bag), source_files=source_files)
+    frames = [] if numbered is None else numbered.frames.tolist()
+    return len(frames) if frames == [*range(len(frames))] else 0
 
 
 @dataclass
@@ -286,6 +324,7 @@ class _Writer:
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
+        self._parts: dict[PurePosixPath, dict[int, tuple[str, str]]] = {}
         self._differences: dict[str, set[int]] = {}
         self.size_bytes = 0
 
@@ -352,7 +391,7 @@ class _Writer:
             self._counts[stream.value] += 1
             return None
         if path in self._source_files.missing:
-            self._lose(message, f'a part of {path}, which the bag does not hold')
+            self._parts.setdefault(path, {})[message.stamp_ns] = message.topic, text.text
             return None
         owner = owner_of(path, self._source_files.folders)
         if owner is None or owner[0] is not stream:
@@ -366,6 +405,28 @@ class _Writer:
             return None
         data = text.text.encode()
         return _File(stream, owner[1], path, lambda: (data, ''), message.topic, message.stamp_ns)
+
+    def write_parts(self) -> dict[PurePosixPath, str]:
+        """Write the missing files of which the bag has the lines of frames; return how, by path.
+
+        Packets are by line: they need one for each frame.
+        """
+        folders = self._source_files.folders.values()
+        frames = max((len(folder.numbers) for folder in folders), default=0)
+        made = {}
+        for path, parts in self._parts.items():
+            topic = next(topic for topic, _ in parts.values())
+            stream = own_topics()[topic].stream
+            if stream is Stream.OXTS and len(parts) != frames:
+                for stamp_ns in parts:
+                    reason = f'a part of {path}, which the bag does not hold'
+                    self._losses.lose(topic, stamp_ns, reason)
+                continue
+            text = ''.join(text for _, text in parts.values())
+            if not write_new(self._root / path, text.encode()):
+                self._counts[stream.value] += len(parts)
+                made[path] = f'it is joined of the lines of {topic}'
+        return made
 
     def _sample(self, decoded: Any, message: BagMessage) -> _File | None:  # noqa: ANN401
         stream = own_topics()[message.topic].stream
@@ -538,7 +599,10 @@ class Conversion:
         options = self.options
         own, losses = own_bags(self.bags, options, planned=self.plan_file is not None)
         if not is_restored(own, options) or self.plan_file is not None:
-            return self._convert_by_plan(own, losses)
+            if self.plan_file is None and lacks_numbers(own):
+                options, note = _as_recorded(own, options)
+                losses += (Loss(FILES, 1, note),)
+            return self._convert_by_plan(own, losses, options)
         if options.train_fraction < 1:
             raise UsageError(
                 '--split is for object sets that are made by a plan; to-bag wrote this bag, and its'
@@ -564,13 +628,17 @@ class Conversion:
             )
 
     def _convert_by_plan(
-        self, recordings: Sequence[tuple[OpenBag, SourceFiles]], losses: tuple[Loss, ...]
+        self,
+        recordings: Sequence[tuple[OpenBag, SourceFiles]],
+        losses: tuple[Loss, ...],
+        options: ImportOptions,
     ) -> list[ImportReport]:
         """Convert by a plan.
 
         Args:
             recordings: The bags with their source files, if to-bag wrote all of them.
             losses: Their damaged descriptions.
+            options: Import options, with the layout and the name.
         """
         from ..importer.apply_plan import adapt, convert, guess, plans_of  # noqa: PLC0415
         from ..importer.guess import unused_notes  # noqa: PLC0415
@@ -589,19 +657,19 @@ class Conversion:
                 self.note(f'scans of a plan have x y z reflectance; left out: {extra}')
         reported = set[str]()
         if self.plan_file is not None:
-            plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), self.options)
+            plan = adapt(parse_plan(STORE.read_text(self.plan_file), self.plan_file), options)
             for note in unused_notes(survey, plan):
                 self.note(note)
         else:
-            guessed = guess(self.bags, survey, self.options)
+            guessed = guess(self.bags, survey, options)
             plan, losses = guessed.plan, (*losses, *guessed.losses)
             for note in guessed.notes:
                 self.note(note)
             reported |= set(guessed.notes)
-        for note in mend(self.out) if self.options.append else ():
+        for note in mend(self.out) if options.append else ():
             self.note(note)
         plans = plans_of(plan).values()
-        options = replace(self.options, selection=selected(recordings, plan, self.options))
+        options = replace(options, selection=selected(recordings, plan, options))
         samples = sum(
             topic_of(survey, topic).count for plan in plans for topic in frame_topics(plan).values()
         )
@@ -622,9 +690,21 @@ def _count_frames(bag: OpenBag, source_files: SourceFiles) -> int:
     return 0 if numbered is None else len(numbered.frames)
 
 
+def lacks_numbers(recordings: Sequence[tuple[OpenBag, SourceFiles]]) -> bool:
+    """Return whether no sample of a bag has a known number: the files of stamps are missing."""
+    if len(recordings) != 1:
+        return False  # a plan would make one recording of several
+    ((_, source_files),) = recordings
+    topics = _topics(source_files.topics)
+    streams = {own_topics()[t].stream for t in topics if not own_topics()[t].is_frame_text}
+    numbers = [source_files.numbers_by_stamp(s) for s in streams.intersection(source_files.folders)]
+    return bool(numbers) and all(by_stamp is None for by_stamp in numbers)
+
+
 def is_restored(recordings: Sequence[tuple[OpenBag, SourceFiles]], options: ImportOptions) -> bool:
     """Return whether the original files of bags written by to-bag come back, without a plan."""
-    return bool(recordings) and all(options.keeps(files.layout) for _, files in recordings)
+    kept = all(options.keeps(files.layout) for _, files in recordings)
+    return bool(recordings) and kept and not lacks_numbers(recordings)
 
 
 def selected(
@@ -650,9 +730,15 @@ def selected(
 
 
 def with_tracklets(survey: Survey, recordings: Sequence[tuple[OpenBag, SourceFiles]]) -> Survey:
-    """Add the tracklets of raw drives to the survey of their bags."""
+    """Add the tracklets of raw drives to the survey of their bags; leave out half a calibration."""
     tracklets = tracklets_by_stamp(source_files for _, source_files in recordings)
-    return replace(survey, tracklets=tracklets) if tracklets else survey
+    survey = replace(survey, tracklets=tracklets) if tracklets else survey
+    half = any(
+        is_calibration(source_files.layout, path)
+        for _, source_files in recordings
+        for path in source_files.missing
+    )
+    return replace(survey, calibrations=()) if half else survey
 
 
 def own_bags(
@@ -741,7 +827,8 @@ def propose_plan(
     restored = is_restored(own, options)
     notes: tuple[str, ...] = ()
     if own:
-        options, notes = _as_recorded(own[0][1], options)
+        options, note = _as_recorded(own, options)
+        notes = (note,)
     survey = with_tracklets(survey_bags(bags), own)
     reason, layouts = '', None
     if options.layout is None and any_layout:
@@ -758,14 +845,19 @@ def propose_plan(
 
 
 def _as_recorded(
-    source_files: SourceFiles, options: ImportOptions
-) -> tuple[ImportOptions, tuple[str, ...]]:
+    recordings: Sequence[tuple[OpenBag, SourceFiles]], options: ImportOptions
+) -> tuple[ImportOptions, str]:
     """Return the options with layout and name of a bag written by to-bag, and a note about it."""
-    if options.layout in (None, source_files.layout):
-        named = options.name or source_files.name
-        options = replace(options, layout=source_files.layout, name=named)
+    bag, source_files = recordings[0]
     name = source_files.name
-    return options, (f'made by to-bag: without a plan every file of {name} comes back as it was',)
+    if options.layout in (None, source_files.layout):
+        options = replace(options, layout=source_files.layout, name=options.name or name)
+    if lacks_numbers(recordings):
+        return options, (
+            f'{path_of(bag).name}: without the stamps of the files their numbers are unknown: a'
+            f' plan converts {name}, with frames numbered from 0'
+        )
+    return options, f'made by to-bag: without a plan every file of {name} comes back as it was'
 
 
 def _every_plan(

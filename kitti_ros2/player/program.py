@@ -9,7 +9,6 @@ import sys
 import threading
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING, Protocol
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from ..messages.ros_types import Typestore
-    from ..messages.topics import Topic
     from ..model.bag_formats import Channel
     from ..model.recording import ReadableRecording
     from ..model.samples import Int64Array
@@ -117,9 +115,7 @@ class RecordingProgram:
         }
         self._recording = recording
         self.name = f'{recording.layout.value} {recording.name}'
-        self.channels: Sequence[Channel] = [
-            replace(row, depth=self._depth(row)) for row in self._encoder.table
-        ]
+        self.channels: Sequence[Channel] = self._encoder.table
         self.stamps_ns = schedule.stamps_ns
         self.frames = schedule.frame_numbers
         self.longest_gap_ns = longest_gap_ns(recording.layout, recording.clock)
@@ -148,13 +144,6 @@ class RecordingProgram:
         messages, losses = self._encode(index, wanted)
         self._named.update(loss.message for loss in losses)
         return messages, list(_by_reason(losses).values())
-
-    def _depth(self, row: Topic) -> int:
-        """Return the depth of a channel: a latched one queues the messages of one round at most.
-
-        A deeper queue would fill with copies when the program is repeated.
-        """
-        return min(row.depth, len(self._latched[row.stream])) if row.latched else row.depth
 
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         entry = self._entries[index]

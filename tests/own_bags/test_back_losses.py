@@ -8,6 +8,7 @@ The bags are as earlier versions wrote them: a message for each text file, so th
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import dataclass
 from functools import cache
@@ -34,6 +35,8 @@ FILES = '/kitti/source/files'
 CALIBRATION = '/kitti/source/calibration'
 OXTS = '/kitti/source/oxts'
 SCANS = '/kitti/velo/points'
+PLANNED = re.compile(r'the bag does not hold (\S+); a plan makes it of other messages')
+MADE = re.compile(r'the bag does not hold (\S+); it is (made|joined) of')
 
 
 @dataclass
@@ -116,7 +119,10 @@ def made(recordings, converted, tmp_path):
 
 @pytest.fixture
 def back(tmp_path, capsys):
-    """A function that converts a bag back, quietly: (exit code, lines of stderr, files)."""
+    """A function that converts a bag back, quietly: (exit code, lines of stderr, files).
+
+    Files that a plan makes in place of lost ones are said to be, and are not among them.
+    """
 
     def convert(bag: Path, *words: str) -> tuple[int, list[str], dict[str, bytes]]:
         out = tmp_path / 'out'
@@ -126,7 +132,11 @@ def back(tmp_path, capsys):
         said = capsys.readouterr()
         assert said.out == ''
         assert 'internal error' not in said.err
-        return code, said.err.splitlines(), files_of(out)
+        files, lines = files_of(out), said.err.splitlines()
+        for name in PLANNED.findall(said.err):
+            (path,) = (path for path in files if path.endswith(name))
+            del files[path]
+        return code, lines, files
 
     return convert
 
@@ -153,7 +163,7 @@ def test_each_text_file_that_is_lost_is_named(made, back, layout):
         assert any(name in line or 'calibration of frames' in line for line in said), name
         assert files.items() <= true.items()
         path = next(path for path in true if path.endswith(name))
-        assert path not in files
+        assert (path in files) == any(MADE.search(line) for line in said)
 
 
 @pytest.mark.parametrize(
@@ -531,7 +541,7 @@ MUST = {
     'flip_utf8_t.bag': (30, '/kitti/source/calibration at 1317042000123456789: cannot be decoded'),
     'flip_utf8_dirs_dirs_0.db3': (30, 'the bag does not hold calib_cam_to_cam.txt'),
     'chunkflip_tl.bag': (30, 'tracklet_labels.xml'),
-    'chunkflip_tz.mcap': (6, 'the chunk at byte 1516 is damaged'),
+    'chunkflip_tz.mcap': (29, 'the chunk at byte 1516 is damaged'),
     'lack_calib.mcap': (30, 'the bag does not hold calib_imu_to_velo.txt'),
     'lackall_calib.mcap': (28, 'the bag does not hold calib_cam_to_cam.txt'),
     'lack_files.mcap': (30, 'tracklet_labels.xml'),

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from itertools import chain
 
@@ -95,21 +94,15 @@ def test_latched_messages_before_a_position_are_the_last_ones(recording):
                 here.setdefault(message[0], []).append(message)
         last |= here
     assert program.latched_before(0) == []
-    assert {program.channels[outlet].topic for outlet in last} >= {
-        '/tf_static', '/kitti/source/calibration', '/kitti/source/recording'
-    }  # fmt: skip
+    expected = {'/tf_static', '/kitti/source/recording'}
+    if recording.layout is not Layout.OBJECT:  # whose frames have a calibration each
+        expected.add('/kitti/source/calibration')
+    assert {program.channels[outlet].topic for outlet in last} >= expected
 
 
 def test_a_late_subscriber_gets_no_copies_of_earlier_rounds(recording):
     program = make(recording)
-    counts = Counter(
-        message[0]
-        for index in range(len(program.stamps_ns))
-        for message in flat(program.fetch(index, ())[0])
-    )
-    for index, channel in enumerate(program.channels):
-        if channel.latched:
-            assert channel.depth == (counts[index] if channel.depth > 1 else 1)
+    assert {channel.depth for channel in program.channels if channel.latched} == {1}
 
 
 def test_a_file_that_fails_is_missing_with_its_topics(drive):
