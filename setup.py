@@ -54,6 +54,8 @@ REQUIREMENTS = [
 ]
 
 EXTRAS = {
+    # Clouds that Draco compressed.
+    'clouds': ['dracopy>=2,<3'],
     # The workers of `--scheduler`: a Dask cluster, or processes of one that is started here.
     'cluster': ['distributed>=2024.8,<2028'],
     # The documentation site: mkdocs build --strict, and its notebook.
@@ -92,6 +94,7 @@ EXTRAS['test'] = [
     *EXTRAS['remote'][:1],
     *EXTRAS['video'],
     *EXTRAS['cluster'],
+    *EXTRAS['clouds'],
     'evo>=1.31,<2',  # trackeval brings a second OpenCV
     'foxglove-schemas-protobuf>=0.3,<0.5',
     *EXTRAS['foxglove'][:1],

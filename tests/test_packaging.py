@@ -259,8 +259,8 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
     extras = {
-        'cluster', 'docs', 'eval', 'foxglove', 'plot', 'png', 'remote', 'rerun', 'ros', 'test',
-        'video',
+        'cluster', 'clouds', 'docs', 'eval', 'foxglove', 'plot', 'png', 'remote', 'rerun', 'ros',
+        'test', 'video',
     }  # fmt: skip
     assert set(groups) == {'', *extras}
     for lines in groups.values():

@@ -6,6 +6,8 @@ Sources: https://github.com/ros-perception/point_cloud_transport_plugins, 9f643f
 draco, zlib and zstd, and https://github.com/facontidavide/cloudini, d202e52, cloudini_ros.
 
 - cloudini: see cloudini.py. Its publisher leaves `format` empty.
+- draco: see draco.py. An attribute a field, in their order; other programs write x, y and z as
+  one, and the name of others in their metadata.
 - zlib: a gzip stream of the data of the PointCloud2; its subscriber detects zlib's own as well.
 - zstd: a zstd frame of the data of the PointCloud2.
 """
@@ -19,19 +21,20 @@ import numpy as np
 import zstandard
 
 from ..model.bag_formats import CLOUD
-from . import cloudini
+from . import cloudini, draco
 from .cdr import make_header
 from .foxglove import Translation
 from .ros_types import PointCloud2, PointField
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from .foxglove_fields import Fields
 
 _LARGEST_ALWAYS = 2**27
 _LARGEST_RATIO = 64
 """Bytes of points: always accepted; for each byte of compressed data. Others would fill memory."""
+_XYZ = ('x', 'y', 'z')
 _ANY_HEADER = 32 + zlib.MAX_WBITS
 
 _MAGICS = {
@@ -84,15 +87,45 @@ def decompress_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
 
 
 def losses_of_cloud(compressed: Fields) -> list[str]:
-    """Return how the compression of a message has changed its points."""
+    """Return how the compression of a message, which can be read, has changed its points."""
     data = bytes(compressed.data('compressed_data'))
-    if not data.startswith(cloudini.MAGIC):
+    find_losses = _LOSSES.get(_format_of(compressed, data))
+    if find_losses is None or not compressed.integer('width') * compressed.integer('height'):
         return []
-    by_step: dict[float, list[str]] = {}
-    for name, resolution in cloudini.read_header(data).lossy_fields.items():
-        by_step.setdefault(resolution, []).append(name)
-    steps = '; '.join(f'{" ".join(names)} to {step:.6g}' for step, names in by_step.items())
-    return [f'compressed with loss by Cloudini, which rounded {steps}'] if steps else []
+    return find_losses(compressed, data)
+
+
+def _cloudini_losses(_compressed: Fields, data: bytes) -> list[str]:
+    steps = cloudini.read_header(data).lossy_fields
+    return _describe('Cloudini', {name: f'{step:.6g}' for name, step in steps.items()})
+
+
+def _draco_losses(compressed: Fields, data: bytes) -> list[str]:
+    header = draco.read_draco_header(data)
+    steps: dict[str, str] = {}
+    inexact: list[str] = []
+    attributes = header.attributes
+    for names, attribute in zip(_names_of(compressed, attributes), attributes, strict=True):
+        if attribute.is_rounded:
+            step = f'{attribute.bits} bits' if attribute.bits else 'an unknown number of bits'
+            steps |= dict.fromkeys(names, f'{step} of their range')
+        inexact += names if attribute.is_inexact else ()
+    losses = _describe('Draco', steps, is_sorted=header.is_sorted)
+    if inexact:
+        losses.append(f'read with the precision of float32 in {" ".join(inexact)}')
+    return losses
+
+
+def _describe(codec: str, steps: Mapping[str, str], *, is_sorted: bool = False) -> list[str]:
+    """Describe the loss of fields that are rounded, by name with the step; none without any."""
+    if not steps:
+        return []
+    by_step: dict[str, list[str]] = {}
+    for name, step in steps.items():
+        by_step.setdefault(step, []).append(name)
+    rounded = '; '.join(f'{" ".join(names)} to {step}' for step, names in by_step.items())
+    order = ', and put the points in another order' if is_sorted else ''
+    return [f'compressed with loss by {codec}, which rounded {rounded}{order}']
 
 
 def _format_of(compressed: Fields, data: bytes) -> str:
@@ -124,6 +157,48 @@ def _decode_cloudini(compressed: Fields, data: bytes, _most: int) -> bytes:
     return cloudini.decode_points(data, header).tobytes()
 
 
+def _names_of(
+    compressed: Fields, attributes: Sequence[draco.DracoAttribute]
+) -> list[tuple[str, ...]]:
+    """Return the names of the fields that each attribute has the values of.
+
+    Each is one field, in their order; or the first is x, y and z together.
+
+    Raises:
+        ValueError: The fields are more or fewer.
+    """
+    names = [field.text('name') for field in compressed.children('fields')]
+    widths = [1] * len(attributes)
+    if attributes and attributes[0].is_position and attributes[0].components == len(_XYZ):
+        names = [*_XYZ, *(name for name in names if name not in _XYZ)]
+        widths[0] = len(_XYZ)
+    if sum(widths) != len(names):
+        raise ValueError(f'its fields are {len(names)}, and {sum(widths)} in its data')
+    ends = np.cumsum(widths).tolist()
+    return [tuple(names[end - width : end]) for end, width in zip(ends, widths, strict=True)]
+
+
+def _decode_draco(compressed: Fields, data: bytes, _most: int) -> bytes:
+    header = draco.read_draco_header(data)
+    count = compressed.integer('width') * compressed.integer('height')
+    if header.count != count:
+        raise ValueError(f'its points are {count}, and {header.count} in its data')
+    names = _names_of(compressed, header.attributes)
+    columns = draco.decode_attributes(data, header)
+    fields = {field.text('name'): field for field in compressed.children('fields')}
+    point_step = compressed.integer('point_step')
+    points = np.zeros((count, point_step), np.uint8)
+    for own_names, (name, values) in zip(names, columns, strict=True):
+        parts = np.hsplit(values, len(own_names))
+        for part, own_name in zip(parts, (name,) if name in fields else own_names, strict=True):
+            octets = np.ascontiguousarray(part).view(np.uint8).reshape(count, -1)
+            offset = fields[own_name].integer('offset')
+            if offset + octets.shape[1] > point_step:
+                raise ValueError(f'its field {own_name} ends beyond point_step, {point_step}')
+            points[:, offset : offset + octets.shape[1]] = octets
+    return points.tobytes()
+
+
 def _decode_zlib(_compressed: Fields, data: bytes, most: int) -> bytes:
     stream = zlib.decompressobj(_ANY_HEADER)
     try:
@@ -147,9 +222,12 @@ def _decode_zstd(_compressed: Fields, data: bytes, most: int) -> bytes:
 
 _DECODERS: dict[str, Callable[[Fields, bytes, int], bytes]] = {
     'cloudini': _decode_cloudini,
+    'draco': _decode_draco,
     'zlib': _decode_zlib,
     'zstd': _decode_zstd,
 }
 """By the name of the format."""
+
+_LOSSES = {'cloudini': _cloudini_losses, 'draco': _draco_losses}
 
 COMPRESSED_CLOUD = Translation(CLOUD, decompress_cloud, losses_of_cloud)

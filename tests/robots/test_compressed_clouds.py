@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import gzip
+import sys
 import zlib
 from functools import partial
 
@@ -120,6 +121,37 @@ def test_rounded_clouds_are_said_to_be_so(tmp_path, capsys, plain):
         assert (np.abs(actual - expected)[:, :3] < half).all()
     assert main(['validate', str(bag)]) == 0
     assert said in said_by(capsys)
+
+
+def with_draco(cloud, encode):
+    xyzi = read_points(cloud, None)
+    finite = np.isfinite(xyzi).all(axis=1)
+    message = with_cloudini(cloud)
+    named = {'intensity': xyzi[finite, 3:]}
+    data = encode(xyzi[finite, :3], generic_attributes=named, preserve_order=True)
+    message.height, message.width = 1, int(finite.sum())
+    message.compressed_data, message.format = np.frombuffer(data, np.uint8), 'draco'
+    return message
+
+
+def test_clouds_of_draco_give_scans_rounded_as_said(tmp_path, capsys, plain):
+    encode = pytest.importorskip('DracoPy').encode
+    bag = write(tmp_path / 'bag.mcap', partial(with_draco, encode=encode))
+    code, scans = scans_of(bag, tmp_path / 'out')
+    assert code == 0
+    said = f'{TOPIC} is compressed with loss by Draco, which rounded x y z to 14 bits'
+    assert said in said_by(capsys)
+    for actual, expected in zip(scans, plain, strict=True):
+        assert np.abs(actual - expected).max() < np.ptp(expected[:, :3]) / 2**14
+
+
+def test_a_missing_draco_is_a_loss_that_names_what_to_install(tmp_path, capsys, monkeypatch):
+    encode = pytest.importorskip('DracoPy').encode
+    bag = write(tmp_path / 'bag.mcap', partial(with_draco, encode=encode))
+    monkeypatch.setitem(sys.modules, 'DracoPy', None)
+    code, scans = scans_of(bag, tmp_path / 'out')
+    assert (code, scans) == (1, [])
+    assert "needs DracoPy; run pip install 'kitti_ros2[clouds]'" in said_by(capsys)
 
 
 def broken(cloud, kind):
