@@ -170,6 +170,33 @@ def test_options_of_folders_given_with_a_bag_to_to_bag(bag, tmp_path, capsys):
     assert not (tmp_path / 'o.mcap').exists()
 
 
+def test_a_bag_given_to_crop(bag, tmp_path, capsys):
+    line = complain(['crop', bag, tmp_path / 'o'], capsys)
+    assert line.endswith(
+        f'{bag}: is a bag (mcap), not a KITTI folder; play it, or convert it to KITTI:'
+        f' kitti-ros2 play {bag} or kitti-ros2 to-kitti {bag} {tmp_path}/o'
+    )
+    assert main(command_in(line)) == 0
+
+
+def test_a_damaged_bag_given_to_crop(bag, tmp_path, capsys):
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(bag.read_bytes()[:-5000])
+    line = complain(['crop', cut, tmp_path / 'o'], capsys)
+    assert 'play it, convert it to KITTI, or repair it, as it is damaged: ' in line
+    assert f'kitti-ros2 play {cut} or kitti-ros2 to-kitti' in line
+    assert command_in(line) == ['recover', str(cut), str(tmp_path / 'o.mcap')]
+    assert main([*command_in(line), '-q']) == 1
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'ros1'])
+def test_other_bags_given_to_crop(recordings, tmp_path, capsys, storage):
+    path = make_bag(recordings[Layout.OBJECT], tmp_path, storage)
+    line = complain(['crop', path, tmp_path / 'out'], capsys)
+    assert f'is a bag ({"rosbag2 " if storage == "sqlite3" else ""}{storage}), not a' in line
+    assert command_in(line) == ['to-kitti', str(path), str(tmp_path / 'out')]
+
+
 def test_a_layout_for_a_bag_and_the_wrong_one_for_a_folder(bag, recordings, capsys):
     assert 'is a bag (mcap), not a KITTI folder; leave --layout out' in complain(
         ['info', bag, '--layout', 'raw'], capsys
