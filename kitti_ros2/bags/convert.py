@@ -11,8 +11,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from ..files.staging import lies_inside
+from ..messages.foxglove_scene import PIXEL_WIDTH_M
 from ..messages.topics import match_names, unmatched
-from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, damage
+from ..model.bag_formats import MARKERS
+from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, damage, format_count
 from ..model.streams import format_stamp
 from ..options.declare import parse_values
 from ..options.table import TO_BAG
@@ -240,6 +242,9 @@ def _refuse_nothing(
         raise UsageError(f'{path}: {selection} takes no message')
 
 
+_CHANGED_SHAPES = f'; widths in pixels become {PIXEL_WIDTH_M} m, cones cylinders'
+
+
 def _changes_of_types(messages: BagMessages) -> list[str]:
     """Return a note for each schema that becomes a ROS type, with the number of its topics."""
     changes: Counter[tuple[str, str]] = Counter()
@@ -248,6 +253,7 @@ def _changes_of_types(messages: BagMessages) -> list[str]:
         if stored.msgtype != channel.msgtype:
             changes[f'{stored.msgtype} in {stored.encoding}', channel.msgtype] += 1
     return [
-        f'{schema} is written as {msgtype} ({count} topic{"s" * (count > 1)})'
+        f'{schema} is written as {msgtype} ({format_count(count, "topic")})'
+        f'{_CHANGED_SHAPES * (msgtype == MARKERS)}'
         for (schema, msgtype), count in sorted(changes.items())
     ]

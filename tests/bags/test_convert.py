@@ -423,3 +423,19 @@ def test_a_truncated_bag_is_converted_as_far_as_it_goes(tmp_path, capsys):
     with open_messages(tmp_path / 'out.mcap') as messages:
         assert sum(1 for _ in messages) > 0
         assert messages.complete
+
+
+def test_recover_does_the_same_with_ros_1_in_mcap(tmp_path):
+    bag = write_ros1_in_mcap(tmp_path / 'bag.mcap')
+    assert main(['recover', str(bag), str(tmp_path / 'out.mcap'), '-q']) == 0
+    assert main(['recover', str(bag), str(tmp_path / 'out.bag'), '-q']) == 0
+    expected = decoded(tmp_path / 'bag.bag')
+    assert decoded(tmp_path / 'out.mcap') == expected
+    assert decoded(tmp_path / 'out.bag') == expected
+    with Ros1Reader(tmp_path / 'bag.bag') as before, Ros1Reader(tmp_path / 'out.bag') as after:
+        assert [bytes(row[2]) for row in after.messages()] == [
+            bytes(row[2]) for row in before.messages()
+        ]
+        assert {each.topic: each.digest for each in after.connections} == {
+            each.topic: each.digest for each in before.connections
+        }
