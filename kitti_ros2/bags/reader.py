@@ -577,20 +577,22 @@ def bag_stamps(bags: Bags) -> dict[str, Int64Array]:
     return index_bag(bags).by_topic()
 
 
-def read_earlier_losses(bag: BagSource) -> tuple[str, ...]:
-    """Read what the first message of each topic had lost before it was stored.
+def read_earlier_losses(bag: BagSource, topics: Collection[str] | None = None) -> tuple[str, ...]:
+    """Read what the first message of each topic, or of some, had lost before it was stored.
 
     Raises:
         BadBagError: The bag cannot be read.
     """
     losses: dict[str, None] = {}
     with opened(bag) as open_bag:
-        with open_messages(open_bag) as messages:
-            topics = [name for name, channel in messages.sources.items() if may_be_lossy(channel)]
-        for topic in topics:
+        with open_messages(open_bag, topics, must_read=False) as messages:
+            lossy = [name for name, channel in messages.sources.items() if may_be_lossy(channel)]
+        for topic in lossy:
             with open_messages(open_bag, {topic}, must_read=False) as messages:
                 next(iter(messages), None)
-                losses |= messages.earlier_losses
+                losses |= dict.fromkeys(
+                    f'{path_of(bag)}: {loss}' for loss in messages.earlier_losses
+                )
     return tuple(losses)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..bags.bag_files import OpenBag, opened
 from ..bags.open_source import open_source
-from ..bags.reader import Decoder, open_messages, read_lead_ns
+from ..bags.reader import Decoder, open_messages, read_earlier_losses, read_lead_ns
 from ..bags.single_messages import MessagesByIndex
 from ..files.remote import as_path
 from ..files.threads import worker_count
@@ -249,7 +249,8 @@ class BagProgram:
                 raise BadBagError(bag.path, 'holds no message of these topics', 'one at least')
             self.typestore: Typestore = messages.typestore
             self.losses = tuple(dict.fromkeys((*bag.index.losses, *messages.losses)))
-            problems = dict.fromkeys((*bag.index.problems, *messages.problems))
+            earlier = read_earlier_losses(bag, self._topics)
+            problems = dict.fromkeys((*bag.index.problems, *messages.problems, *earlier))
             self._notes = (*played.notes, *(line for line in problems if line not in self.losses))
             self.channels: Sequence[Channel] = played.channels(
                 messages, {topic: len(stamps[topic]) for topic in self._topics}

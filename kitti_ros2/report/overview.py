@@ -280,7 +280,6 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, SourceFiles | None]:
     start_ns, end_ns, duration_ns = _times(summary.topics, clock)
     damaged = 'parts of the bag are missing or damaged; whole messages are counted'
     cut = () if summary.complete else (damaged,)
-    earlier = tuple(f'{bag.path}: {loss}' for loss in read_earlier_losses(bag))
     deskew = None if source_files is None else source_files.deskew
     deskewed = () if deskew is None else (f'scans are {deskew.state}',)
     overview = Overview(
@@ -299,7 +298,7 @@ def inspect_bag(bag: OpenBag) -> tuple[Overview, SourceFiles | None]:
         cameras=cameras,
         links=links,
         losses=losses,
-        notes=(*cut, *deskewed, *summary.problems, *earlier, *notes),
+        notes=(*cut, *deskewed, *summary.problems, *read_earlier_losses(bag), *notes),
         complete=summary.complete,
         origins={} if numbered is None else _origins(numbered),
     )

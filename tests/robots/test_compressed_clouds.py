@@ -20,7 +20,10 @@ from mcap.writer import Writer as McapWriter
 from kitti_ros2.cli import main
 from kitti_ros2.messages.clouds import read_points
 from kitti_ros2.messages.ros_types import TYPESTORE, PointField
+from kitti_ros2.model.bag_formats import CLOUD
 from kitti_ros2.model.streams import Layout
+from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.player.bag_program import BagProgram
 
 from builders import files_of  # isort: skip
 
@@ -256,3 +259,18 @@ def test_bags_of_to_bag_say_that_their_scans_were_rounded(tmp_path, own_bag, cap
     assert main(['report', str(bag), '-o', str(tmp_path / 'page.html')]) == 0
     assert (tmp_path / 'page.html').read_text().count(loss) == 1
     assert main(['view', str(bag), '-o', str(tmp_path / 'picture.png')]) == 0
+
+
+def test_the_player_has_the_clouds_as_plain_ones(tmp_path, own_bag):
+    rounded = partial(with_cloudini, steps=dict.fromkeys('xyz', 0.01))
+    bag = retyped(own_bag, tmp_path / 'bag.mcap', rounded)
+    program = BagProgram(bag, SelectionOptions())
+    [channel] = [place for place, made in enumerate(program.channels) if made.topic == POINTS]
+    assert program.channels[channel].msgtype == CLOUD
+    fetched = [program.fetch(index, [channel]) for index in range(len(program.stamps_ns))]
+    assert not any(missing for _, missing in fetched)
+    clouds = [due[0].data for due, _ in fetched if due and due[0].channel == channel]
+    cloud = TYPESTORE.deserialize_cdr(clouds[0], CLOUD)
+    steps = read_points(cloud, None)[:, :3] / 0.01
+    assert np.abs(steps - np.rint(steps)).max() < 0.01
+    assert any('which rounded x y z to 0.01' in note for note in program.notes())
