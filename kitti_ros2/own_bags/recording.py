@@ -36,7 +36,6 @@ from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
 from .numbering import absent_frames, number_bag, tracklets_of
-from .reencoded_images import ReencodedImages
 from .schedule import UNKNOWN
 
 if TYPE_CHECKING:
@@ -71,6 +70,8 @@ class BagRecording:
     """
 
     def __init__(self, source: BagSource, bag: NumberedBag, survey: Survey) -> None:
+        from .reencoded_images import ReencodedImages  # noqa: PLC0415 - folders do without
+
         self._source = source
         self._bag = bag
         self._source_files = bag.source_files
