@@ -463,6 +463,8 @@ class Ros1File(ChunkedFile[Fields]):
             raise BadBagError(file.name, 'does not begin as a ROS 1 bag of format 2.0 does')
         contents = _read_index(data, problems) or Ros1Scan(data, problems).run()
         super().__init__(data, problems, contents, ROS1)
+        # Those of the file appear to readers as they are wanted: see stored_messages.ros_channel.
+        self._as_stored = contents.channels
         if self.chunks:
             with suppress(ValueError):
                 self._chunk_end(self.chunks[0])
@@ -479,7 +481,7 @@ class Ros1File(ChunkedFile[Fields]):
         except ValueError as error:
             self._problems.lose(f'{self._file.name}: a connection is damaged ({error})', 0)
             return
-        indexed = self.channels.get(channel_id)
+        indexed = self._as_stored.get(channel_id)
         if indexed is not None and indexed != channel:
             both = f'{indexed.topic} ({indexed.msgtype}) and {channel.topic} ({channel.msgtype})'
             text = f'connection {channel_id} is described in two ways, {both}; the first counts'

@@ -246,6 +246,16 @@ def test_bags_of_to_bag_give_their_files_after_compression(tmp_path, own_bag, ki
     assert files_of(tmp_path / 'after') == files_of(tmp_path / 'before')
 
 
+def test_a_ros1_bag_of_compressed_clouds_is_no_damaged_one(tmp_path, own_bag):
+    compressed_bag = retyped(own_bag, tmp_path / 'bag.mcap', FORMATS['zstd'])
+    ros1 = tmp_path / 'bag.bag'
+    assert main(['to-bag', str(compressed_bag), str(ros1)]) == 0
+    assert main(['validate', str(ros1)]) == 0
+    for source, folder in ((own_bag, 'before'), (ros1, 'after')):
+        assert main(['to-kitti', str(source), str(tmp_path / folder)]) == 0
+    assert files_of(tmp_path / 'after') == files_of(tmp_path / 'before')
+
+
 def test_bags_of_to_bag_say_that_their_scans_were_rounded(tmp_path, own_bag, capsys):
     rounded = partial(with_cloudini, steps=dict.fromkeys('xyz', 0.01))
     bag = retyped(own_bag, tmp_path / 'bag.mcap', rounded)
