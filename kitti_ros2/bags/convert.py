@@ -142,16 +142,15 @@ def check_options(bag: Path, given: Mapping[str, object], jobs: int | None) -> N
     """
     values = parse_values(given, TO_BAG)
     others = [
-        opt.name
+        opt.flag
         for opt in TO_BAG
         if opt.name not in _OF_BAGS and values.get(opt.name, opt.default) != opt.default
     ]
-    others += ['jobs'] * (jobs is not None)
+    others += ['--jobs'] * (jobs is not None)
     if others:
-        name = others[0].replace('_', '-')
         raise UsageError(
-            f'{bag}: --{name} is for KITTI folders, and this is a bag: it is written as it is;'
-            f' leave --{name} out'
+            f'{bag}: {others[0]} is for KITTI folders, and this is a bag: it is written as it is;'
+            f' leave {others[0]} out'
         )
 
 

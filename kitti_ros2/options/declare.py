@@ -428,6 +428,12 @@ class Option:
         return value.value if isinstance(value, Enum) else value
 
     @property
+    def flag(self) -> str:
+        """Its spelling on the command line."""
+        own = next((flag for flag in self.flags if flag.startswith('--')), '')
+        return own or f'--{self.name.replace("_", "-")}'
+
+    @property
     def kind(self) -> Any:  # noqa: ANN401 - a type
         """Type of the value on the command line."""
         return _ACCEPTED.get(self.parse, _ONE_WORD)[0]

@@ -384,6 +384,7 @@ def test_a_part_begins_with_what_was_latched_before(source, tmp_path):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
+        (['--for', 'kiss-icp'], '--for is for KITTI folders'),
         (['--images', 'raw'], '--images is for KITTI folders'),
         (['--ring-time'], '--ring-time is for KITTI folders'),
         (['--jobs', '2'], '--jobs is for KITTI folders'),

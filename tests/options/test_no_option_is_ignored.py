@@ -60,8 +60,7 @@ TIMES = re.compile(r'took .*|\d+(\.\d+)? s\b')
 
 
 def words_of(command, option):
-    flag = next((each for each in option.flags if each.startswith('--')), '')
-    flag = flag or f'--{option.name.replace("_", "-")}'
+    flag = option.flag
     if option.parse is parse_flag:
         return [f'--no-{flag[2:]}' if option.default else flag]
     if option.choices and option.name not in VALUES:
