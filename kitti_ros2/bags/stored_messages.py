@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Schema
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from ..messages.compressed_clouds import COMPRESSED_CLOUD
+from ..messages.compressed_clouds import COMPRESSED_CLOUD, COMPRESSED_DRACO_CLOUD
 from ..messages.foxglove import (
     OF_COPIES,
     TRANSLATIONS,
-    Translation,
     translate,
 )
 from ..messages.foxglove_fields import Fields, JsonFields
@@ -458,6 +457,7 @@ def ros1_to_cdr(typestore: Typestore, data: Buffer, msgtype: str) -> memoryview:
 # everything that reads bags sees ROS messages only.
 
 if TYPE_CHECKING:
+    EncodeFields: TypeAlias = Callable[[Fields, int], bytes]
     Translate: TypeAlias = Callable[[Buffer, int], bytes]
 
 _PACKAGES = (
@@ -467,14 +467,14 @@ _PACKAGES = (
     'point_cloud_interfaces/msg/',
     'point_cloud_interfaces/',
 )
-_TRANSLATIONS = {**TRANSLATIONS, 'CompressedPointCloud2': COMPRESSED_CLOUD}
+_COMPRESSED_CLOUDS = {
+    'CompressedPointCloud': COMPRESSED_DRACO_CLOUD,
+    'CompressedPointCloud2': COMPRESSED_CLOUD,
+}
+_TRANSLATIONS = {**TRANSLATIONS, **_COMPRESSED_CLOUDS}
 _TRANSLATIONS_OF_COPIES = {**_TRANSLATIONS, **OF_COPIES}
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
-
-_HINTS = {
-    'CompressedPointCloud': 'the points are compressed; write them as PointCloud',
-}
 
 
 class MissingLibraryError(KittiRos2Error):
@@ -540,7 +540,7 @@ def may_be_lossy(channel: StoredChannel) -> bool:
     """Return whether messages of a channel may have lost something before they were stored."""
     return (
         isinstance(channel, TranslatedChannel)
-        and _TRANSLATIONS[_schema_of(channel.original)] is COMPRESSED_CLOUD
+        and _schema_of(channel.original) in _COMPRESSED_CLOUDS
     )
 
 
@@ -551,7 +551,7 @@ def why_unread(channel: StoredChannel) -> str:
     schema = _schema_of(channel)
     if not schema:
         return text
-    hint = _HINTS.get(schema)
+    hint = ''
     if channel.encoding in _ENCODINGS:
         text = f'{channel.topic} is {channel.msgtype} in {channel.encoding}, which is not read'
     elif schema in _TRANSLATIONS:
@@ -575,11 +575,18 @@ def translator(
     """
     translations = _TRANSLATIONS_OF_COPIES if channel.for_copy else _TRANSLATIONS
     translation = translations[_schema_of(channel.original)]
+
+    def encode(fields: Fields, log_ns: int) -> bytes:
+        cdr = translate(translation, fields, log_ns)
+        for loss in translation.earlier_losses(fields):
+            note(f'{channel.topic} is {loss}')
+        return cdr
+
     if channel.original.encoding == 'json':
-        return _from_json(translation)
+        return _from_json(encode)
     if channel.original.encoding == 'protobuf':
-        return _from_protobuf(channel.original, translation)
-    return _from_ros(channel.original, translation, typestore, note)
+        return _from_protobuf(channel.original, encode)
+    return _from_ros(channel.original, encode, typestore)
 
 
 def _schema_of(channel: StoredChannel) -> str:
@@ -590,7 +597,7 @@ def _schema_of(channel: StoredChannel) -> str:
     return ''
 
 
-def _from_json(translation: Translation) -> Translate:
+def _from_json(encode: EncodeFields) -> Translate:
     def convert(data: Buffer, log_ns: int) -> bytes:
         try:
             message = json.loads(bytes(data))
@@ -598,12 +605,12 @@ def _from_json(translation: Translation) -> Translate:
             raise ValueError('its JSON is nested too deeply') from error
         except ValueError as error:  # offsets in the text differ between messages
             raise ValueError('it is no JSON') from error
-        return translate(translation, JsonFields(message), log_ns)
+        return encode(JsonFields(message), log_ns)
 
     return convert
 
 
-def _from_protobuf(channel: StoredChannel, translation: Translation) -> Translate:
+def _from_protobuf(channel: StoredChannel, encode: EncodeFields) -> Translate:
     try:
         from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - optional, and 30 ms
     except ImportError as error:
@@ -627,26 +634,19 @@ def _from_protobuf(channel: StoredChannel, translation: Translation) -> Translat
             message: Any = decode(bytes(data))
         except Exception as error:
             raise ValueError('it is no protobuf message of its schema') from error
-        return translate(translation, Fields(message), log_ns)
+        return encode(Fields(message), log_ns)
 
     return convert
 
 
 def _from_ros(
-    channel: StoredChannel,
-    translation: Translation,
-    typestore: Callable[[], Typestore],
-    note: Callable[[str], None],
+    channel: StoredChannel, encode: EncodeFields, typestore: Callable[[], Typestore]
 ) -> Translate:
     def convert(data: Buffer, log_ns: int) -> bytes:
         store = typestore()
         if channel.encoding == 'ros1':
             data = ros1_to_cdr(store, data, channel.msgtype)
-        fields = Fields(store.deserialize_cdr(data, channel.msgtype))
-        cdr = translate(translation, fields, log_ns)
-        for loss in translation.earlier_losses(fields):
-            note(f'{channel.topic} is {loss}')
-        return cdr
+        return encode(Fields(store.deserialize_cdr(data, channel.msgtype)), log_ns)
 
     return convert
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""point_cloud_interfaces/CompressedPointCloud2 -> sensor_msgs/PointCloud2.
+"""CompressedPointCloud2 (point_cloud_interfaces), CompressedPointCloud (Foxglove) -> PointCloud2.
 
 Sources: https://github.com/ros-perception/point_cloud_transport_plugins, 9f643f5, the publishers of
 draco, zlib and zstd, and https://github.com/facontidavide/cloudini, d202e52, cloudini_ros.
@@ -15,7 +15,7 @@ draco, zlib and zstd, and https://github.com/facontidavide/cloudini, d202e52, cl
 from __future__ import annotations
 
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zstandard
@@ -23,11 +23,13 @@ import zstandard
 from ..model.bag_formats import CLOUD
 from . import cloudini, draco
 from .cdr import make_header
-from .foxglove import Translation
+from .foxglove import Translation, place_cloud
 from .ros_types import PointCloud2, PointField
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    import numpy.typing as npt
 
     from .foxglove_fields import Fields
 
@@ -100,12 +102,16 @@ def _cloudini_losses(_compressed: Fields, data: bytes) -> list[str]:
     return _describe('Cloudini', {name: f'{step:.6g}' for name, step in steps.items()})
 
 
-def _draco_losses(compressed: Fields, data: bytes) -> list[str]:
+def _losses_of_fields(compressed: Fields, data: bytes) -> list[str]:
     header = draco.read_draco_header(data)
+    return _draco_losses(header, _names_of(compressed, header.attributes))
+
+
+def _draco_losses(header: draco.DracoHeader, all_names: Sequence[tuple[str, ...]]) -> list[str]:
+    """Describe the losses of a cloud; all_names are those of each attribute."""
     steps: dict[str, str] = {}
     inexact: list[str] = []
-    attributes = header.attributes
-    for names, attribute in zip(_names_of(compressed, attributes), attributes, strict=True):
+    for names, attribute in zip(all_names, header.attributes, strict=True):
         if attribute.is_rounded:
             step = f'{attribute.bits} bits' if attribute.bits else 'an unknown number of bits'
             steps |= dict.fromkeys(names, f'{step} of their range')
@@ -184,19 +190,27 @@ def _decode_draco(compressed: Fields, data: bytes, _most: int) -> bytes:
     if header.count != count:
         raise ValueError(f'its points are {count}, and {header.count} in its data')
     names = _names_of(compressed, header.attributes)
-    columns = draco.decode_attributes(data, header)
-    fields = {field.text('name'): field for field in compressed.children('fields')}
-    point_step = compressed.integer('point_step')
-    points = np.zeros((count, point_step), np.uint8)
-    for own_names, (name, values) in zip(names, columns, strict=True):
-        parts = np.hsplit(values, len(own_names))
-        for part, own_name in zip(parts, (name,) if name in fields else own_names, strict=True):
-            octets = np.ascontiguousarray(part).view(np.uint8).reshape(count, -1)
-            offset = fields[own_name].integer('offset')
-            if offset + octets.shape[1] > point_step:
-                raise ValueError(f'its field {own_name} ends beyond point_step, {point_step}')
-            points[:, offset : offset + octets.shape[1]] = octets
+    offsets = {
+        field.text('name'): field.integer('offset') for field in compressed.children('fields')
+    }
+    points = np.zeros((count, compressed.integer('point_step')), np.uint8)
+    for own_names, attribute, values in zip(
+        names, header.attributes, draco.decode_attributes(data, header), strict=True
+    ):
+        if attribute.name in offsets:
+            own_names = (attribute.name,)  # noqa: PLW2901 - its own name goes first
+        for name, column in zip(own_names, np.hsplit(values, len(own_names)), strict=True):
+            _enter(points, name, offsets[name], column)
     return points.tobytes()
+
+
+def _enter(points: npt.NDArray[np.uint8], name: str, offset: int, values: npt.NDArray[Any]) -> None:
+    """Enter (N, ...) values at an offset in (N, point_step) bytes."""
+    octets = np.ascontiguousarray(values).view(np.uint8).reshape(len(points), -1)
+    end = offset + octets.shape[1]
+    if end > points.shape[1]:
+        raise ValueError(f'its field {name} ends beyond point_step, {points.shape[1]}')
+    points[:, offset:end] = octets
 
 
 def _decode_zlib(_compressed: Fields, data: bytes, most: int) -> bytes:
@@ -228,6 +242,57 @@ _DECODERS: dict[str, Callable[[Fields, bytes, int], bytes]] = {
 }
 """By the name of the format."""
 
-_LOSSES = {'cloudini': _cloudini_losses, 'draco': _draco_losses}
+
+# foxglove.CompressedPointCloud -> sensor_msgs/PointCloud2, with the fields that its data name.
+
+_DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+
+
+def decompress_draco_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
+    """Make the PointCloud2 of a CompressedPointCloud; its pose is applied to the points.
+
+    Args:
+        compressed: The message.
+        log_ns: Its stamp if it has none, nanoseconds.
+
+    Raises:
+        ValueError: Its data are damaged, too large, or not of Draco, the only format it may have.
+    """
+    data = bytes(compressed.data('data'))
+    header = draco.read_draco_header(data)
+    fields: list[PointField] = []
+    offset = 0
+    for names, attribute in zip(_own_names(header), header.attributes, strict=True):
+        if attribute.kind not in _DATATYPES:
+            raise ValueError(f'its field {names[0]} has 64-bit integers, as no PointField has')
+        for name in names:
+            count = attribute.components // len(names)
+            fields.append(PointField(name, offset, _DATATYPES[attribute.kind], count))
+            offset += int(attribute.kind[1]) * count
+    if header.count * offset > max(_LARGEST_ALWAYS, _LARGEST_RATIO * len(data)):
+        raise ValueError(f'its points are {header.count * offset} bytes: too many')
+    columns = draco.decode_attributes(data, header)
+    octets = [np.ascontiguousarray(column).view(np.uint8) for column in columns]
+    points = np.hstack(octets) if octets else np.empty((0, 0), np.uint8)
+    return place_cloud(compressed, log_ns, fields, offset, points.tobytes())
+
+
+def _own_names(header: draco.DracoHeader) -> list[tuple[str, ...]]:
+    """Return the names of the fields of each attribute: its own, x y z for a position."""
+    return [
+        _XYZ
+        if attribute.is_position and attribute.components == len(_XYZ)
+        else (attribute.name or f'attribute_{number}',)
+        for number, attribute in enumerate(header.attributes)
+    ]
+
+
+def _losses_of_draco_cloud(compressed: Fields) -> list[str]:
+    header = draco.read_draco_header(bytes(compressed.data('data')))
+    return _draco_losses(header, _own_names(header))
+
+
+_LOSSES = {'cloudini': _cloudini_losses, 'draco': _losses_of_fields}
 
 COMPRESSED_CLOUD = Translation(CLOUD, decompress_cloud, losses_of_cloud)
+COMPRESSED_DRACO_CLOUD = Translation(CLOUD, decompress_draco_cloud, _losses_of_draco_cloud)

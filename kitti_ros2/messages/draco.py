@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy.typing as npt
 
 MAGIC = b'DRACO'
@@ -40,6 +42,7 @@ class DracoAttribute:
     """An attribute of the points.
 
     Attributes:
+        name: By the metadata, '' without.
         is_position: Whether it is a position.
         kind: Its numpy type, without byte order.
         components: Values a point.
@@ -47,6 +50,7 @@ class DracoAttribute:
         bits: Of each rounded value, of the range that it has in the cloud; 0 if unknown.
     """
 
+    name: str
     is_position: bool
     kind: str
     components: int
@@ -95,16 +99,17 @@ class _Cursor:
             raise ValueError(
                 f'its data are a {what} of Draco {major}.{minor}; clouds of 2 are read'
             )
+        names: dict[int, str] = {}
         if flags & _HAS_METADATA:
             for _ in range(self._varint()):
-                self._varint()
-                self._skip_metadata()
-            self._skip_metadata()
+                number = self._varint()
+                names[number] = self._metadata().get(b'name', b'').decode(errors='replace')
+            self._metadata()
         [count] = struct.unpack_from('<i', self._data, self._at)
         self._at += 4
         if self._octet() != 1:
             raise ValueError('its attributes are encoded in several groups')
-        attributes = tuple(self._attribute() for _ in range(self._varint()))
+        attributes = tuple(self._attribute(names) for _ in range(self._varint()))
         for attribute in attributes:
             is_rounded = (
                 attribute.kind == 'f4' if method == _KD_TREE else self._octet() == _QUANTIZED
@@ -115,31 +120,37 @@ class _Cursor:
             _read_bits(self._data, [attribute for attribute in attributes if attribute.is_rounded])
         return DracoHeader(count, attributes, method == _KD_TREE)
 
-    def _attribute(self) -> DracoAttribute:
-        semantic, datatype, components, _ = self._data[self._at : self._at + 4]
-        self._at += 4
-        self._varint()
+    def _attribute(self, names: Mapping[int, str]) -> DracoAttribute:
+        semantic, datatype, components, _ = self._take(4)
+        name = names.get(self._varint(), '')
         kind = _KINDS[datatype]
         if kind is None:
             raise ValueError('an attribute is of an invalid type')
-        return DracoAttribute(semantic == _POSITION, kind, components)
+        return DracoAttribute(name, semantic == _POSITION, kind, components)
 
-    def _skip_metadata(self) -> None:
-        """Skip entries, and those of parts, which have names."""
-        self._skip_entries()
+    def _metadata(self) -> dict[bytes, bytes]:
+        """Read the entries of metadata; those of its parts, which have names, are skipped."""
+        entries = self._entries()
         parts = self._varint()
         while parts:
-            self._skip(self._octet())
-            self._skip_entries()
+            self._take(self._octet())
+            self._entries()
             parts += self._varint() - 1
+        return entries
 
-    def _skip_entries(self) -> None:
+    def _entries(self) -> dict[bytes, bytes]:
+        entries = {}
         for _ in range(self._varint()):
-            self._skip(self._octet())
-            self._skip(self._varint())
+            key = self._take(self._octet())
+            entries[key] = self._take(self._varint())
+        return entries
 
-    def _skip(self, count: int) -> None:
+    def _take(self, count: int) -> bytes:
+        taken = self._data[self._at : self._at + count]
+        if len(taken) < count:
+            raise IndexError
         self._at += count
+        return taken
 
     def _octet(self) -> int:
         self._at += 1
@@ -164,7 +175,7 @@ def _read_bits(data: bytes, rounded: list[DracoAttribute]) -> None:
         attribute.bits = bits if 0 < bits <= _MOST_BITS else 0
 
 
-def decode_attributes(data: bytes, header: DracoHeader) -> list[tuple[str, npt.NDArray[Any]]]:
+def decode_attributes(data: bytes, header: DracoHeader) -> list[npt.NDArray[Any]]:
     """Decode a cloud.
 
     Args:
@@ -172,7 +183,7 @@ def decode_attributes(data: bytes, header: DracoHeader) -> list[tuple[str, npt.N
         header: Their header, whose number of points the caller has found acceptable.
 
     Returns:
-        Of each attribute its name, '' without one, and (N, components) values.
+        Of each attribute (N, components) values.
 
     Raises:
         ValueError: The data are damaged, or DracoPy is not installed.
@@ -194,5 +205,5 @@ def decode_attributes(data: bytes, header: DracoHeader) -> list[tuple[str, npt.N
         if values is None or values.shape != shape:
             raise ValueError(f'Draco decoded no {shape} values of an attribute')
         with np.errstate(invalid='ignore'):
-            columns.append((decoded['name'] or '', values.astype(f'<{attribute.kind}')))
+            columns.append(values.astype(f'<{attribute.kind}'))
     return columns

@@ -85,10 +85,9 @@ def encode_cloud(cloud: Fields, log_ns: int) -> PointCloud2:
         ValueError: Fields and data do not agree, or points with a pose have no x, y and z.
     """
     stride, data = cloud.integer('point_stride'), cloud.data('data')
-    count, rest = divmod(len(data), stride) if stride else (0, len(data))
-    if rest:
+    if len(data) % stride if stride else len(data):
         raise ValueError(f'its data has {len(data)} bytes, no multiple of point_stride, {stride}')
-    fields, names, formats, offsets = [], [], [], []
+    fields = []
     for child in cloud.children('fields'):
         name, offset, kind = child.text('name'), child.integer('offset'), child.integer('type')
         if kind not in _TYPES:
@@ -97,21 +96,48 @@ def encode_cloud(cloud: Fields, log_ns: int) -> PointCloud2:
         if offset + np.dtype(form).itemsize > stride:
             raise ValueError(f'its field {name} ends beyond point_stride, {stride}')
         fields.append(PointField(name, offset, datatype, 1))
-        names.append(name)
-        formats.append(form)
-        offsets.append(offset)
+    return place_cloud(cloud, log_ns, fields, stride, data)
+
+
+def place_cloud(
+    cloud: Fields,
+    log_ns: int,
+    fields: Sequence[PointField],
+    stride: int,
+    data: bytes | memoryview,
+) -> PointCloud2:
+    """Make the PointCloud2 of packed points at the time, in the frame and the pose of a message.
+
+    Args:
+        cloud: A PointCloud or CompressedPointCloud.
+        log_ns: Its stamp if it has none, nanoseconds.
+        fields: Of a point, each within it.
+        stride: Bytes of a point.
+        data: Whole points.
+
+    Raises:
+        ValueError: Points with a pose have no x, y and z.
+    """
+    count = len(data) // stride if stride else 0
+    names = [field.name for field in fields]
     pose = cloud.pose('pose')
     points = np.frombuffer(data, np.uint8)
     if count and not np.array_equal(pose.matrix(), np.eye(4)):
         if len(set(names)) < len(names) or not {'x', 'y', 'z'} <= set(names):
             raise ValueError('it has a pose, and its points have no x, y and z to apply it to')
-        layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': stride}
+        forms = dict(_TYPES.values())
+        layout = {
+            'names': names,
+            'formats': [forms[field.datatype] for field in fields],
+            'offsets': [field.offset for field in fields],
+            'itemsize': stride,
+        }
         points = _moved(points, np.dtype(layout), pose)  # type: ignore[call-overload]
     return PointCloud2(
         header=make_header(cloud.stamp_ns('timestamp', log_ns), cloud.text('frame_id')),
         height=1,
         width=count,
-        fields=fields,
+        fields=list(fields),
         is_bigendian=False,
         point_step=stride,
         row_step=len(data),

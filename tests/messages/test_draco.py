@@ -9,14 +9,20 @@ draco_point_cloud_transport's publisher: an attribute a field, and without dupli
 from __future__ import annotations
 
 import sys
-from base64 import b64decode
+from base64 import b64decode, b64encode
 
 import numpy as np
 import pytest
 
-from kitti_ros2.messages.compressed_clouds import decompress_cloud, losses_of_cloud
+from kitti_ros2.messages.clouds import read_field, read_points
+from kitti_ros2.messages.compressed_clouds import (
+    COMPRESSED_DRACO_CLOUD,
+    decompress_cloud,
+    decompress_draco_cloud,
+    losses_of_cloud,
+)
 from kitti_ros2.messages.draco import read_draco_header
-from kitti_ros2.messages.foxglove_fields import Fields
+from kitti_ros2.messages.foxglove_fields import Fields, JsonFields
 from kitti_ros2.messages.ros_types import TYPESTORE, Header, PointField, Time
 
 ROWS = np.arange(6)
@@ -151,6 +157,42 @@ def test_positions_may_be_one_attribute_and_others_have_names(draco, names):
     assert np.abs(points['y'] - POINTS['y']).max() <= np.ptp(POINTS['y']) / 2**11
     [loss] = losses_of_cloud(fields)
     assert loss.endswith('rounded x y z to 11 bits of their range')
+
+
+def foxglove(data, **pose):
+    return JsonFields(
+        {
+            'timestamp': {'sec': 5, 'nsec': 6},
+            'frame_id': 'lidar',
+            'data': b64encode(data).decode(),
+            'format': 'draco',
+            **pose,
+        }
+    )
+
+
+@needs_library
+def test_clouds_of_foxglove_have_the_fields_that_their_data_name(draco):
+    xyz = np.column_stack([POINTS[name] for name in 'xyz'])
+    named = {'intensity': POINTS['intensity'][:, None], 'ring': POINTS['ring'][:, None]}
+    data = draco.encode(xyz, generic_attributes=named, quantization_bits=16, preserve_order=True)
+    quarter = {'orientation': {'z': np.sqrt(0.5), 'w': np.sqrt(0.5)}}
+    pose = {'pose': {'position': {'x': 1.0, 'y': 2.0, 'z': 3.0}, **quarter}}
+    moved = xyz @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] + [1, 2, 3]
+    for fields, expected in ((foxglove(data), xyz), (foxglove(data, **pose), moved)):
+        cloud = decompress_draco_cloud(fields, 0)
+        assert (cloud.header.stamp.sec, cloud.header.frame_id, cloud.width) == (5, 'lidar', 6)
+        assert [field.name for field in cloud.fields] == ['x', 'y', 'z', 'intensity', 'ring']
+        np.testing.assert_allclose(read_points(cloud, None)[:, :3], expected, atol=1e-3)
+        np.testing.assert_array_equal(read_field(cloud, 'ring'), POINTS['ring'])
+    [loss] = COMPRESSED_DRACO_CLOUD.earlier_losses(foxglove(data))
+    assert loss.endswith('rounded x y z to 16 bits of their range')
+
+
+@pytest.mark.parametrize('data', [b'', b'CLOUDINI_V05', EXACT[:40]])
+def test_clouds_of_foxglove_in_other_formats_are_refused(data):
+    with pytest.raises(ValueError, match='its'):
+        decompress_draco_cloud(foxglove(data), 0)
 
 
 DAMAGES = {

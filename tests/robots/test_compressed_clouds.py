@@ -18,9 +18,11 @@ from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 
 from kitti_ros2.cli import main
+from kitti_ros2.messages.cdr import make_pose
 from kitti_ros2.messages.clouds import read_points
 from kitti_ros2.messages.ros_types import TYPESTORE, PointField
 from kitti_ros2.model.bag_formats import CLOUD
+from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
@@ -137,9 +139,17 @@ def with_draco(cloud, encode):
     return message
 
 
-def test_clouds_of_draco_give_scans_rounded_as_said(tmp_path, capsys, plain):
+def for_foxglove(cloud, encode):
+    message = with_draco(cloud, encode)
+    stamp, frame_id = message.header.stamp, message.header.frame_id
+    made = TYPESTORE.types['foxglove_msgs/msg/CompressedPointCloud']
+    return made(stamp, frame_id, make_pose(Transform.identity()), message.compressed_data, 'draco')
+
+
+@pytest.mark.parametrize('change', [with_draco, for_foxglove])
+def test_clouds_of_draco_give_scans_rounded_as_said(tmp_path, capsys, plain, change):
     encode = pytest.importorskip('DracoPy').encode
-    bag = write(tmp_path / 'bag.mcap', partial(with_draco, encode=encode))
+    bag = write(tmp_path / 'bag.mcap', partial(change, encode=encode))
     code, scans = scans_of(bag, tmp_path / 'out')
     assert code == 0
     said = f'{TOPIC} is compressed with loss by Draco, which rounded x y z to 14 bits'
