@@ -51,6 +51,9 @@ if TYPE_CHECKING:
 _PARALLEL_RAD = 1e-6
 _REPORTED_TURN_RAD = np.radians(0.01)
 _PLUMB_BOB_NUMBERS = 5
+_SAME_BASELINE_M = 1e-5
+_OFF_M = 5e-3
+"""Of parallel cameras: those of KITTI's P that its transforms leave out are up to 3 mm."""
 
 
 def make_calibration(
@@ -94,6 +97,7 @@ def make_calibration(
             cam_t_cam0 = _between(tree, views[index], views[first])
         turn = model.r @ cam_t_cam0.rotation @ cameras[first].r.T
         p_rect = _projection(views[index].p, Transform(turn, model.r @ cam_t_cam0.translation))
+        p_rect = _as_given(model, p_rect)
         k, d = _distorted(index, model, rectified=rectified or index in straightened)
         by_index[index] = CameraCalibration(p_rect, model.size, k, d, model.r, cam_t_cam0)
         if angle_of(turn) > _REPORTED_TURN_RAD:
@@ -188,6 +192,20 @@ def _projection(p: Float64Array, rect_T_rect0: Transform) -> Float64Array:
     if angle_of(rect_T_rect0.rotation) > _PARALLEL_RAD:
         k = k @ rect_T_rect0.rotation
     return np.column_stack([k, fourth])
+
+
+def _as_given(model: CameraModel, p_rect: Float64Array) -> Float64Array:
+    """Return P of a rectified frame if it is for points of the rectified camera 0, to the bit.
+
+    pykitti's transforms, and so kitti2mcap's, have p[0, 3] / p[0, 0] alone of the offset.
+    """
+    p, has_turn = model.p, angle_of(model.r) > _PARALLEL_RAD
+    kept = has_turn and model.is_as_rectified and np.array_equal(p[:, :3], p_rect[:, :3])
+    if not kept or not p[0, 3]:
+        return p_rect
+    off = p[:, 3] - p_rect[:, 3]
+    same = abs(off[0]) < _SAME_BASELINE_M * p[0, 0]
+    return p if same and np.abs(np.linalg.solve(p[:, :3], off)).max() < _OFF_M else p_rect
 
 
 def _distorted(

@@ -399,7 +399,8 @@ class PacketMaker:
     """Makes packets while a bag is read; keeps only a few frames of messages in memory.
 
     Imu, position and velocity are interpolated between the messages before and after the frame's
-    stamp; of positions between those with a fix. Where one of these is missing, the nearest counts,
+    stamp; of positions between those with a fix. Where all have the same stamps and the layout has
+    those of packets, they are taken whole. Where one of these is missing, the nearest counts,
     within the plan's tolerance or its period. Without a velocity it is derived from the positions.
 
     Attributes:
@@ -443,6 +444,8 @@ class PacketMaker:
         self._acceleration_scale = self._find_acceleration_scale(plan.imu, survey)
         self._stamps = {topic: topic_of(survey, topic).stamps()[0] for topic in named.values()}
         self._tolerance_ns = round(plan.tolerance_s * NS_PER_S)
+        if plan.layout.traits.stamps_per_stream and imu_poses.poses is None:
+            self._frames_ns = self._own_stamps(frames.stamps_ns)
         self._far: dict[str, list[int]] = {}
         gaps = np.diff(np.sort(self._stamps[plan.fix])) if plan.fix else np.zeros(0)
         self._usual_gap_ns = _USUAL_PERIODS * float(np.median(gaps)) if len(gaps) else 0.0
@@ -483,6 +486,20 @@ class PacketMaker:
             placed.get(plan.fix, _IDENTITY),
             plan.velocity_axes is VelocityAxes.ENU,
         )
+
+    def _own_stamps(self, frames_ns: Int64Array) -> Int64Array:
+        """Return the stamps of whole packets, one a frame, as KITTI's are; else those of frames.
+
+        A packet is whole if all topics have a message of its stamp, as in bags of kitti2bag: its
+        numbers then come back, not some between two of them.
+        """
+        first, *others = (np.sort(stamps) for stamps in self._stamps.values())
+        if not len(first) or not all(np.array_equal(first, other) for other in others):
+            return frames_ns
+        nearest, later_ns = nearest_stamps(first, frames_ns)
+        one_each = len(np.unique(first[nearest])) == len(frames_ns)
+        near = bool((np.abs(later_ns) <= self._tolerance_ns).all())
+        return first[nearest] if one_each and near else frames_ns
 
     def _find_acceleration_scale(self, imu: str, survey: Survey) -> float:
         """Return the m/s^2 of the unit of a topic's accelerations, and note one that is not 1."""

@@ -20,6 +20,7 @@ from ..files.image_files import encode_depth_map
 from ..files.threads import ordered_map, worker_count
 from ..kitti import names
 from ..kitti.find import make_writer
+from ..kitti.scan_grid import GridTally
 from ..kitti.store import STORE
 from ..kitti.writers import WriteOptions
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, damage
@@ -193,9 +194,10 @@ class SampleWriter:
         rigs: SensorRigs,
         writer: LayoutWriter,
         first: int,
-        png: PngForm,
+        options: ImportOptions,
     ) -> None:
-        self._png = png
+        self._png = options.png or _png_form(plan)
+        self._grid = GridTally(enabled=options.snap)
         self.plan = plan
         self.frames = frames
         self.rigs = rigs
@@ -237,6 +239,7 @@ class SampleWriter:
         if not len(scan.points):
             reasons = ', '.join(reason for reason, count in dropped.items() if count)
             raise ValueError(f'no point is left of it: {reasons}' if reasons else 'it has no point')
+        scan = self._grid.snapped(scan)
         self.writer.write_scan(number, stamp_ns, scan)
         self._depth_maps.write(number, stamp_ns, scan.points, sensors)
         return scan.points.nbytes
@@ -277,6 +280,7 @@ class SampleWriter:
         notes = [*self._depth_maps.notes(), *self.writer.notes()]
         if self.plan.scan is not None:
             notes += dropped_notes(self.plan.scan.topic, self._points_dropped)
+            notes += self._grid.notes(self.plan.scan.topic)
         return notes
 
     def _sensors(self, number: int) -> SensorRig:
@@ -636,8 +640,7 @@ def build(
             losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
-        png = options.png or _png_form(plan)
-        samples = SampleWriter(plan, frames, rigs, writer, target.first, png)
+        samples = SampleWriter(plan, frames, rigs, writer, target.first, options)
         builder = SetBuilder(samples, packets, target, losses, survey)
         builder.write_calibration()
         with open_messages(bags, builder.topics, must_read=False) as messages:

@@ -395,8 +395,9 @@ def format_object(calibration: Calibration) -> str:
 
 
 def format_tracking(calibration: Calibration) -> str:
-    """Format a tracking calib file, whose last three keys have no colon."""
-    return _format_lines(calibration, ('R_rect', 'Tr_velo_cam', 'Tr_imu_velo'))
+    """Format a tracking calib file: the last three keys have no colon, lines end in two blanks."""
+    lines = _format_lines(calibration, ('R_rect', 'Tr_velo_cam', 'Tr_imu_velo'))
+    return lines.replace('\n', '  \n')
 
 
 def format_odometry(calibration: Calibration) -> str:

@@ -192,6 +192,23 @@ def format_object_labels(boxes: Iterable[Box], decimals: int = 2) -> str:
     return ''.join(f'{format_object_box(box, decimals)}\n' for box in boxes)
 
 
+KITTI_DECIMALS = 2
+"""Of KITTI's object labels."""
+_OFF_LABEL = 1e-5
+"""A number nearer to one of two decimals is that: four would print it so."""
+
+
+def fitting_decimals(box: Box, most: int) -> int:
+    """Return KITTI's decimals if size, place and heading of a box have no more; else the most.
+
+    A box without 3D box is asked for its 2D box.
+    """
+    solid = (*box.size_hwl, *box.location, box.rotation_y)
+    values = solid if box.size_hwl[0] > 0 else box.box_2d
+    on_two = all(abs(value - round(value, KITTI_DECIMALS)) < _OFF_LABEL for value in values)
+    return min(KITTI_DECIMALS, most) if on_two else most
+
+
 def format_tracking_labels(boxes: Iterable[Box]) -> str:
     """Format a tracking label file, or a part of it."""
     return ''.join(f'{format_tracking_box(box)}\n' for box in boxes)

@@ -11,15 +11,22 @@ the twist can be found in a scan alone: with it, its points lie on the grid.
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+from threading import Lock
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..model.errors import format_count
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array
-    from ..model.samples import Float32Array
+    from ..model.samples import Float32Array, Scan
 
 PER_METRE = 1000
 PER_REFLECTANCE = 100
@@ -27,6 +34,10 @@ OFF_GRID_M = 20e-6
 """A point nearer to the grid is on it: float32 rounds by up to 4 um, at 100 m."""
 KITTI_SHARE = 0.99
 """Of the points of a scan that must be on the grid."""
+OFF_GRID_REFLECTANCE = 1e-3
+"""A reflectance nearer to a multiple of 0.01 is one: codecs may round it to that."""
+_SUBSET_POINTS = 500
+"""Points of a scan that show most scans of other scanners to be off the grid."""
 
 _NOISE_MM = 0.05
 """What the fit takes for rounding, of a coordinate."""
@@ -48,6 +59,9 @@ _UNCERTAIN = np.array([0.2, 0.1, 0.05, 0.005, 0.005, 0.05])
 """Of a start, one sigma: a car brakes and steers, and hardly pitches or rolls."""
 _STARTS = tuple(np.array([metres, 0, 0, 0, 0, 0]) for metres in (0.8, 1.4, 0.2, 2.0, 2.6, 3.2))
 """Without poses; each is near enough to what is up to 0.6 m off, in bends as well."""
+
+_STAYING = {'off': 'scan', 'points off': 'point'}
+"""What was counted and is as it was, with its noun."""
 
 
 class MeasuredScan(NamedTuple):
@@ -86,8 +100,97 @@ def _scaled(points: npt.NDArray[np.floating]) -> Float64Array:
 
 def _off_grid(points: npt.NDArray[np.floating]) -> Float64Array:
     scaled = _scaled(points)
-    off: Float64Array = scaled - np.rint(scaled)
+    with np.errstate(invalid='ignore'):  # of infinities
+        off: Float64Array = scaled - np.rint(scaled)
     return off
+
+
+class SnappedScan(NamedTuple):
+    """A scan whose points are on the grid, but for the rounding of what they went through.
+
+    Attributes:
+        points: (N, 4) float32, rounded to the grid.
+        off: Number of points that are not near it, and are as they were.
+        reflectance: Whether reflectances were near multiples of 0.01, and are rounded to these.
+    """
+
+    points: Float32Array
+    off: int
+    reflectance: bool
+
+    def differs(self, points: Float32Array) -> bool:
+        """Whether the points are others, to the bit."""
+        return self.points.tobytes() != points.tobytes()
+
+
+def snap(points: Float32Array) -> SnappedScan | None:
+    """Round the points of a scan to the grid, those that are on it already to themselves.
+
+    Points that went through float64, another frame and back, or a codec with an error of 0.01 mm
+    get KITTI's float32 back; a zero keeps the sign that it has, which then may not be KITTI's.
+
+    Args:
+        points: (N, 4) x y z reflectance.
+
+    Returns:
+        None unless more than KITTI_SHARE of the points are near the grid.
+    """
+    if grid_share(points[:: 1 + len(points) // _SUBSET_POINTS, :3]) < KITTI_SHARE / 2:
+        return None
+    near = _is_on_grid(points[:, :3])
+    if not near.sum() > KITTI_SHARE * len(points):
+        return None
+    rounded = np.ascontiguousarray(points).copy()
+    rounded[near, :3] = on_grid(points[near, :3])
+    scaled = points[:, 3].astype(np.float64) * PER_REFLECTANCE
+    nearest = np.rint(scaled)
+    valued = np.abs(scaled - nearest) < OFF_GRID_REFLECTANCE * PER_REFLECTANCE
+    reflectance = bool(valued.sum() > KITTI_SHARE * len(points))
+    if reflectance:
+        rounded[valued, 3] = nearest[valued] / PER_REFLECTANCE
+    return SnappedScan(rounded, int(np.count_nonzero(~near)), reflectance)
+
+
+class GridTally:
+    """Rounds the scans that are on KITTI's grid but for rounding to it; thread-safe.
+
+    Args:
+        enabled: Whether it does.
+    """
+
+    def __init__(self, *, enabled: bool) -> None:
+        self._enabled = enabled
+        self._lock = Lock()
+        self._counts: Counter[str] = Counter()
+
+    def snapped(self, scan: Scan) -> Scan:
+        """Return a scan on the grid; as it is where it is not near, or exactly there already."""
+        grid = snap(scan.points) if self._enabled and len(scan.points) else None
+        differs = grid is not None and grid.differs(scan.points)
+        with self._lock:
+            self._counts['scans'] += 1
+            self._counts['off'] += grid is None
+            if grid is not None and differs:
+                self._counts['moved'] += 1
+                self._counts['points off'] += grid.off
+                self._counts['reflectance'] += grid.reflectance
+        return replace(scan, points=grid.points) if grid is not None and differs else scan
+
+    def notes(self, topic: str) -> Iterator[str]:
+        """Yield a note on scans that were rounded; none if none was."""
+        count = self._counts
+        if not count['moved']:
+            return
+        as_they_were = [
+            format_count(count[name], noun) for name, noun in _STAYING.items() if count[name]
+        ]
+        scans = f'{count["moved"]} of {format_count(count["scans"], "scan")}'
+        yield (
+            f"{topic}: {scans} are within 0.02 mm of a grid of 1 mm, as KITTI's are exactly, and"
+            f' are rounded to it (reflectances of {count["reflectance"]} to 0.01)'
+            + (f'; {" and ".join(as_they_were)} off it stay as they are' if as_they_were else '')
+            + '; --no-snap keeps all'
+        )
 
 
 def compensated(points: Float64Array, twist: Float64Array) -> Float64Array:

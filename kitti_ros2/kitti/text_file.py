@@ -276,10 +276,15 @@ def _check_ranges(values: list[float]) -> None:
 
 
 def format_packet(packet: OxtsPacket) -> str:
-    """Format the line of a packet without its end, 14 significant digits as the dataset's own."""
+    """Format the line of a packet without its end, 15 significant digits as the dataset's own.
+
+    Those that KITTI interpolated have no modes, and 14 decimals in all columns.
+    """
     values = [getattr(packet, name) for name in COLUMNS]
+    if packet.numsats > 0 and {packet.posmode, packet.velmode, packet.orimode} == {-1}:
+        return ' '.join(f'{value:.14f}' for value in values)
     return ' '.join(
-        [f'{value:.14g}' for value in values[:_FLOATS]]
+        [f'{value:.15g}' for value in values[:_FLOATS]]
         + [f'{value:d}' for value in values[_FLOATS:]]
     )
 

@@ -23,6 +23,7 @@ from .label_file import (
     TRUNCATION_IN_IMAGE,
     Tracklet,
     TrackletPose,
+    fitting_decimals,
     format_object_labels,
     format_tracking_labels,
     format_tracklets,
@@ -436,7 +437,8 @@ class WriteOptions:
     """Options of a written set.
 
     Attributes:
-        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre.
+        label_decimals: Digits behind the point in labels; KITTI's own have 2, a centimetre, as
+            have those that lie on it.
         train_fraction: The part of the frames for training, 0 to 1; the rest is for validation.
     """
 
@@ -477,7 +479,10 @@ class ObjectWriter(LayoutWriter):
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
         """Write label_2/NNNNNN.txt."""
         if not isinstance(labels, str):
-            labels = format_object_labels(labels, self._options.label_decimals)
+            most = self._options.label_decimals
+            labels = ''.join(
+                format_object_labels([box], fitting_decimals(box, most)) for box in labels
+            )
         STORE.write_text(self._file(names.OBJECT_LABELS, number, names.TXT), labels)
 
     def leave_out(self, number: int) -> None:
@@ -620,13 +625,13 @@ class TrackingWriter(LayoutWriter):
         stamp_ns: int,
         packet: OxtsPacket | str,
     ) -> None:
-        """Write a line of oxts/SSSS.txt.
+        """Write a line of oxts/SSSS.txt, which ends in a blank in KITTI's.
 
         Raises:
             UsageError: The number is not the next one.
         """
         require_next(self._table(names.OXTS), 'packet', len(self._packets), number)
-        text = packet if isinstance(packet, str) else format_packet(packet)
+        text = packet if isinstance(packet, str) else f'{format_packet(packet)} '
         self._packets.append(text.rstrip('\r\n'))
 
     def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:

@@ -99,6 +99,7 @@ class ToKittiKeywords(TypedDict, total=False):
     split: float
     all_cameras: bool
     png: str | None
+    snap: bool
     append: bool
     overwrite: bool
     fsync: bool

@@ -149,6 +149,7 @@ class ImportOptions:
         all_cameras: Whether each camera of a bag of others gets a data set of its own.
         png: The form of PNG files made of pixels, of equal pixels: KITTI's or fast; None is KITTI's
             where the bag has KITTI's images.
+        snap: Whether scans that are on KITTI's grid of 1 mm but for rounding are rounded to it.
         append: Whether to continue the numbering of an existing object set.
         overwrite: Whether an existing data set may be replaced.
         fsync: Whether the finished data set outlasts a power cut.
@@ -198,6 +199,9 @@ class ImportOptions:
         "PNG files made of pixels: in the form of KITTI's own files, or encoded fast",
         PngForm,
         unset="kitti for KITTI's images, else fast",
+    )
+    snap: bool = option(
+        True, "Round scans of others to KITTI's grid of 1 mm if they are within 0.02 mm", parse_flag
     )
     append: bool = option(
         False, 'Object: continue the numbering of the data set in OUT', parse_flag

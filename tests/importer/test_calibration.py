@@ -96,6 +96,25 @@ def test_a_pinhole_that_is_turned_by_r_is_in_its_rectified_frame():
     assert np.abs(pixels_of(turned, 2) - true).max() > 1
 
 
+@pytest.mark.parametrize(
+    ('off_m', 'kept'),
+    [((0.0, 0.0003, 0.0027), True), ((0.0, 0.0, 0.0), True), ((0.0, 0.02, 0.0), False)],
+)
+def test_p_of_rectified_frames_stays_to_the_bit(off_m, kept):
+    """kitti2mcap's links have P[0, 3] / P[0, 0] alone, of an offset along y and z as well."""
+    offset = np.array([-0.53, 0, 0]) + off_m
+    p = np.column_stack([K, K @ offset])
+    r = rotation_from_rpy(0.01, 0.002, -0.01)
+    links = [
+        ('left', 'lidar', LEFT_T_LIDAR),
+        ('left', 'right', Transform.from_translation((-p[0, 3] / p[0, 0], 0, 0))),
+    ]
+    first = model('left', k=K, r=r)
+    calib, _ = make(links, {0: first, 1: model('right', p, k=K, r=rotation_from_rpy(0.02, 0, 0))})
+    assert np.array_equal(calib.cameras[1].p_rect, p) is kept
+    assert calib.cameras[1].p_rect[0, 3] == pytest.approx(p[0, 3], abs=1e-6)
+
+
 def message(**values) -> CameraInfo:
     kept = {
         'header': make_header(0, 'cam'), 'height': SIZE[1], 'width': SIZE[0],

@@ -16,6 +16,7 @@ from kitti_ros2.kitti.scan_grid import (
     grid_share,
     measured,
     on_grid,
+    snap,
 )
 
 REAL = Path(__file__).parents[3] / 'shared/kitti'
@@ -121,3 +122,75 @@ def test_real_scans_of_odometry_come_back():
         assert found is not None
         assert found.share > 0.9997
         assert (moved(found.xyz, found.twist) == file[:, :3]).all(axis=1).mean() > 0.997
+
+
+def scan(seed, count=3000):
+    """(N, 4) float32 on the grid, with both zeros."""
+    random = np.random.default_rng(seed)
+    xyz = street(seed)[:count]
+    xyz[:4] = [[0.0, -0.0, 1.0], [5.0, 0.0, -0.0], [-0.0, 3.0, -1.0], [2.0, 2.0, 0.0]]
+    return np.column_stack([xyz, (random.integers(0, 100, count) / 100).astype(np.float32)])
+
+
+def test_what_is_on_the_grid_stays_to_the_bit():
+    points = scan(1)
+    snapped = snap(points)
+    assert not snapped.differs(points)
+    assert (snapped.off, snapped.reflectance) == (0, True)
+
+
+def noisy(points):
+    random = np.random.default_rng(7)
+    noise = random.uniform(-1, 1, points.shape) * [1e-5, 1e-5, 1e-5, 5e-4]
+    return (points + noise).astype(np.float32)
+
+
+def in_another_frame_and_back(points):
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    moved = (points[:, :3].astype(np.float64) @ turn + [1.3, -0.2, 1.7]).astype(np.float32)
+    back = (moved.astype(np.float64) - [1.3, -0.2, 1.7]) @ turn.T
+    return np.column_stack([back, points[:, 3]]).astype(np.float32)
+
+
+def of_a_codec_of_1_mm(points):
+    xyz = np.rint(points[:, :3].astype(np.float64) * 1000).astype(np.float32) * np.float32(1e-3)
+    return np.column_stack([xyz, np.rint(points[:, 3] * 1000).astype(np.float32) * 1e-3]).astype(
+        np.float32
+    )
+
+
+@pytest.mark.parametrize('through', [noisy, in_another_frame_and_back, of_a_codec_of_1_mm])
+def test_what_went_through_other_programs_comes_back(through):
+    points = scan(2)
+    there = through(points)
+    assert (there != points).any()
+    assert (snap(there).points == points).all()  # 0.0 == -0.0: a sign may be another
+    assert np.array_equal(snap(snap(there).points).points, points)
+
+
+@pytest.mark.parametrize('off_m', [7e-4, 4e-5, np.inf])
+def test_other_scans_are_on_no_grid(off_m):
+    points = scan(4)
+    parts = np.random.default_rng(5).uniform(0.5, 1, (len(points), 3))
+    points[:, :3] += (parts * off_m).astype(np.float32)
+    with np.errstate(all='raise'):
+        assert snap(points) is None
+
+
+def test_the_few_points_off_the_grid_and_other_reflectances_stay():
+    points = scan(6)
+    points[::150, 0] += np.float32(4e-4)
+    points[:, 3] = np.random.default_rng(6).integers(0, 255, len(points)) / np.float32(255)
+    points[1::150, 1] += np.float32(9e-6)
+    snapped = snap(points)
+    assert snapped.off == len(points[::150])
+    assert not snapped.reflectance
+    assert np.array_equal(snapped.points[:, 3], points[:, 3])
+    assert np.array_equal(snapped.points[::150], points[::150])
+    assert (snapped.points != points).any(axis=1).sum() <= len(points[1::150])
+    points[::50, 2] += np.float32(4e-4)
+    assert snap(points) is None
+
+
+def test_no_points_are_on_no_grid():
+    assert snap(np.zeros((0, 4), np.float32)) is None

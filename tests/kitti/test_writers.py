@@ -11,15 +11,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, format_tracklets
+from kitti_ros2.kitti.calib_file import format_odometry, parse_calibration
+from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, fitting_decimals, format_tracklets
 from kitti_ros2.kitti.scan_file import parse_scan
-from kitti_ros2.kitti.text_file import COLUMNS, parse_times, parse_timestamps
+from kitti_ros2.kitti.text_file import (
+    COLUMNS,
+    format_poses,
+    format_times,
+    parse_packet,
+    parse_poses,
+    parse_times,
+    parse_timestamps,
+)
 from kitti_ros2.kitti.writers import (
     DATAFORMAT,
     ObjectWriter,
     OdometryWriter,
     RawWriter,
     TrackingWriter,
+    WriteOptions,
     fill_stamps,
     truncation_level,
 )
@@ -286,3 +296,67 @@ def test_tables_are_not_written_after_an_error(tmp_path: Path) -> None:
 )
 def test_truncation_levels(fraction: float, level: int) -> None:
     assert truncation_level(fraction) == level
+
+
+# Of real files: their values, written again.
+
+
+def test_real_object_files_come_back_from_their_values(real_kitti: Path, tmp_path: Path) -> None:
+    """Also with four decimals for boxes that have them."""
+    source = real_kitti / 'object/training'
+    with ObjectWriter(tmp_path, options=WriteOptions(label_decimals=4)) as writer:
+        for number in range(3):
+            path = source / f'calib/{number:06d}.txt'
+            writer.write_calibration(
+                number, parse_calibration(path.read_text(), path, path.name, source='')
+            )
+            labels = source / f'label_2/{number:06d}.txt'
+            writer.write_labels(number, parse_boxes(labels.read_text(), labels))
+    for name in (f'{folder}/{n:06d}.txt' for folder in ('calib', 'label_2') for n in range(3)):
+        assert (tmp_path / 'training' / name).read_text() == (source / name).read_text()
+
+
+def test_real_tracking_files_come_back_from_their_values(real_kitti: Path, tmp_path: Path) -> None:
+    source = real_kitti / 'tracking/training'
+    files = {name: source / name / '0000.txt' for name in ('calib', 'oxts', 'label_02')}
+    frames: dict[int, list[Box]] = {}
+    for box in parse_boxes(files['label_02'].read_text(), files['label_02']):
+        frames.setdefault(box.frame, []).append(box)
+    with TrackingWriter(tmp_path) as writer:
+        path = files['calib']
+        writer.write_calibration(0, parse_calibration(path.read_text(), path, path.name))
+        for number, line in enumerate(files['oxts'].read_text().splitlines()):
+            writer.write_oxts(number, STAMP, parse_packet(line, files['oxts']))
+            writer.write_labels(number, frames.get(number, []))
+    for name, path in files.items():
+        assert (tmp_path / 'training' / name / path.name).read_text() == path.read_text()
+
+
+def test_real_odometry_texts_come_back_from_their_values(real_kitti: Path) -> None:
+    source = real_kitti / 'odometry/dataset'
+    poses, times, calib = (
+        source / name
+        for name in ('poses/00.txt', 'sequences/00/times.txt', 'sequences/00/calib.txt')
+    )
+    assert format_poses(parse_poses(poses.read_text(), poses).values) == poses.read_text()
+    assert format_times(parse_times(times.read_text(), times).values) == times.read_text()
+    calibration = parse_calibration(calib.read_text(), calib, calib.name)
+    assert format_odometry(calibration) == calib.read_text()
+
+
+@pytest.mark.parametrize(
+    ('values', 'decimals'),
+    [
+        ({}, 2),
+        ({'location': (-2.0 + 4e-6, 1.65, 20.0 - 9e-6)}, 2),
+        ({'location': (-2.0 + 2e-5, 1.65, 20.0)}, 4),
+        ({'rotation_y': -1.5001}, 4),
+        ({'size_hwl': (1.5, 1.605, 4.0)}, 4),
+        ({'box_2d': (1.2345, 2, 3, 4)}, 2),
+        ({'box_2d': (1.2345, 2, 3, 4), 'size_hwl': (-1.0,) * 3, 'location': (-1000.0,) * 3}, 4),
+        ({'box_2d': (1.25, 2, 3, 4), 'size_hwl': (-1.0,) * 3, 'location': (-1000.0,) * 3}, 2),
+    ],
+)
+def test_labels_have_the_decimals_of_their_boxes(values: dict[str, object], decimals: int) -> None:
+    assert fitting_decimals(replace(BOX, **values), 4) == decimals
+    assert fitting_decimals(replace(BOX, **values), 2) == 2

@@ -45,6 +45,7 @@ SILENT = {
     'layout': 'that which is found',
     'quick': 'a sound recording',
     'decode': 'a sound recording',
+    'snap': 'scans of own bags come back as they were',
 }
 COMMANDS = {
     'to-bag': (TO_BAG, ['to-bag', 'IN', 'out.mcap']),
