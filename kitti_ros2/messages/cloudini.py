@@ -11,7 +11,7 @@ A block has the points in turn, each with the fields in turn:
   before, as a varint; one byte of 0 is NaN, after which the one before counts as 0.
 - An integer of 16 bits and more: the difference from the point before, as a varint.
 - FLOAT32 in LOSSLESS, and FLOAT64 before version 4: its bits, XOR those of the point before.
-- FLOAT64 without a resolution, from version 4 on: the same with fewer bits, see _read_gorilla.
+- FLOAT64 without a resolution, from version 4 on: the same with fewer bits, see read_gorilla.
 - Any other field, and all in NONE: its bytes.
 
 In version 5 and LOSSY, the integers follow behind the points instead, one section a field. Of a
@@ -24,14 +24,25 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zstandard
 from lz4 import block as lz4_block
 
+from .cloudini_values import (
+    GORILLA,
+    VARINT,
+    read_fixed,
+    read_gorilla,
+    read_records,
+    read_varints,
+    too_short,
+    undo_zigzag,
+)
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     import numpy.typing as npt
 
@@ -271,7 +282,7 @@ def _decode_block(block: Octets, header: PackedHeader, points: Octets) -> None:
     )
     interleaved = [field for field in fields if field not in sectioned]
     widths = [_width(header, field) for field in interleaved]
-    columns, at = _read_records(block, 0, widths, len(points))
+    columns, at = read_records(block, 0, widths, len(points))
     group = _group_of(header)
     for index, (field, starts) in enumerate(zip(interleaved, columns, strict=True)):
         values = _decode_field(block, starts, header, field, is_grouped=index < group)
@@ -299,186 +310,35 @@ def _group_of(header: PackedHeader) -> int:
     return count if count in _GROUPS else 0
 
 
-# Records: values of fields in turn, each of a fixed width or as wide as its bytes say.
-
-_VARINT, _GORILLA = 0, -1
-"""Widths of values that are as wide as their bytes say."""
-_LAST = 0x7F  # the largest last byte of a varint
-_LONGEST = 10  # bytes of either
-_NEW_HEAD, _REPEATED_HEAD = 13, 2  # bits of Gorilla's before the value
-_EMPTY = memoryview(b'')
-_BITS = np.uint64(64)
+# Values of fields.
 
 
 def _width(header: PackedHeader, field: PackedField) -> int:
     if header.encoding == _NONE:
         return int(field.kind[2])
     if field.is_wide_integer or _is_rounded(header, field):
-        return _VARINT
+        return VARINT
     if field.kind == '<f8' and field.resolution is None and header.version >= _GORILLA_VERSION:
-        return _GORILLA
+        return GORILLA
     return int(field.kind[2])
-
-
-class _Records(NamedTuple):
-    """Records in a block: where each value begins, (N,) for each width; and where the last ends."""
-
-    starts: list[Positions]
-    end: int
-
-
-def _read_records(block: Octets, at: int, widths: Sequence[int], count: int) -> _Records:
-    """Find the values of records.
-
-    Args:
-        block: The bytes.
-        at: Where the first record begins.
-        widths: Of the values of a record in turn: bytes, _VARINT or _GORILLA.
-        count: Number of records.
-
-    Raises:
-        ValueError: The block ends before.
-    """
-    if not count or not widths:
-        return _Records([np.empty(0, np.intp) for _ in widths], at)
-    if all(width > 0 for width in widths):
-        step = sum(widths)
-        if at + count * step > len(block):
-            raise _too_short(count)
-        first = at + step * np.arange(count, dtype=np.intp)
-        offsets = np.cumsum([0, *widths[:-1]])
-        return _Records([first + offset for offset in offsets], at + count * step)
-    if not any(widths):
-        last_bytes = at + np.flatnonzero(block[at:] <= _LAST)[: count * len(widths)]
-        if len(last_bytes) < count * len(widths):
-            raise _too_short(count)
-        starts = np.concatenate([[at], last_bytes[:-1] + 1]).reshape(count, len(widths))
-        return _Records([*starts.T], int(last_bytes[-1]) + 1)
-    most = count * sum(width if width > 0 else _LONGEST for width in widths)
-    records = _RecordWalk(block[at : at + most], widths).read(count)
-    return _Records([at + starts for starts in records.starts], at + records.end)
-
-
-def _too_short(count: int) -> ValueError:
-    return ValueError(f'a chunk ends before its {count} points do')
-
-
-class _RecordWalk:
-    """Walks from record to record, where a width depends on the bytes.
-
-    Where a part of a record ends is tabulated for each byte at which it could begin; a part has
-    all values up to one of Gorilla's, whose width may depend on the ones before.
-
-    Args:
-        block: The bytes, from the first record on.
-        widths: Of the values of a record.
-    """
-
-    def __init__(self, block: Octets, widths: Sequence[int]) -> None:
-        self._block = block
-        self._widths = widths
-        self._beyond = len(block) + 1
-        is_last = block <= _LAST
-        # The number of varints that end before a byte, and where each ends.
-        self._ended = np.full(self._beyond + _LONGEST, np.count_nonzero(is_last), np.int32)
-        np.cumsum(is_last[:-1], out=self._ended[1 : len(block)])
-        self._ended[0] = 0
-        padding = np.full(len(widths), self._beyond)
-        self._ends = np.concatenate([np.flatnonzero(is_last) + 1, padding])
-
-    def read(self, count: int) -> _Records:
-        """Find the values of records from the first byte on.
-
-        Raises:
-            ValueError: The block ends before.
-        """
-        parts: list[list[int]] = [[]]
-        for width in self._widths:
-            if width == _GORILLA:
-                parts.append([])
-            else:
-                parts[-1].append(width)
-        begins, end = self._walk([self._table(part) for part in parts], count)
-        starts = []
-        for number, (part, position) in enumerate(zip(parts, begins, strict=True)):
-            for width in part:
-                starts.append(position)
-                position = self._after(position, [width])  # noqa: PLW2901 - of the next value
-            if number + 1 < len(parts):
-                starts.append(position)
-        return _Records(starts, end)
-
-    def _after(self, position: Positions, widths: Sequence[int]) -> Positions:
-        """Return where values of varints and fixed widths end that begin at positions."""
-        varints = 0
-        for width in (*widths, None):
-            if width == _VARINT:
-                varints += 1
-                continue
-            if varints:
-                position = self._ends[self._ended[position] + (varints - 1)]
-                varints = 0
-            if width is not None:
-                position = np.minimum(position + width, self._beyond)
-        return position
-
-    def _table(self, widths: Sequence[int]) -> memoryview:
-        ends = self._after(np.arange(len(self._ended), dtype=np.intp), widths)
-        return np.minimum(ends, self._beyond).astype(np.int32).data
-
-    def _walk(self, tables: Sequence[memoryview], count: int) -> tuple[list[Positions], int]:
-        """Return where each part of the records begins, and where the last ends."""
-        steps, repeats = self._gorilla_tables() if len(tables) > 1 else (_EMPTY, _EMPTY)
-        begins: list[list[int]] = [[] for _ in tables]
-        bytes_before = [0] * len(tables)
-        at = 0
-        for record in range(count):
-            for number, table in enumerate(tables):
-                begins[number].append(at)
-                at = table[at]
-                if number + 1 == len(tables):
-                    break
-                step = steps[at] if record else 8
-                if step > 1 and record:
-                    bytes_before[number] = repeats[at]
-                at += step or bytes_before[number]
-        if at == self._beyond:
-            raise _too_short(count)
-        return [np.array(positions, np.intp) for positions in begins], at
-
-    def _gorilla_tables(self) -> tuple[memoryview, memoryview]:
-        """Tabulate the bytes of a value that begins at a byte, 0 for as many as the one before.
-
-        And those of the next value of as many bits.
-        """
-        padded = np.zeros(len(self._ended) + 1, np.uint16)
-        padded[: len(self._block)] = self._block
-        words = padded[:-1] | padded[1:] << 8
-        bits = (words >> 7 & 63) + 1
-        steps = np.where(words & 1, np.where(words & 2, (_NEW_HEAD + bits + 7) >> 3, 0), 1)
-        repeats = (_REPEATED_HEAD + bits + 7) >> 3
-        return steps.astype(np.uint8).data, repeats.astype(np.uint8).data
-
-
-# Values of fields.
 
 
 def _decode_field(
     block: Octets, starts: Positions, header: PackedHeader, field: PackedField, *, is_grouped: bool
 ) -> npt.NDArray[Any]:
     width = _width(header, field)
-    if width == _GORILLA:
-        return np.bitwise_xor.accumulate(_read_gorilla(block, starts)).view('<f8')
-    if width == _VARINT and _is_rounded(header, field):
+    if width == GORILLA:
+        return np.bitwise_xor.accumulate(read_gorilla(block, starts)).view('<f8')
+    if width == VARINT and _is_rounded(header, field):
         return _decode_rounded(block, starts, field, is_grouped=is_grouped)
-    if width == _VARINT:
-        return np.cumsum(_signed(_read_varints(block, starts)))
+    if width == VARINT:
+        return np.cumsum(undo_zigzag(read_varints(block, starts)))
     is_xored = field.kind[1] == 'f' and (
         header.encoding == _LOSSLESS or (header.encoding == _LOSSY and field.kind == '<f8')
     )
     if not is_xored:
-        return _read_fixed(block, starts, field.kind)
-    bits = _read_fixed(block, starts, field.kind.replace('f', 'u'))
+        return read_fixed(block, starts, field.kind)
+    bits = read_fixed(block, starts, field.kind.replace('f', 'u'))
     return np.bitwise_xor.accumulate(bits).view(field.kind)
 
 
@@ -487,9 +347,9 @@ def _decode_rounded(
 ) -> npt.NDArray[Any]:
     """Decode floats that are multiples of their resolution; a NaN counts as 0 for the next."""
     is_nan = block[starts] == 0
-    unsigned = _read_varints(block, starts)
+    unsigned = read_varints(block, starts)
     unsigned[is_nan] = 1  # no difference
-    multiples = np.cumsum(_signed(unsigned))
+    multiples = np.cumsum(undo_zigzag(unsigned))
     if is_nan.any():
         last_nan = np.maximum.accumulate(np.where(is_nan, np.arange(len(starts)), -1))
         multiples -= np.where(last_nan < 0, 0, multiples[last_nan])
@@ -511,8 +371,8 @@ def _decode_section(
     """
     mode, at = _head(block, at, 'u1')
     if mode == 0:
-        [starts], at = _read_records(block, at, [_VARINT], count)
-        return np.cumsum(_signed(_read_varints(block, starts))), at
+        [starts], at = read_records(block, at, [VARINT], count)
+        return np.cumsum(undo_zigzag(read_varints(block, starts))), at
     size = int(field.kind[2])
     kind = f'<u{size}'
     if mode == 1:
@@ -522,27 +382,27 @@ def _decode_section(
     runs, at = _head(block, at, '<u4')
     if runs > count:
         raise ValueError(f'field {field.name} has {runs} runs in {count} points')
-    widths = [size if mode == 2 else _VARINT, _VARINT]
-    [values, lengths], at = _read_records(block, at, widths, runs)
-    repeats = _read_varints(block, lengths)
+    widths = [size if mode == 2 else VARINT, VARINT]
+    [values, lengths], at = read_records(block, at, widths, runs)
+    repeats = read_varints(block, lengths)
     if (repeats > count).any() or repeats.sum() != count:
         raise ValueError(f'the runs of field {field.name} do not fill {count} points')
     if mode == 2:
-        return np.repeat(_read_fixed(block, values, kind), repeats.astype(np.intp)), at
-    differences = _signed(_read_varints(block, values))
+        return np.repeat(read_fixed(block, values, kind), repeats.astype(np.intp)), at
+    differences = undo_zigzag(read_varints(block, values))
     return np.cumsum(np.repeat(differences, repeats.astype(np.intp))), at
 
 
 def _decode_palette(block: Octets, at: int, kind: str, count: int) -> tuple[npt.NDArray[Any], int]:
     number, at = _head(block, at, '<u2')
     values, at = (
-        _read_fixed(block, at + int(kind[2]) * np.arange(number), kind),
+        read_fixed(block, at + int(kind[2]) * np.arange(number), kind),
         at + (int(kind[2]) * number),
     )
     bits = (number - 1).bit_length()
     end = at + (bits * count + 7) // 8
     if not number or end > len(block):
-        raise _too_short(count)
+        raise too_short(count)
     digits = np.unpackbits(block[at:end], bitorder='little')[: bits * count].reshape(count, bits)
     indices = digits @ (1 << np.arange(bits))
     if (indices >= number).any():
@@ -556,67 +416,3 @@ def _head(block: Octets, at: int, kind: str) -> tuple[int, int]:
     if end > len(block):
         raise ValueError('a chunk ends within the head of a section')
     return int(block[at:end].view(kind)[0]), end
-
-
-def _read_fixed(block: Octets, starts: Positions, kind: str) -> npt.NDArray[Any]:
-    """Read numbers at positions."""
-    size = int(np.dtype(kind).itemsize)
-    if not len(starts):
-        return np.empty(0, kind)
-    if starts[-1] + size > len(block):
-        raise _too_short(len(starts))
-    windows = np.lib.stride_tricks.sliding_window_view(block, size)
-    return np.ascontiguousarray(windows[starts]).view(kind).reshape(-1)
-
-
-def _read_varints(block: Octets, starts: Positions) -> npt.NDArray[np.uint64]:
-    """Read varints at positions, which end within the block: 7 bits a byte, the lowest first."""
-    octets = block[starts]
-    values = (octets & 0x7F).astype(np.uint64)
-    [longer] = np.nonzero(octets > 0x7F)
-    for digit in range(1, _LONGEST + 1):
-        if not len(longer):
-            return values
-        octets = block[starts[longer] + digit]
-        values[longer] |= (octets & 0x7F).astype(np.uint64) << np.uint64(min(7 * digit, 63))
-        longer = longer[octets > 0x7F]
-    raise ValueError('an integer has more than 64 bits')
-
-
-def _read_gorilla(block: Octets, starts: Positions) -> npt.NDArray[np.uint64]:
-    """Read FLOAT64 that are XORed with the one before, (N,) bits.
-
-    The bits of a value are taken from the lowest of a byte on. The first has 64; of others
-    bit 0 is 0 for no change, bit 1 is 0 for as many changed bits at the same position as before.
-    Else 5 bits are the number of zeros above the changed ones, and 6 their number less one.
-    """
-    padded = np.concatenate([block, np.zeros(_LONGEST, np.uint8)])
-    words = _read_fixed(padded, starts, '<u8')
-    rest = _read_fixed(padded, starts + 8, '<u2').astype(np.uint64)
-    is_new = words & np.uint64(3) == 3
-    is_new[0] = False
-    last_new = np.maximum.accumulate(np.where(is_new, np.arange(len(starts)), -1))
-    has_repeated = (words[1:] & np.uint64(3) == 1) & (last_new[1:] < 0)
-    count = (words[last_new] >> np.uint64(7) & np.uint64(63)) + np.uint64(1)
-    above = words[last_new] >> np.uint64(2) & np.uint64(31)
-    if has_repeated.any() or (count + above > _BITS)[last_new >= 0].any():
-        raise ValueError('a FLOAT64 has more than 64 bits, or those of none before')
-    head = np.where(is_new, _NEW_HEAD, _REPEATED_HEAD).astype(np.uint64)
-    bits: npt.NDArray[np.uint64] = words >> head | rest << _BITS - head
-    bits &= np.uint64(2**64 - 1) >> _BITS - count
-    bits <<= _BITS - count - above
-    bits[words & np.uint64(1) == 0] = 0
-    bits[0] = words[0]
-    return bits
-
-
-def _signed(values: npt.NDArray[np.uint64]) -> npt.NDArray[np.int64]:
-    """Undo zigzag, to which 1 was added so that a byte of 0 is none.
-
-    Raises:
-        ValueError: A value is 0.
-    """
-    if not values.all():
-        raise ValueError('an integer is 0, which is for missing floats alone')
-    values = values - np.uint64(1)
-    return np.asarray((values >> np.uint64(1)) ^ -(values & np.uint64(1))).view(np.int64)
