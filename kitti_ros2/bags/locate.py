@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..files.remote import is_remote, refuse_incomplete
 from ..model.bag_formats import CONTAINERS
-from ..model.errors import BadBagError, NotABagError, naming
+from ..model.errors import BadBagError, NotABagError, naming, some_of
 from .decompression import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
@@ -103,12 +103,25 @@ def locate_bag(path: Path) -> BagFiles:
         return BagFiles(path, _storage(path), (path,))
     if (path / METADATA).is_file():
         return _rosbag2(path)
-    for storage, files in _files(path).items():
-        if files and not CONTAINERS[storage].in_rosbag2:
-            return BagFiles(path, storage, files, directory=True)
+    files = _files(path)
+    for storage, own in files.items():
+        if own and not CONTAINERS[storage].in_rosbag2:
+            bag = BagFiles(path, storage, own, directory=True)
+            return replace(bag, notes=_other_bags(bag, files))
     bag = _without_metadata(path, f'{path}: has no {METADATA}')
+    if (path / METADATA).exists():
+        return bag
     # Tools that write single files leave folders like this one. A cut file has a loss of its own.
-    return bag if (path / METADATA).exists() else replace(bag, losses=(), notes=bag.losses)
+    return replace(bag, losses=(), notes=(*bag.losses, *_other_bags(bag, files)))
+
+
+def _other_bags(bag: BagFiles, files: dict[str, tuple[Path, ...]]) -> tuple[str, ...]:
+    """Return a note on the files of a folder that are in another container than its bag."""
+    names = [path.name for storage, own in files.items() if storage != bag.storage for path in own]
+    if not names:
+        return ()
+    remedy = f'only its {bag.storage} files are read, give each bag by itself'
+    return (f'{bag.path}: holds {some_of(names)} too; {remedy}',)
 
 
 def _files(path: Path) -> dict[str, tuple[Path, ...]]:

@@ -340,6 +340,24 @@ def test_a_directory_without_metadata_is_read_by_its_files(samples, tmp_path):
     assert any('metadata.yaml' in warning for warning in summarize_bag(path).problems)
 
 
+@pytest.mark.parametrize('storages', [('ros1', 'mcap'), ('mcap', 'sqlite3')])
+def test_a_directory_of_bags_in_two_containers_names_those_that_are_not_read(
+    storages, samples, tmp_path
+):
+    names = {'ros1': 'a.bag', 'mcap': 'b.mcap', 'sqlite3': 'c.db3'}
+    for storage in storages:
+        path = write_bag(tmp_path / storage, BagOptions(storage=storage, split_size=10**9), samples)
+        (file,) = (file for file in path.iterdir() if file.suffix != '.yaml')
+        file.rename(tmp_path / names[storage])
+        shutil.rmtree(path)
+    summary = summarize_bag(tmp_path)
+    read_as, other = storages
+    text = f'{tmp_path}: holds {names[other]} too; only its {read_as} files are read'
+    assert any(text in problem for problem in summary.problems)
+    assert summary.complete
+    assert read(tmp_path) == read(tmp_path / names[read_as])
+
+
 def test_recorder_that_did_not_close_its_database(samples, tmp_path):
     path = write_bag(tmp_path / 'bag', BagOptions(storage='sqlite3'), samples)
     (file,) = path.glob('*.db3')
