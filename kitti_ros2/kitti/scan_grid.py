@@ -32,6 +32,7 @@ PER_METRE = 1000
 PER_REFLECTANCE = 100
 OFF_GRID_M = 20e-6
 """A point nearer to the grid is on it: float32 rounds by up to 4 um, at 100 m."""
+_PER_UNIT = np.array([*[PER_METRE] * 3, PER_REFLECTANCE], np.float32)
 KITTI_SHARE = 0.99
 """Of the points of a scan that must be on the grid."""
 OFF_GRID_REFLECTANCE = 1e-3
@@ -133,12 +134,17 @@ def snap(points: Float32Array) -> SnappedScan | None:
         points: (N, 4) x y z reflectance.
 
     Returns:
-        None unless more than KITTI_SHARE of the points are near the grid.
+        None unless more than KITTI_SHARE of the points are near the grid, and on no coarser one:
+        a codec that rounds to 2 mm or 1 cm lost more than rounding gives back.
     """
     if grid_share(points[:: 1 + len(points) // _SUBSET_POINTS, :3]) < KITTI_SHARE / 2:
         return None
+    with np.errstate(over='ignore'):
+        exact = np.rint(points * _PER_UNIT) / _PER_UNIT
+    if exact.tobytes() == points.tobytes():
+        return SnappedScan(points, 0, reflectance=True)
     near = _is_on_grid(points[:, :3])
-    if not near.sum() > KITTI_SHARE * len(points):
+    if not near.sum() > KITTI_SHARE * len(points) or _is_coarser(points[near, :3]):
         return None
     rounded = np.ascontiguousarray(points).copy()
     rounded[near, :3] = on_grid(points[near, :3])
@@ -149,6 +155,12 @@ def snap(points: Float32Array) -> SnappedScan | None:
     if reflectance:
         rounded[valued, 3] = nearest[valued] / PER_REFLECTANCE
     return SnappedScan(rounded, int(np.count_nonzero(~near)), reflectance)
+
+
+def _is_coarser(points: Float32Array) -> bool:
+    """Return whether nearly all coordinates are multiples of 2 or 5 mm."""
+    steps = np.rint(_scaled(points))
+    return any(float((steps % factor == 0).mean()) > KITTI_SHARE for factor in (2, 5))
 
 
 class GridTally:

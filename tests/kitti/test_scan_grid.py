@@ -177,6 +177,16 @@ def test_other_scans_are_on_no_grid(off_m):
         assert snap(points) is None
 
 
+@pytest.mark.parametrize('step_mm', [2, 5, 10, 50])
+def test_scans_of_a_coarser_codec_stay(step_mm):
+    """pymcap-cli rounds to 1 cm unless told otherwise, which is a part of the grid."""
+    points = scan(8)
+    rounded = np.rint(points[:, :3].astype(np.float64) * 1000 / step_mm) * step_mm
+    points[:, :3] = rounded.astype(np.float32) * np.float32(1e-3)
+    assert grid_share(points[:, :3]) == 1
+    assert snap(points) is None
+
+
 def test_the_few_points_off_the_grid_and_other_reflectances_stay():
     points = scan(6)
     points[::150, 0] += np.float32(4e-4)
