@@ -324,6 +324,7 @@ class _Writer:
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
+        self._lines: dict[PurePosixPath, int] = {}
         self._parts: dict[PurePosixPath, dict[int, tuple[str, str]]] = {}
         self._differences: dict[str, set[int]] = {}
         self.size_bytes = 0
@@ -403,6 +404,10 @@ class _Writer:
         if expected and owner[1] not in expected:
             self._lose(message, f'names {path}, which has another stamp')
             return None
+        digest = hash(text.text)
+        if self._lines.get(path) == digest:
+            return None  # a copy, as of a topic that a tool repeats in each part of a bag
+        self._lines[path] = digest
         data = text.text.encode()
         return _File(stream, owner[1], path, lambda: (data, ''), message.topic, message.stamp_ns)
 
@@ -433,7 +438,8 @@ class _Writer:
         stamp_ns = stamp_ns_of(decoded.header)
         numbers = (self._numbers.get(stream) or {}).get(stamp_ns)
         if not numbers:
-            self._lose(message, self._why_unnumbered(stream))
+            repeated = numbers is not None and f'another {stream.value} message has its stamp'
+            self._lose(message, repeated or self._why_unnumbered(stream))
             return None
         number = numbers.pop(0)
         path = self._source_files.folders[stream].file(number)

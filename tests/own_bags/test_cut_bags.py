@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 SCANS = '/kitti/velo/points'
+LABELS = '/kitti/source/labels'
+OXTS = '/kitti/source/oxts'
 
 
 class Stored(NamedTuple):
@@ -110,6 +112,11 @@ def merged(stored: list[Stored]) -> list[Stored]:
     return sorted(until(stored) + since_with_latched(stored), key=lambda each: each.stamp_ns)
 
 
+def repeated_lines(stored: list[Stored]) -> list[Stored]:
+    """With the texts of a frame once more, as in parts for which all of /kitti/source is kept."""
+    return [each for each in stored for _ in range(1 + (each.topic in {LABELS, OXTS}))]
+
+
 def recorded(stored: list[Stored]) -> list[Stored]:
     """With the times of a recorder, which starts after the latched messages were published."""
     return [each._replace(stamp_ns=10**18 + at * 10**7) for at, each in enumerate(stored)]
@@ -160,6 +167,7 @@ CUTS = {
     'since, with latched': Cut(since_with_latched, r'[^/]*00000[0-2]\.'),
     'merged': Cut(merged),
     'recorded': Cut(recorded),
+    'repeated lines': Cut(repeated_lines),
     'of an earlier version': Cut(of_an_earlier_version),
     'latest of an earlier version': Cut(
         latest_of_an_earlier_version, f'{CALIB}|{OTHER_TEXTS}'),

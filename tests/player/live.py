@@ -121,8 +121,8 @@ class Listening:
 class Recording:
     """A process that subscribes as `ros2 bag record -a` does."""
 
-    def __init__(self):
-        words = [sys.executable, str(HERE / 'recorder.py')]
+    def __init__(self, *out):
+        words = [sys.executable, str(HERE / 'recorder.py'), *map(str, out)]
         self.process = subprocess.Popen(
             words, env=environment(), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )

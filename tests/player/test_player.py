@@ -24,7 +24,7 @@ pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 
 import live
 
-from builders import convert_recording  # isort: skip
+from builders import convert_recording, files_of  # isort: skip
 from waiting import PATIENCE_S  # isort: skip
 
 pytestmark = pytest.mark.programs
@@ -89,8 +89,8 @@ def record():
     """Starts recorders."""
     started = []
 
-    def start():
-        started.append(live.Recording())
+    def start(*out):
+        started.append(live.Recording(*out))
         return started[-1]
 
     yield start
@@ -518,6 +518,21 @@ def test_a_recorder_of_everything_gets_everything(
     expected = {topic: len(found) for (topic, _), found in live.bag_digests(bag).items()}
     counts = recorder.counts()
     assert {topic: counts.get(topic) for topic in expected} == expected
+
+
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT])
+def test_what_was_recorded_of_the_player_becomes_the_files(
+    player, record, recordings, layout, tmp_path
+):
+    source, bag = recordings[layout], tmp_path / 'recorded.mcap'
+    process = player(source, '--lossless')
+    recorder = record(bag)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, said
+    assert recorder.counts()['/kitti/source/recording'] == 1
+    assert main(['to-kitti', str(bag), str(tmp_path / 'out'), '-q']) == 0
+    root = source.parent.parent if layout is Layout.RAW else source
+    assert files_of(tmp_path / 'out') == files_of(root)
 
 
 def test_the_second_subscriber_is_waited_for(player, record, listen, recordings):
