@@ -16,8 +16,10 @@ from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, fitting_decimals
 from kitti_ros2.kitti.scan_file import parse_scan
 from kitti_ros2.kitti.text_file import (
     COLUMNS,
+    format_packet,
     format_poses,
     format_times,
+    format_timestamps,
     parse_packet,
     parse_poses,
     parse_times,
@@ -330,6 +332,17 @@ def test_real_tracking_files_come_back_from_their_values(real_kitti: Path, tmp_p
             writer.write_labels(number, frames.get(number, []))
     for name, path in files.items():
         assert (tmp_path / 'training' / name / path.name).read_text() == path.read_text()
+
+
+def test_real_packets_and_stamps_come_back_from_their_values(real_kitti: Path) -> None:
+    packets = sorted(real_kitti.glob('raw/2011_09_26/*/oxts/data/*.txt'))
+    assert len(packets) >= 262
+    for path in packets:
+        text = path.read_text()
+        assert f'{format_packet(parse_packet(text, path))}\n' == text, path
+    for path in real_kitti.glob('raw/2011_09_26/*/*/timestamps*.txt'):
+        text = path.read_text()
+        assert format_timestamps(parse_timestamps(text, path).values) == text, path
 
 
 def test_real_odometry_texts_come_back_from_their_values(real_kitti: Path) -> None:
