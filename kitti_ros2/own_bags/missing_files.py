@@ -11,7 +11,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 from ..bags.reader import Decoder, bag_stamps, open_messages
 from ..kitti import names
@@ -20,7 +20,7 @@ from ..messages.cdr import peek_header
 from ..messages.naming import SWEEP, decode_sweep
 from ..messages.topics import own_topics
 from ..model.bag_formats import HEADLESS, STRING
-from ..model.streams import IMAGE_STREAMS, Layout, Stream
+from ..model.streams import IMAGE_STREAMS, LAST_NS, Layout, Stream
 from ..options.outputs import ImportOptions
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _header_stamps(bag: OpenBag, topic: str) -> list[int]:
                 stamps_ns.add(peek_header(message.data)[0])
             except ValueError:  # a damaged message, whose file is lost as well
                 continue
-    return sorted(stamps_ns)
+    return sorted(filter(_is_stamp, stamps_ns))
 
 
 def _turns(bag: OpenBag) -> list[tuple[int, int]]:
@@ -87,11 +87,15 @@ def _turns(bag: OpenBag) -> list[tuple[int, int]]:
         for message in messages:
             try:
                 start_ns, end_ns = decode_sweep(decode(message, STRING))
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 continue
-            if isinstance(start_ns, int) and isinstance(end_ns, int):
+            if _is_stamp(start_ns) and _is_stamp(end_ns):
                 turns.add((start_ns, end_ns))
     return sorted(turns)
+
+
+def _is_stamp(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and 0 <= value <= LAST_NS
 
 
 def _format(numbers: Sequence[int], stamps_ns: Sequence[int], epoch_ns: int | None = None) -> str:

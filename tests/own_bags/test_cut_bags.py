@@ -21,7 +21,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
 from kitti_ros2.cli import main
 from kitti_ros2.messages.cdr import serialize
-from kitti_ros2.messages.naming import CALIBRATION, FILES, RECORDING
+from kitti_ros2.messages.naming import CALIBRATION, FILES, RECORDING, SWEEP
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.bag_formats import STRING, Channel
 from kitti_ros2.model.streams import Layout
@@ -347,6 +347,22 @@ def test_texts_that_are_no_json_cost_no_more_than_themselves(text, whole, back, 
     assert {
         path: data for path, data in files.items() if 'calib' not in path
     }.items() <= true.items()
+
+
+@pytest.mark.parametrize('start', ['1e30', '1' + '0' * 30, '-5', 'null', '"a"', '[' * 9999])
+def test_sweeps_that_are_no_stamps_make_no_file(start, whole, back, tmp_path):
+    bag, true = whole('raw')
+    stored = [
+        each.with_text(f'{{"start_ns": {start}, "end_ns": 5}}') if each.topic == SWEEP else each
+        for each in without(FILES)(read(bag))
+    ]
+    code, said, files = back(write(tmp_path / 'odd.mcap', stored))
+    assert code == 1
+    assert (
+        'the bag does not hold 2011_09_26_drive_0001_sync/velodyne_points/timestamps_end.txt\n'
+        in said
+    )
+    assert files.items() <= true.items()
 
 
 @pytest.mark.parametrize('layout', ['raw', 'odometry'])

@@ -81,7 +81,7 @@ def _to_check() -> list[bytes]:
     return [*own_bags(), *odd_bags()[-14:], b'', b'no bag']
 
 
-_MODULES = ('own_bags/source_files.py', 'own_bags/numbering.py')  # fmt: skip
+_MODULES = ('own_bags/source_files.py', 'own_bags/missing_files.py', 'own_bags/numbering.py')
 _WORDS = (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null')
 
 TARGETS = (
