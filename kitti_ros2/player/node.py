@@ -357,8 +357,14 @@ def given(values: dict[str, Value]) -> dict[str, object]:
     return {
         name: value
         for name, value in values.items()
-        if name not in COMMANDS and value not in ('', [''], [], defaults[name])
+        if name not in COMMANDS
+        and (value not in ('', [''], [], defaults[name]) or _is_other_kind(value, defaults[name]))
     }
+
+
+def _is_other_kind(value: Value, default: object) -> bool:
+    """Return whether true stands for a number: it equals 1, and loop:=true is not loop:=1."""
+    return isinstance(value, bool) and not isinstance(default, bool)
 
 
 def to_parameters(values: Mapping[str, Any]) -> list[Parameter]:

@@ -10,6 +10,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.node import (
     _LIVE,
@@ -46,6 +47,12 @@ def test_a_value_gets_the_declared_type_and_means_the_same(name, word, value):
     assert made == value
     assert type(made) is type(value)
     assert make_play_settings(given({name: made})) == make_play_settings({name: word})
+
+
+def test_true_is_no_number():
+    assert make_play_settings(given({'loop': True})).playback.loop == 0
+    with pytest.raises(UsageError, match='rate takes a number, not True'):
+        make_play_settings(given({'rate': True}))
 
 
 def test_parameters_are_described_with_their_ranges():
