@@ -86,6 +86,7 @@ class RecordingCrop:
         self.tops = self._paths.tops
         self._failures: dict[tuple[Stream, str], list[int]] = {}
         self._emptied: list[int] = []
+        self._noted: dict[str, list[int]] = {}
         self.result = CroppedRecording(recording.name, str(self._paths.scan_folder))
 
     def __len__(self) -> int:
@@ -112,13 +113,16 @@ class RecordingCrop:
     @property
     def notes(self) -> list[str]:
         """Notes so far."""
-        if not self._emptied:
-            return self._paths.notes
-        numbers = format_numbers(self._emptied)
-        return [
-            *self._paths.notes,
-            f'{self.result.folder}: no point is left in frames {numbers}; their files are empty',
+        notes = [
+            f'{self.result.folder}: {note}: scans {format_numbers(numbers)}'
+            for note, numbers in self._noted.items()
         ]
+        if self._emptied:
+            numbers = format_numbers(self._emptied)
+            notes.append(
+                f'{self.result.folder}: no point is left in frames {numbers}; their files are empty'
+            )
+        return [*self._paths.notes, *notes]
 
     def run(self, root: Path, shared_paths: set[PurePosixPath]) -> Iterator[int]:
         """Write the recording, and yield the number of each finished scan.
@@ -155,6 +159,8 @@ class RecordingCrop:
         result.size_bytes += cut.size_bytes
         if cut.before and not cut.after:
             self._emptied.append(cut.number)
+        if cut.note:
+            self._noted.setdefault(cut.note, []).append(cut.number)
         for failure in cut.failures:
             self._failures.setdefault(failure, []).append(cut.number)
 

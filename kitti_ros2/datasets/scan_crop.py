@@ -84,7 +84,7 @@ class CropPaths:
         self.labelled = frozenset(labels).intersection(self.numbers)
         common = Stream.LABELS in recording.layout.traits.line_streams
         self.track_labels = recording.path(Stream.LABELS, 0) if common and self.labelled else None
-        self.notes = [note for note in recording.notes if CHANGES_NOTHING in note]
+        self.notes = [note for note in recording.notes if _is_on_motion(note)]
         if options.empty_labels is EmptyLabels.DROP and index is None:
             self.notes.append(f'empty_labels {CHANGES_NOTHING}: {recording.name} has no labels')
         self.notes += self._find_notes()
@@ -162,6 +162,11 @@ class CropPaths:
             listed = ', '.join(folder.name for folder in tree.point_labels)
             notes.append(f'{tree.target}: {listed} unchanged, with the scans in {names.SCANS}')
         return notes
+
+
+def _is_on_motion(note: str) -> bool:
+    """Return whether a note of a recording is on its scans' motion, or on an idle option."""
+    return CHANGES_NOTHING in note or note.startswith(('deskew ', 'undo_deskew: '))
 
 
 # The points of a scan that a camera sees, by two common rules.
@@ -405,6 +410,7 @@ class CutScan:
         size_bytes: Size of new files.
         empty_rows: Dropped lines of the frame's labels.
         failures: Unusable data: stream and reason.
+        note: On the points of the scan; empty for none.
     """
 
     number: int
@@ -415,6 +421,7 @@ class CutScan:
     size_bytes: int = 0
     empty_rows: Sequence[int] = ()
     failures: list[tuple[Stream, str]] = field(default_factory=list)
+    note: str = ''
 
 
 class ScanCropper:
@@ -461,6 +468,7 @@ class ScanCropper:
         except ValueError as error:
             self._leave_out(result, f'{path}: {error}')
         else:
+            result.note = scan.note
             result.before, result.after = len(keep), int(np.count_nonzero(keep))
             if not result.before:
                 result.failures.append((Stream.SCAN, f'{path}: the file is empty, and stays so'))
@@ -554,12 +562,14 @@ class _ReadScan:
 
     Attributes:
         is_moved: Whether they differ from the file's by the compensation of motion, or its undoing.
+        note: On their motion; empty for none.
     """
 
     points: Float32Array
     rows: npt.NDArray[np.void] | None = None
     lines: list[bytes] | None = None
     is_moved: bool = False
+    note: str = ''
 
     @classmethod
     def read(cls, path: Path, recording: KittiRecording) -> _ReadScan:
@@ -588,16 +598,17 @@ class _ReadScan:
             MissingDataError: There are no packets or poses near.
         """
         scan = Scan(self.points, turn=recording.turns.get(number))
-        points = recording.adjust_scan(number, scan).points
+        adjusted = recording.adjust_scan(number, scan)
+        points = adjusted.points
         if self.lines is not None:
             lines = format_scan_text(points).splitlines(keepends=True)
-            return _ReadScan(points, lines=lines, is_moved=True)
+            return _ReadScan(points, lines=lines, is_moved=True, note=adjusted.note)
         if self.rows is None:
             return self
         rows = self.rows.copy()
         for axis, name in enumerate('xyz'):
             rows[name] = points[:, axis]
-        return _ReadScan(points, rows, is_moved=True)
+        return _ReadScan(points, rows, is_moved=True, note=adjusted.note)
 
     def cut(self, keep: Mask) -> bytes:
         """Return the bytes of some points."""

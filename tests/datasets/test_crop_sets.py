@@ -22,6 +22,7 @@ from kitti_ros2.cli import main
 from kitti_ros2.datasets import crop
 from kitti_ros2.kitti.names import parse_drive
 from kitti_ros2.kitti.opening import open_recording, open_recordings
+from kitti_ros2.kitti.scan_grid import compensated, on_grid
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.errors import UnreadableFileError
 from kitti_ros2.model.streams import Layout, Stream
@@ -736,3 +737,20 @@ def test_scans_are_moved_as_they_are_read(layout, option, cuts, tmp_path):
         kept = points[(distance >= 3) & (distance <= 30)] if cuts else points
         assert len(kept) > 0
         assert path.read_bytes() == kept.tobytes()
+
+
+def test_scans_that_do_not_come_back_to_the_grid_are_named(tmp_path):
+    folder, _, _ = write_bend(tmp_path / 'bend', Layout.ODOMETRY, Bend())
+    by_poses = "points do not come to lie on KITTI's grid of 1 mm"
+    report = cut(folder, tmp_path / 'all', undo_deskew=True)
+    assert [note for note in report.notes if by_poses in note and note.startswith('undo_deskew')]
+    xyz = on_grid(np.random.default_rng(0).uniform((-50, -50, -2), (50, 50, 1), (20_000, 3)))
+    scan = np.zeros((len(xyz), 4), np.float32)
+    scan[:, :3] = compensated(xyz, np.array([1.5, 0, 0, 0, 0, np.radians(3)]))
+    first, *_ = sorted(folder.rglob('*.bin'))
+    first.write_bytes(scan.tobytes())
+    report = cut(folder, tmp_path / 'some', undo_deskew=True)
+    (note,) = [note for note in report.notes if by_poses in note]
+    assert note.endswith('scans 1-3')
+    made, *_ = sorted((tmp_path / 'some').rglob('*.bin'))
+    assert (np.fromfile(made, np.float32).reshape(-1, 4)[:, :3] == xyz).all(axis=1).mean() > 0.99
