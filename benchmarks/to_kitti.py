@@ -20,8 +20,8 @@ from statistics import median
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.files.processes import keep_freed_memory
+from kitti_ros2.own_bags.restore import restore
 from kitti_ros2.own_bags.source_files import find_source_files
-from kitti_ros2.own_bags.to_kitti import restore
 
 from yardsticks import (  # isort: skip
     COMMAND,

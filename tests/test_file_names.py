@@ -21,8 +21,8 @@ from kitti_ros2.model.errors import AmbiguousLayoutError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.own_bags.restore import restore
 from kitti_ros2.own_bags.source_files import find_source_files
-from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording, files_of, png_bytes  # isort: skip
 from renamed_files import BY_NAME, KINDS, renamed, token  # isort: skip

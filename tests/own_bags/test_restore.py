@@ -26,8 +26,8 @@ from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import Images, MessageOptions, Preset
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
+from kitti_ros2.own_bags.restore import restore
 from kitti_ros2.own_bags.source_files import find_source_files
-from kitti_ros2.own_bags.to_kitti import restore
 
 from builders import convert_recording  # isort: skip
 
