@@ -208,7 +208,7 @@ def _restore(
     return replace(
         report,
         losses=(*damaged, *_losses(source_files, made), *refused, *report.losses),
-        notes=(*report.notes, *notes),
+        notes=(*messages.notes, *report.notes, *notes),
     )
 
 

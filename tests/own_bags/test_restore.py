@@ -463,3 +463,11 @@ def test_several_recordings_make_one_data_set(recordings, tmp_path):
     with pytest.raises(UsageError, match='differs from that of another bag'):
         restore([found[0], (other, find_source_files(other))], tmp_path / 'differing')
     assert not (tmp_path / 'differing').exists()
+
+
+def test_remarks_on_a_bag_are_notes_of_its_files(recordings, tmp_path):
+    bag = to_bag(recordings[Layout.OBJECT], tmp_path / 'bags')
+    (bag / 'metadata.yaml').unlink()
+    report = back(bag, tmp_path / 'out')
+    assert any('has no metadata.yaml' in note for note in report.notes)
+    assert not report.losses
