@@ -466,7 +466,7 @@ def test_several_recordings_make_one_data_set(recordings, tmp_path):
 
 
 def test_remarks_on_a_bag_are_notes_of_its_files(recordings, tmp_path):
-    bag = to_bag(recordings[Layout.OBJECT], tmp_path / 'bags')
+    bag = to_bag(recordings[Layout.OBJECT], tmp_path / 'bags', 'directory')
     (bag / 'metadata.yaml').unlink()
     report = back(bag, tmp_path / 'out')
     assert any('has no metadata.yaml' in note for note in report.notes)
