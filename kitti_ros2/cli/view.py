@@ -16,7 +16,14 @@ import typer
 
 from ..files.output_rules import keep_all, keep_all_but_files
 from ..files.processes import freeze_imports
-from ..model.errors import UsageError, did_you_mean, format_bytes, format_count, not_one_of
+from ..model.errors import (
+    UsageError,
+    did_you_mean,
+    either,
+    format_bytes,
+    format_count,
+    not_one_of,
+)
 from ..model.streams import Stream
 from ..options.declare import options_of
 from ..options.table import make_settings, make_view_settings
@@ -40,8 +47,17 @@ if TYPE_CHECKING:
 # kitti-ros2 view, as pictures and films.
 
 _MOVIE = '.mp4'
-_FROM_ABOVE = {'range': ('bev', 'panel'), 'resolution': ('bev',)}
-"""By option of the view from above: the modes that take it."""
+_ON_IMAGES = ('camera', 'boxes', 'lidar', 'panel')
+_OF_POINTS = ('lidar', 'bev', 'perspective', 'panel')
+_MODES_OF = {
+    'camera': _ON_IMAGES,
+    'color_by': _OF_POINTS,
+    'color_map': _OF_POINTS,
+    'point_size': ('lidar', 'perspective', 'panel'),
+    'range': ('bev', 'panel'),
+    'resolution': ('bev',),
+}
+"""By option: the modes that take it; others are for all."""
 
 
 def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) -> int:
@@ -138,11 +154,11 @@ def _idle_options(
     yield from (note for note in source.notes if CHANGES_NOTHING in note)
     if single and settings.rate_hz is not None:
         yield f'fps {CHANGES_NOTHING}: it is for films'
-    bird = settings.pictures.bird
-    for opt in options_of(type(bird)):
-        modes = _FROM_ABOVE[opt.name]
-        if getattr(bird, opt.field) != opt.default and settings.mode not in modes:
-            yield f'{opt.name} {CHANGES_NOTHING}: it is for --mode {" and ".join(modes)}'
+    for holder in (settings.pictures, settings.pictures.bird):
+        for opt in options_of(type(holder)):
+            modes = _MODES_OF.get(opt.name, (settings.mode,))
+            if getattr(holder, opt.field) != opt.default and settings.mode not in modes:
+                yield f'{opt.name} {CHANGES_NOTHING}: it is for --mode {either(modes)}'
 
 
 def _missing_classes(

@@ -111,3 +111,22 @@ def test_no_option_is_ignored_in_silence(
     capsys.readouterr()
     silent = list(ignored(command, recording, bag, tmp_path, monkeypatch, capsys))
     assert silent == [], ' '.join(silent)
+
+
+@pytest.mark.parametrize('mode', ['camera', 'boxes', 'lidar', 'bev', 'perspective', 'panel'])
+def test_options_of_pictures_change_them_or_are_named(
+    mode, recordings, tmp_path, monkeypatch, capsys
+):
+    words = ['view', str(recordings[Layout.TRACKING]), '-o', 'out.png', '--mode', mode]
+    base = outcome(words, tmp_path / 'base', monkeypatch, capsys)
+    options = {
+        'camera': '3', 'point-size': '5', 'color-map': 'jet', 'color-by': 'intensity',
+        'classes': 'Car', 'range': '0,40,-20,20', 'resolution': '5', 'fps': '3',
+    }  # fmt: skip
+    for name, value in options.items():
+        given = [*words, f'--{name}', value]
+        code, said, written = outcome(given, tmp_path / name, monkeypatch, capsys)
+        assert code == 0, said
+        assert said.count('note: ') <= 1
+        named = 'note: ' in said
+        assert named != (written != base[2]), (name, said)
