@@ -264,7 +264,7 @@ class _FilesOfPixels:
         if self.asked and not self.made:
             yield 'png changes nothing: the bag has the files of images, no pixels'
         for differs, text in (
-            (True, "have the pixels of KITTI's files, in other bytes"),
+            (True, "have other bytes than KITTI's files; the bag does not tell if other pixels"),
             (False, "are made of pixels; the bag does not tell the bytes of KITTI's files"),
         ):
             frames: dict[Stream, list[int]] = {}
