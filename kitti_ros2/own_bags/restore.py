@@ -15,6 +15,7 @@ import numpy as np
 
 from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, bag_stamps, open_messages
+from ..files.image_files import JPEG_SIGNATURE
 from ..files.local_files import crc32
 from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
@@ -303,6 +304,7 @@ class _Writer:
         }
         self._grey: dict[Stream, set[int]] = {}
         self._as_png: dict[Stream, set[int]] = {}
+        self._jpegs: dict[Stream, set[int]] = {}
         self._as_video: dict[Stream, set[int]] = {}
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
@@ -434,6 +436,9 @@ class _Writer:
             # Pixels cannot become the bytes of a JPEG again.
             path = path.with_suffix(PNG)
             self._as_png.setdefault(stream, set()).add(number)
+        elif hasattr(decoded, 'format') and path.suffix.lower() == PNG:
+            if decoded.data[: len(JPEG_SIGNATURE)].tobytes() == JPEG_SIGNATURE:
+                self._jpegs.setdefault(stream, set()).add(number)
         elif hasattr(decoded, 'encoding') and number not in self._as_video.get(stream, ()):
             self._pixels.numbers[path] = stream, number
         columns = self._source_files.columns
@@ -498,6 +503,11 @@ class _Writer:
             text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
         missing += self._changed_images()
+        notes += [
+            f'{stream.value} of frames {format_numbers(sorted(frames))} are JPEGs in files named'
+            f" {PNG}: not KITTI's own pixels if another program has encoded them"
+            for stream, frames in self._jpegs.items()
+        ]
         notes += self._pixels.notes()
         if self._reencoded is not None:
             notes += self._reencoded.videos.notes()

@@ -7,6 +7,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 
+import cv2
 import pytest
 from folder_and_bag import make_holes
 from stored_messages import make_mcap
@@ -15,7 +16,7 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.files.image_files import decode_png, encode_png, parse_png
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.bag_formats import IMAGE
+from kitti_ros2.model.bag_formats import COMPRESSED, IMAGE
 from kitti_ros2.model.streams import Layout
 
 OTHER_BYTES = "have other bytes than KITTI's files; the bag does not tell if other pixels"
@@ -65,22 +66,42 @@ def test_other_bytes_are_counted(recordings, tmp_path, capsys):
     assert f'image_2 of frames 0-2, 4 {OTHER_BYTES}' in capsys.readouterr().out
 
 
-def test_other_pixels_are_not_said_to_be_kittis(recordings, tmp_path, capsys):
-    bag, changed = tmp_path / 'bag.mcap', tmp_path / 'changed.mcap'
-    assert main(['to-bag', str(recordings[Layout.OBJECT]), str(bag), '--images', 'raw']) == 0
+def changed(bag, msgtype, change):
+    """The bag with each message of a type changed."""
     stored = []
     with open_messages(bag) as messages:
         for message in messages:
             data = bytes(message.data)
-            if message.msgtype == IMAGE:
-                image = TYPESTORE.deserialize_cdr(data, IMAGE)
-                data = bytes(TYPESTORE.serialize_cdr(replace(image, data=image.data // 2), IMAGE))
+            if message.msgtype == msgtype:
+                image = TYPESTORE.deserialize_cdr(data, msgtype)
+                pixels = replace(image, data=change(image.data))
+                data = bytes(TYPESTORE.serialize_cdr(pixels, msgtype))
             stored.append((message.topic, message.msgtype, message.stamp_ns, data))
-    changed.write_bytes(make_mcap(stored))
-    assert main(['to-kitti', str(changed), str(tmp_path / 'out')]) == 0
+    bag.write_bytes(make_mcap(stored))
+    return bag
+
+
+def test_other_pixels_are_not_said_to_be_kittis(recordings, tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(recordings[Layout.OBJECT]), str(bag), '--images', 'raw']) == 0
+    darker = changed(bag, IMAGE, lambda data: data // 2)
+    assert main(['to-kitti', str(darker), str(tmp_path / 'out')]) == 0
     said = capsys.readouterr().out
     assert f'image_2 of frames 0-4 {OTHER_BYTES}' in said
     assert "the pixels of KITTI's" not in said
+
+
+def test_jpegs_in_place_of_png_files_are_named(recordings, tmp_path, capsys):
+    bag = tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(recordings[Layout.OBJECT]), str(bag)]) == 0
+
+    def as_jpeg(data):
+        _, jpeg = cv2.imencode('.jpg', cv2.imdecode(data, cv2.IMREAD_COLOR))
+        return jpeg.ravel()
+
+    assert main(['to-kitti', str(changed(bag, COMPRESSED, as_jpeg)), str(tmp_path / 'out')]) == 0
+    said = capsys.readouterr().out
+    assert 'image_2 of frames 0-4 are JPEGs in files named .png' in said
 
 
 def test_where_the_bag_does_not_tell_nothing_is_claimed(recordings, tmp_path, capsys):
