@@ -532,24 +532,9 @@ def make_download_options(
     return options, make_options(ExtractOptions, parsed, remove_archives=removes)
 
 
-def make_statistics_options(
-    values: Mapping[str, object],
-) -> tuple[ReadOptions, StatisticsOptions]:
-    """Make the options of a KITTI folder and those of statistics from values by name.
-
-    Raises:
-        UsageError: A name is unknown, or a value is invalid or without effect.
-    """
-    read, options = make_with_source(STATS, StatisticsOptions, values)
-    if read.columns is not None and not options.points:
-        raise UsageError(
-            'columns are those of scans, which are read for --points only; give it too'
-        )
-    return read, options
-
-
+make_statistics_options = partial(make_with_source, STATS, StatisticsOptions)
 make_validation_options = partial(make_with_source, VALIDATE, ValidateOptions)
-"""Takes values by name, and returns the options of the source and those of the command."""
+"""Take values by name, and return the options of the source and those of the command."""
 
 
 def make_crop_options(values: Mapping[str, object]) -> CropOptions:

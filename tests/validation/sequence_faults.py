@@ -265,7 +265,7 @@ _TRACKING = (
     ('labels of no frame', 'label-frame', lambda root, n: add_line(
         LABEL(root, n), LABEL(root, n).read_text().splitlines()[0].replace('0', '900', 1))),
     ('packet of 29 numbers', 'oxts-packet', lambda root, n: edit_line(
-        track_file('oxts')(root, n), n + 1, lambda line: line.rsplit(' ', 1)[0])),
+        track_file('oxts')(root, n), n + 1, lambda line: line.split(' ', 1)[1])),
     ('GPS jumps', 'oxts-position', oxts_word(1, '8.6')),
     ('image of another size', 'image-size',
      of(numbered('training/image_02/0000', '.png'), write_blank, (30, 20))),
