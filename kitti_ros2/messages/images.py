@@ -357,12 +357,14 @@ def encode_pixels(
     )
 
 
-def decode_image(message: ImageMsg, form: PngForm = PngForm.FAST) -> Image:
+def decode_image(message: ImageMsg | CompressedImage, form: PngForm = PngForm.FAST) -> Image:
     """Decode any Image to a PNG file of its pixels, in one of its forms.
 
+    Programs that compress bags make it a CompressedImage of the same topic.
+
     Raises:
-        ValueError: As decode_pixels.
+        ValueError: As pixels_of.
     """
-    pixels = decode_pixels(message)
+    pixels = pixels_of(message)
     height, width = pixels.shape[:2]
     return Image(encode_png(pixels, form), width, height, 1 if pixels.ndim == 2 else 3)

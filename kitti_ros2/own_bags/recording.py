@@ -26,7 +26,7 @@ from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import BagContext, base_t_imu, every_naming
-from ..messages.topics import decoders, own_topics
+from ..messages.topics import decoders, is_read_as, own_topics
 from ..model.bag_formats import PICTURES
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
@@ -286,7 +286,7 @@ if TYPE_CHECKING:
 def _is_of(topic: TopicSurvey, row: Topic) -> bool:
     """Return whether a topic has the type of its row, or is a video of the row's images."""
     is_video = topic.keys is not None and row.msgtype in PICTURES
-    return is_video or topic.msgtype == row.msgtype
+    return is_video or is_read_as(topic.msgtype, row)
 
 
 def _no_calibration(reason: str) -> Calibration:

@@ -26,7 +26,8 @@ from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import FILE_CHECKS, POINTS, BagContext, decode_file_check
-from ..messages.topics import decoders, own_topics
+from ..messages.topics import decoders, is_read_as, own_topics
+from ..model.bag_formats import IMAGE
 from ..model.errors import (
     KittiRos2Error,
     Loss,
@@ -305,6 +306,7 @@ class _Writer:
         self._grey: dict[Stream, set[int]] = {}
         self._as_png: dict[Stream, set[int]] = {}
         self._jpegs: dict[Stream, set[int]] = {}
+        self._from_jpeg: dict[Stream, set[int]] = {}
         self._as_video: dict[Stream, set[int]] = {}
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
@@ -340,8 +342,10 @@ class _Writer:
                 for _, packet, image in videos.take(index, message, decode):
                     yield packet, image
                 continue
+            row = own_topics()[message.topic]
+            is_expected = is_read_as(message.msgtype, row)
             try:
-                yield message, decode(message, own_topics()[message.topic].msgtype)
+                yield message, decode(message, '' if is_expected else row.msgtype)
             except ValueError as error:
                 yield message, error
         if videos is not None:
@@ -432,18 +436,34 @@ class _Writer:
         if self._reencoded is not None and message.topic in self._reencoded.videos:
             sample = partial(self._reencoded.file, message.topic, stamp_ns, decoded)
             self._as_video.setdefault(stream, set()).add(number)
-        if hasattr(decoded, 'encoding') and path.suffix.lower() in JPEGS:
-            # Pixels cannot become the bytes of a JPEG again.
-            path = path.with_suffix(PNG)
-            self._as_png.setdefault(stream, set()).add(number)
-        elif hasattr(decoded, 'format') and path.suffix.lower() == PNG:
-            if decoded.data[: len(JPEG_SIGNATURE)].tobytes() == JPEG_SIGNATURE:
-                self._jpegs.setdefault(stream, set()).add(number)
-        elif hasattr(decoded, 'encoding') and number not in self._as_video.get(stream, ()):
-            self._pixels.numbers[path] = stream, number
+        path = self._named_by_form(path, stream, number, decoded, message.topic)
         columns = self._source_files.columns
         content = partial(format_sample, sample, self._root / path, columns)
         return _File(stream, number, path, content, message.topic, message.stamp_ns)
+
+    def _named_by_form(
+        self,
+        path: PurePosixPath,
+        stream: Stream,
+        number: int,
+        decoded: Any,  # noqa: ANN401 - as the others
+        topic: str,
+    ) -> PurePosixPath:
+        """Return the path of a sample's file; enter how an image differs from KITTI's file."""
+        has_pixels = hasattr(decoded, 'encoding') or own_topics()[topic].msgtype == IMAGE
+        is_jpeg = hasattr(decoded, 'format') and (
+            decoded.data[: len(JPEG_SIGNATURE)].tobytes() == JPEG_SIGNATURE
+        )
+        if has_pixels and path.suffix.lower() in JPEGS:
+            # Pixels cannot become the bytes of a JPEG again.
+            self._as_png.setdefault(stream, set()).add(number)
+            return path.with_suffix(PNG)
+        if is_jpeg and path.suffix.lower() == PNG:
+            frames = self._from_jpeg if has_pixels else self._jpegs
+            frames.setdefault(stream, set()).add(number)
+        elif has_pixels and number not in self._as_video.get(stream, ()):
+            self._pixels.numbers[path] = stream, number
+        return path
 
     def _why_unnumbered(self, stream: Stream) -> str:
         folder = self._source_files.folders.get(stream)
@@ -525,6 +545,7 @@ class _Writer:
         """Yield the losses of the images that are not KITTI's own files."""
         for by_stream, change in (
             (self._as_png, 'written as PNG, for the bag has pixels, no JPEG'),
+            (self._from_jpeg, "decoded from JPEG: not KITTI's own pixels"),
             (self._as_video, "decoded from video: not KITTI's own pixels"),
             (self._grey, "written grey, not in KITTI's colours"),
         ):

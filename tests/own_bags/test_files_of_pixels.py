@@ -15,6 +15,7 @@ from stored_messages import make_mcap
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
 from kitti_ros2.files.image_files import decode_png, encode_png, parse_png
+from kitti_ros2.messages.images import pixels_of
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.bag_formats import COMPRESSED, IMAGE
 from kitti_ros2.model.streams import Layout
@@ -64,6 +65,35 @@ def test_other_bytes_are_counted(recordings, tmp_path, capsys):
     assert f'image_2 of frames 3 {OTHER_BYTES}' in capsys.readouterr().out
     there_and_back(source, tmp_path, '--images', 'raw', back=['--png', 'fast'])
     assert f'image_2 of frames 0-2, 4 {OTHER_BYTES}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('kind', ['png', 'jpg'])
+def test_images_that_became_compressed_ones_are_read(recordings, tmp_path, capsys, kind):
+    """As pymcap-cli roscompress --image-format makes them, on the same topics."""
+    source, bag = recordings[Layout.OBJECT], tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(source), str(bag), '--images', 'raw']) == 0
+    stored = []
+    with open_messages(bag) as messages:
+        for message in messages:
+            data, msgtype = bytes(message.data), message.msgtype
+            if msgtype == IMAGE:
+                image, msgtype = TYPESTORE.deserialize_cdr(data, msgtype), COMPRESSED
+                _, file = cv2.imencode(f'.{kind}', pixels_of(image))
+                made = TYPESTORE.types[msgtype](image.header, kind, file.ravel())
+                data = bytes(TYPESTORE.serialize_cdr(made, msgtype))
+            stored.append((message.topic, msgtype, message.stamp_ns, data))
+    bag.write_bytes(make_mcap(stored))
+    code = main(['to-kitti', str(bag), str(tmp_path / 'out')])
+    back, true = files_of(tmp_path / 'out'), files_of(source)
+    loss = "image_2 of frames 0-4 is decoded from JPEG: not KITTI's own pixels"
+    if kind == 'png':
+        assert code == 0
+        assert back == true
+    else:
+        assert code == 1
+        assert back.keys() == true.keys()
+        assert loss in capsys.readouterr().err
+    assert main(['view', str(bag), '--mode', 'camera', '-o', str(tmp_path / 'view.png')]) == 0
 
 
 def changed(bag, msgtype, change):
