@@ -399,9 +399,10 @@ class PacketMaker:
     """Makes packets while a bag is read; keeps only a few frames of messages in memory.
 
     Imu, position and velocity are interpolated between the messages before and after the frame's
-    stamp; of positions between those with a fix. Where all have the same stamps and the layout has
-    those of packets, they are taken whole. Where one of these is missing, the nearest counts,
-    within the plan's tolerance or its period. Without a velocity it is derived from the positions.
+    stamp; of positions between those with a fix. Where all have the same stamps, as often as
+    frames, and the layout has those of packets, they are taken whole. Where one of these is
+    missing, the nearest counts, within the plan's tolerance or its period. Without a velocity it is
+    derived from the positions.
 
     Attributes:
         losses: Frames without a packet, where the layout has a line for each.
@@ -490,16 +491,21 @@ class PacketMaker:
     def _own_stamps(self, frames_ns: Int64Array) -> Int64Array:
         """Return the stamps of whole packets, one a frame, as KITTI's are; else those of frames.
 
-        A packet is whole if all topics have a message of its stamp, as in bags of kitti2bag: its
-        numbers then come back, not some between two of them.
+        A packet is whole if Imu, fix and velocity are of three topics with the same stamps,
+        as in bags of kitti2bag: its numbers then come back, not some between two of them. Units
+        that are faster than the frames are interpolated.
         """
-        first, *others = (np.sort(stamps) for stamps in self._stamps.values())
-        if not len(first) or not all(np.array_equal(first, other) for other in others):
+        if len(self._stamps) < len(self._topics):
             return frames_ns
-        nearest, later_ns = nearest_stamps(first, frames_ns)
-        one_each = len(np.unique(first[nearest])) == len(frames_ns)
+        packets_ns, *others = (np.sort(stamps) for stamps in self._stamps.values())
+        alike = all(np.array_equal(packets_ns, other) for other in others)
+        if not alike or len(packets_ns) < len(frames_ns):
+            return frames_ns
+        nearest, later_ns = nearest_stamps(packets_ns, frames_ns)
+        one_each = len(np.unique(packets_ns[nearest])) == len(frames_ns)
+        as_often = len(frames_ns) > 1 and float(np.median(np.diff(nearest))) == 1
         near = bool((np.abs(later_ns) <= self._tolerance_ns).all())
-        return first[nearest] if one_each and near else frames_ns
+        return packets_ns[nearest] if one_each and as_often and near else frames_ns
 
     def _find_acceleration_scale(self, imu: str, survey: Survey) -> float:
         """Return the m/s^2 of the unit of a topic's accelerations, and note one that is not 1."""
