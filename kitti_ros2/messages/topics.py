@@ -643,11 +643,6 @@ def prediction_topics() -> frozenset[str]:
     return frozenset(row.topic for row in _ROWS if row.stream is Stream.PREDICTIONS)
 
 
-def is_read_as(msgtype: str, row: Topic) -> bool:
-    """Return whether messages of a type are read as those of a row: Images become compressed."""
-    return msgtype == row.msgtype or (row.msgtype == IMAGE and msgtype == COMPRESSED)
-
-
 @lru_cache(maxsize=1)
 def decoders() -> Mapping[str, Decode]:
     """Return the decoders of the rows that have one, by topic name."""

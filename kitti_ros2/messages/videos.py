@@ -326,11 +326,14 @@ def scaled_to_odd(pixels: Pixels, size: tuple[int, int]) -> Pixels | None:
 
     Chroma is stored for pairs of pixels; pymcap-cli scales the image.
     """
-    lengths = zip(size, pixels.shape[1::-1], strict=True)
-    if size == pixels.shape[1::-1] or any(
-        own not in {length, length - length % 2} for length, own in lengths
-    ):
+    if not is_made_even((pixels.shape[1], pixels.shape[0]), size):
         return None
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 
     return np.asarray(cv2.resize(pixels, size), dtype=pixels.dtype)
+
+
+def is_made_even(own: tuple[int, int], size: tuple[int, int]) -> bool:
+    """Return whether an image has a (width, height) of which its encoder made odd lengths even."""
+    lengths = zip(size, own, strict=True)
+    return own != size and all(mine in {length, length - length % 2} for length, mine in lengths)

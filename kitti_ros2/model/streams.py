@@ -29,6 +29,9 @@ CAMERA_COUNT = 5
 CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
 """KITTI's cameras by index, as in topics and frames."""
 
+GREY_CAMERAS = frozenset({0, 1})
+"""Those whose files have one channel."""
+
 
 class Stream(str, Enum):
     """The series of a recording; the order is the order of publishing at equal stamps."""

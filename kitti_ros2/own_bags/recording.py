@@ -26,8 +26,7 @@ from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import BagContext, base_t_imu, every_naming
-from ..messages.topics import decoders, is_read_as, own_topics
-from ..model.bag_formats import PICTURES
+from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
@@ -44,9 +43,8 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage
-    from ..importer.survey import Survey, TopicSurvey
+    from ..importer.survey import Survey
     from ..kitti.kitti_recording import KittiRecording
-    from ..messages.topics import Topic
     from ..model.boxes import Cuboid
     from ..model.errors import Loss
     from ..model.geometry import Transform
@@ -91,6 +89,7 @@ class BagRecording:
         self._survey = survey
         folders = [*self._source_files.folders.values()]
         self.file_names = folders[0].names if folders else names.SIX_DIGITS
+        self._reencoded = ReencodedImages(survey)
         self._topics = self._choose()
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
         self._face_forward()
@@ -107,7 +106,6 @@ class BagRecording:
             stream: _positions(name, bag.topics[name]) for stream, name in large.items()
         }
         self._messages = MessagesByPosition(source, set(large.values()))
-        self._reencoded = ReencodedImages(survey)
         self._videos = {
             stream: open_video(survey.topics[name], self._messages)
             for stream, name in large.items()
@@ -159,8 +157,10 @@ class BagRecording:
     def _sample(self, stream: Stream, number: int) -> Sample:
         if stream in self._videos:
             return self._video_image(stream, number)
-        decode = decoders()[self._topics[stream]]
-        decoded: Any = decode(self._message(stream, number), BagContext(self.root, self.base_t_imu))
+        name, message = self._topics[stream], self._message(stream, number)
+        if name in self._reencoded:
+            return self._reencoded.file(name, stamp_ns_of(message.header), message)
+        decoded: Any = decoders()[name](message, BagContext(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
             return parse_packet(decoded.text, decoded.name, number + 1, decoded)
         sample: Sample = labels_of_text(decoded) if stream is Stream.LABELS else decoded
@@ -207,7 +207,11 @@ class BagRecording:
                 continue
             is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
             surveyed = self._survey.topics.get(name)  # None: the bag does not define its type
-            if is_read and surveyed is not None and _is_of(surveyed, row):
+            if (
+                is_read
+                and surveyed is not None
+                and (surveyed.msgtype == row.msgtype or name in self._reencoded)
+            ):
                 topics.setdefault(row.stream, name)
         return topics
 
@@ -281,12 +285,6 @@ class BagRecording:
 if TYPE_CHECKING:
     NumberedRecording: TypeAlias = KittiRecording | BagRecording
     """Recordings whose frames have KITTI's numbers."""
-
-
-def _is_of(topic: TopicSurvey, row: Topic) -> bool:
-    """Return whether a topic has the type of its row, or is a video of the row's images."""
-    is_video = topic.keys is not None and row.msgtype in PICTURES
-    return is_video or is_read_as(topic.msgtype, row)
 
 
 def _no_calibration(reason: str) -> Calibration:

@@ -26,8 +26,7 @@ from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import FILE_CHECKS, POINTS, BagContext, decode_file_check
-from ..messages.topics import decoders, is_read_as, own_topics
-from ..model.bag_formats import IMAGE
+from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,
     Loss,
@@ -41,7 +40,7 @@ from ..model.samples import Image
 from ..model.streams import Layout, PngForm, Stream
 from .missing_files import make_by_plan
 from .numbering import has_common_numbers, number_bag
-from .reencoded_images import open_videos
+from .reencoded_images import open_reencoded
 from .schedule import frames_of
 from .source_files import (
     lost_file,
@@ -106,11 +105,17 @@ def format_sample(
 
 _IN_COMMON_FILES = frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS})
 """Streams that some layouts store as lines of one file."""
+_AS_PNG = 'written as PNG, for the bag has pixels, no JPEG'
+_AS_GREY = "written grey, not in KITTI's colours"
 
 
 @dataclass(frozen=True)
 class _File:
-    """A file to be written; its content is computed by the writing thread."""
+    """A file to be written; its content is computed by the writing thread.
+
+    Attributes:
+        change: How an image is not KITTI's own file; empty if it may be.
+    """
 
     stream: Stream
     number: int
@@ -118,6 +123,7 @@ class _File:
     content: Callable[[], tuple[bytes | memoryview, str]]
     topic: str
     stamp_ns: int
+    change: str = ''
 
 
 @dataclass(frozen=True)
@@ -133,6 +139,14 @@ class _Written:
     error: str = ''
     difference: str = ''
     check: tuple[int, int] | None = None
+
+
+def _is_misnamed(message: Any, path: PurePosixPath) -> bool:  # noqa: ANN401 - of the bag's types
+    """Return whether a message has a JPEG for the file of a PNG."""
+    if not hasattr(message, 'format') or path.suffix.lower() != PNG:
+        return False
+    is_jpeg: bool = message.data[: len(JPEG_SIGNATURE)].tobytes() == JPEG_SIGNATURE
+    return is_jpeg
 
 
 def restored_topics(present: Collection[str]) -> set[str]:
@@ -290,9 +304,9 @@ class _Writer:
     ) -> None:
         self._bag = bag
         self._png = png or PngForm.KITTI
-        self._pixels = _FilesOfPixels(asked=png is not None)
         self._messages = messages
-        self._reencoded = open_videos(bag, messages.channels)
+        self._reencoded = open_reencoded(bag, messages.channels)
+        self._pixels = _FilesOfPixels(asked=png is not None and self._reencoded is None)
         self._source_files = source_files
         self._root = root
         streams = source_files.folders.keys()
@@ -303,11 +317,8 @@ class _Writer:
             stream: frozenset(folder.carried) - source_files.requested(stream)
             for stream, folder in source_files.folders.items()
         }
-        self._grey: dict[Stream, set[int]] = {}
-        self._as_png: dict[Stream, set[int]] = {}
+        self._changes: dict[str, dict[Stream, set[int]]] = {}
         self._jpegs: dict[Stream, set[int]] = {}
-        self._from_jpeg: dict[Stream, set[int]] = {}
-        self._as_video: dict[Stream, set[int]] = {}
         self._unnumbered: Counter[Stream] = Counter()
         self._counts = Counter({Stream.CALIBRATION.value: len(source_files.calibrations)})
         self._losses = LossTally()
@@ -336,16 +347,18 @@ class _Writer:
 
     def _decoded(self, decode: Decoder) -> Iterator[tuple[BagMessage, Any]]:
         """Yield the messages, each decoded or with the error; images of videos as Images."""
-        videos = None if self._reencoded is None else self._reencoded.videos
+        reencoded = self._reencoded
+        videos = None if reencoded is None else reencoded.videos
         for index, message in with_indices(self._messages):
             if videos is not None and message.topic in videos:
                 for _, packet, image in videos.take(index, message, decode):
                     yield packet, image
                 continue
-            row = own_topics()[message.topic]
-            is_expected = is_read_as(message.msgtype, row)
+            expected = own_topics()[message.topic].msgtype
+            if reencoded is not None and message.topic in reencoded:
+                expected = ''
             try:
-                yield message, decode(message, '' if is_expected else row.msgtype)
+                yield message, decode(message, expected)
             except ValueError as error:
                 yield message, error
         if videos is not None:
@@ -433,37 +446,21 @@ class _Writer:
         number = numbers.pop(0)
         path = self._source_files.folders[stream].file(number)
         sample = partial(decoders()[message.topic], decoded, BagContext(path, png=self._png))
-        if self._reencoded is not None and message.topic in self._reencoded.videos:
-            sample = partial(self._reencoded.file, message.topic, stamp_ns, decoded)
-            self._as_video.setdefault(stream, set()).add(number)
-        path = self._named_by_form(path, stream, number, decoded, message.topic)
+        has_pixels, change = hasattr(decoded, 'encoding'), ''
+        if self._reencoded is not None and message.topic in self._reencoded:
+            image = message.topic, stamp_ns, decoded
+            sample = partial(self._reencoded.file, *image, self._png)
+            has_pixels, change = True, self._reencoded.change(*image)
+        if has_pixels:
+            if path.suffix.lower() in JPEGS:  # pixels cannot become the bytes of a JPEG again
+                path, change = path.with_suffix(PNG), change or _AS_PNG
+            if not change:
+                self._pixels.numbers[path] = stream, number
+        elif _is_misnamed(decoded, path):
+            self._jpegs.setdefault(stream, set()).add(number)
         columns = self._source_files.columns
         content = partial(format_sample, sample, self._root / path, columns)
-        return _File(stream, number, path, content, message.topic, message.stamp_ns)
-
-    def _named_by_form(
-        self,
-        path: PurePosixPath,
-        stream: Stream,
-        number: int,
-        decoded: Any,  # noqa: ANN401 - as the others
-        topic: str,
-    ) -> PurePosixPath:
-        """Return the path of a sample's file; enter how an image differs from KITTI's file."""
-        has_pixels = hasattr(decoded, 'encoding') or own_topics()[topic].msgtype == IMAGE
-        is_jpeg = hasattr(decoded, 'format') and (
-            decoded.data[: len(JPEG_SIGNATURE)].tobytes() == JPEG_SIGNATURE
-        )
-        if has_pixels and path.suffix.lower() in JPEGS:
-            # Pixels cannot become the bytes of a JPEG again.
-            self._as_png.setdefault(stream, set()).add(number)
-            return path.with_suffix(PNG)
-        if is_jpeg and path.suffix.lower() == PNG:
-            frames = self._from_jpeg if has_pixels else self._jpegs
-            frames.setdefault(stream, set()).add(number)
-        elif has_pixels and number not in self._as_video.get(stream, ()):
-            self._pixels.numbers[path] = stream, number
-        return path
+        return _File(stream, number, path, content, message.topic, message.stamp_ns, change)
 
     def _why_unnumbered(self, stream: Stream) -> str:
         folder = self._source_files.folders.get(stream)
@@ -497,8 +494,12 @@ class _Writer:
         if written.difference:
             self._differences.setdefault(written.difference, set()).add(written.file.number)
         self._written.setdefault(stream, set()).add(written.file.number)
+        changes = [written.file.change] if written.file.change else []
         if stream in self._source_files.grey and not written.file.topic.endswith('/compressed'):
-            self._grey.setdefault(stream, set()).add(written.file.number)
+            changes.append(_AS_GREY)
+        for change in changes:
+            frames = self._changes.setdefault(change, {}).setdefault(stream, set())
+            frames.add(written.file.number)
         self.size_bytes += written.size_bytes
 
     def report(self) -> ImportReport:
@@ -543,12 +544,7 @@ class _Writer:
 
     def _changed_images(self) -> Iterator[Loss]:
         """Yield the losses of the images that are not KITTI's own files."""
-        for by_stream, change in (
-            (self._as_png, 'written as PNG, for the bag has pixels, no JPEG'),
-            (self._from_jpeg, "decoded from JPEG: not KITTI's own pixels"),
-            (self._as_video, "decoded from video: not KITTI's own pixels"),
-            (self._grey, "written grey, not in KITTI's colours"),
-        ):
+        for change, by_stream in self._changes.items():
             for stream, frames in by_stream.items():
                 text = f'{stream.value} of frames {{}} is {change}'
                 yield Loss(stream.value, len(frames), text, tuple(sorted(frames)))
