@@ -61,7 +61,9 @@ def test_every_file_is_read_and_comes_back_to_the_byte(recordings, layout, kind,
     report = convert_recording(source, tmp_path / 'bag.mcap')
     assert report.losses == ()
     made = back(tmp_path / 'bag.mcap', tmp_path / 'out')
-    assert (made.losses, made.notes) == ((), ())
+    assert made.losses == ()
+    # Another program may have made the JPEGs of a set's own PNG files: the bag does not tell.
+    assert bool(made.notes) is (kind == 'JPEG named .png')
     assert files_of(tmp_path / 'out') == files_of(data_set_of(source, layout))
 
 
