@@ -602,7 +602,7 @@ def _camera_rows(
             lambda message, bag: decode_compressed(message, bag.path),
         )
         rows.append(Topic(f'{image}/compressed', compressed, stream, *pair, restores=True))
-    if options.images is not Images.COMPRESSED:
+    if options.images is Images.RAW:
         rows.append(Topic(FILE_CHECKS + stream.value, STRING, stream, make_file_check))
     if options.images is not Images.COMPRESSED:
         pair = make_image, lambda message, bag: decode_image(message, bag.png)
@@ -626,8 +626,9 @@ def own_topics() -> Mapping[str, Topic]:
     topics: dict[str, Topic] = {}
     for cameras in (CAMERA_NAMES, numbered):
         for image_topic in IMAGE_TOPICS:
-            for row in make_table(cameras, image_topic, EVERY_MESSAGE):
-                topics[row.topic] = row
+            for images in (Images.RAW, Images.BOTH):
+                options = replace(EVERY_MESSAGE, images=images)
+                topics |= {row.topic: row for row in make_table(cameras, image_topic, options)}
     rows = list(topics.values())
     for names in every_naming():
         for row in rows:

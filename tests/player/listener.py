@@ -57,7 +57,7 @@ class Listener:
         for topic, msgtype in topics.items():
             # Reliable, and with room for all: what is missing here was never sent.
             profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
-            if topic in LATCHED or (topic.startswith('/kitti/source/') and is_latched(topic)):
+            if topic in LATCHED or is_latched(topic, topics):
                 profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
             kind = Clock if topic == CLOCK else message_class(msgtype, TYPESTORE)
             self.subscriptions[topic] = self.ears.create_subscription(
@@ -173,8 +173,11 @@ class Listener:
         return self.state(rest[0], ' '.join(rest[1:]))
 
 
-def is_latched(topic):
-    return topic.rsplit('/', 1)[1] in ('calibration', 'recording', 'files')
+def is_latched(topic, topics):
+    """The calibration of an object set, which has no poses, is one a frame and not latched."""
+    if topic == '/kitti/source/calibration':
+        return '/kitti/labels/boxes_2d' not in topics or LATCHED[1] in topics
+    return topic in ('/kitti/source/recording', '/kitti/source/files')
 
 
 def main():
