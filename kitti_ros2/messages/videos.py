@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -142,7 +143,8 @@ _AFTER_MISSING = 'the frame cannot be decoded: a packet before it is missing'
 _NO_FRAME = 'the decoder makes no frame of it'
 
 
-class _Packet(NamedTuple, Generic[Key]):
+@dataclass(frozen=True)
+class _Packet(Generic[Key]):
     key: Key
     stamp_ns: int
     frame_id: str

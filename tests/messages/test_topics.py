@@ -149,6 +149,7 @@ def test_decode_is_the_inverse_of_encode(row, data):
 def test_rows_without_a_decoder_are_restored_by_others():
     assert {row.topic.removeprefix('/kitti/') for row in ROWS if row.decode is None} == {
         '/tf_static', '/tf', 'ground_truth/path', 'oxts/imu', 'oxts/fix', 'oxts/vel',
+        'source/sweep', 'labels/detections', 'labels/boxes_2d', 'labels/markers',
         'predictions/detections', 'predictions/boxes_2d', 'predictions/markers',
         'camera_color_left/camera_info',
     }  # fmt: skip
