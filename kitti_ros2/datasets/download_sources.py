@@ -62,7 +62,8 @@ class HttpClient:
 
     def close(self) -> None:
         """Close all connections."""
-        self._client.close()
+        with suppress(RuntimeError):  # httpcore before 1.0: a request is in flight, as interrupted
+            self._client.close()
 
     @contextmanager
     def stream(self, method: str, url: str, headers: Mapping[str, str]) -> Iterator[httpx.Response]:
