@@ -36,6 +36,7 @@ from .cloudini_values import (
     read_fixed,
     read_gorilla,
     read_records,
+    read_short_differences,
     read_varints,
     too_short,
     undo_zigzag,
@@ -53,7 +54,7 @@ MAGIC = b'CLOUDINI_V'
 
 _VERSIONS = range(3, 6)
 _GORILLA_VERSION, _SECTIONED_VERSION = 4, 5  # the first of each
-_POINTS_PER_CHUNK = 32768
+POINTS_PER_CHUNK = 32768
 _NONE, _LOSSY, _LOSSLESS = _ENCODINGS = ('NONE', 'LOSSY', 'LOSSLESS')
 _COMPRESSIONS = ('NONE', 'LZ4', 'ZSTD')
 _TYPES = {
@@ -234,7 +235,7 @@ def decode_points(data: bytes, header: PackedHeader) -> Octets:
     points = np.zeros((header.count, header.point_step), np.uint8)
     done = 0
     for block in _blocks(data, header):
-        count = min(header.count - done, _POINTS_PER_CHUNK)
+        count = min(header.count - done, POINTS_PER_CHUNK)
         if not count:
             raise ValueError('its data have more chunks than its points need')
         _decode_block(block, header, points[done : done + count])
@@ -246,7 +247,7 @@ def decode_points(data: bytes, header: PackedHeader) -> Octets:
 
 def _blocks(data: bytes, header: PackedHeader) -> Iterator[Octets]:
     view, at = memoryview(data), header.begin
-    most = _POINTS_PER_CHUNK * _LARGEST_PER_FIELD * len(header.fields) + _BLOCK_SLACK
+    most = POINTS_PER_CHUNK * _LARGEST_PER_FIELD * len(header.fields) + _BLOCK_SLACK
     while at < len(view):
         if at + 4 > len(view):
             raise ValueError('its last chunk is cut off')
@@ -275,6 +276,9 @@ def _decompressed(block: memoryview, compression: str, most: int) -> Octets:
 def _decode_block(block: Octets, header: PackedHeader, points: Octets) -> None:
     """Enter the fields of a block into its (N, point_step) points."""
     fields = header.fields
+    group = _group_of(header)
+    if group == len(fields) and _decode_group(block, header, points):
+        return
     sectioned = (
         [field for field in fields if field.is_wide_integer]
         if header.version >= _SECTIONED_VERSION and header.encoding == _LOSSY
@@ -283,7 +287,6 @@ def _decode_block(block: Octets, header: PackedHeader, points: Octets) -> None:
     interleaved = [field for field in fields if field not in sectioned]
     widths = [_width(header, field) for field in interleaved]
     columns, at = read_records(block, 0, widths, len(points))
-    group = _group_of(header)
     for index, (field, starts) in enumerate(zip(interleaved, columns, strict=True)):
         values = _decode_field(block, starts, header, field, is_grouped=index < group)
         _enter(points, field, values)
@@ -294,8 +297,27 @@ def _decode_block(block: Octets, header: PackedHeader, points: Octets) -> None:
         raise ValueError(f'a chunk has {len(block) - at} bytes more than its points')
 
 
+def _decode_group(block: Octets, header: PackedHeader, points: Octets) -> bool:
+    """Enter fields that are all encoded together, all at once; False if this is not possible.
+
+    Those with NaN, longer integers and damage are left to the decoding field by field.
+    """
+    shape = len(points), len(header.fields)
+    differences = read_short_differences(block, shape[0] * shape[1])
+    if differences is None:
+        return False
+    multiples = np.cumsum(differences.reshape(shape), axis=0, dtype=np.int32)
+    for index, field in enumerate(header.fields):
+        step = np.float32(field.resolution or 0)
+        _enter(points, field, multiples[:, index].astype(np.float32) * step)
+    return True
+
+
 def _enter(points: Octets, field: PackedField, values: npt.NDArray[Any]) -> None:
     size = int(field.kind[2])
+    if field.offset % size == points.shape[1] % size == 0:
+        points.view(field.kind)[:, field.offset // size] = values
+        return
     stored = np.ascontiguousarray(values.astype(field.kind, copy=False))
     points[:, field.offset : field.offset + size] = stored.view(np.uint8).reshape(-1, size)
 

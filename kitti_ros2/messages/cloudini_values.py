@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 VARINT, GORILLA = 0, -1
 """Widths of values that are as wide as their bytes say."""
+_SHORT_DIGITS = 4  # of 7 bits
 _LAST = 0x7F  # the largest last byte of a varint
 _LONGEST = 10  # bytes of either
 _NEW_HEAD, _REPEATED_HEAD = 13, 2  # bits of Gorilla's before the value
@@ -74,6 +75,35 @@ def read_records(block: Octets, at: int, widths: Sequence[int], count: int) -> R
 def too_short(count: int) -> ValueError:
     """Return the error of a block that ends too early."""
     return ValueError(f'a chunk ends before its {count} points do')
+
+
+def read_short_differences(block: Octets, count: int) -> npt.NDArray[np.int32] | None:
+    """Read a block of varints alone, and undo zigzag, all at once.
+
+    Returns:
+        (count,) differences; None where one is longer than 28 bits or missing, or the block has
+        another number of them.
+    """
+    is_last = block <= _LAST
+    is_first = np.ones(len(block), bool)
+    is_first[1:] = is_last[:-1]
+    octets = block[is_first]
+    if len(octets) != count or not is_last[-1:].all():
+        return None
+    numbers = (octets & _LAST).astype(np.int32)
+    longer, places = np.flatnonzero(octets > _LAST), np.flatnonzero(is_first & ~is_last)
+    for digit in range(1, _SHORT_DIGITS):
+        octets = block[places + digit]
+        numbers[longer] |= (octets & _LAST).astype(np.int32) << 7 * digit
+        goes_on = octets > _LAST
+        longer, places = longer[goes_on], places[goes_on]
+    if len(longer) or not numbers.all():
+        return None
+    numbers -= 1
+    signs = numbers & 1
+    numbers >>= 1
+    numbers ^= -signs
+    return numbers
 
 
 class _RecordWalk:

@@ -26,7 +26,15 @@ if TYPE_CHECKING:
 
     from ..model.geometry import Float64Array
     from ..model.recording import ReadableRecording, Start
-    from ..model.samples import Calibration, FrameLabels, Image, Pose, Trajectory
+    from ..model.samples import (
+        Calibration,
+        CompactScan,
+        Float32Array,
+        FrameLabels,
+        Image,
+        Pose,
+        Trajectory,
+    )
     from ..model.streams import Layout
     from ..options.messages import MessageOptions
     from .images import Pixels
@@ -266,6 +274,7 @@ class EncodeContext:
         labels: Returns the labels of the sample's frame; None if it is not labelled.
         predictions: Returns the predictions of the sample's frame; None without any.
         note: Called with a note on values of the messages that are estimated.
+        compact: Rounds the points of a scan to KITTI's grid; for compact clouds alone.
     """
 
     rig: Rig
@@ -278,6 +287,7 @@ class EncodeContext:
     labels: Callable[[], FrameLabels | None] = lambda: None
     predictions: Callable[[], FrameLabels | None] = lambda: None
     note: Callable[[str], None] = lambda _: None
+    compact: Callable[[Float32Array], CompactScan] | None = None
 
     @property
     def at_imu(self) -> tuple[int, str]:
@@ -331,6 +341,8 @@ SWEEP = '/kitti/source/sweep'
 FILE_CHECKS = '/kitti/source/'
 """Followed by the stream of images that a bag has as pixels alone."""
 POINTS = '/kitti/source/points'
+REST = '/kitti/source/rest'
+"""What the files of scans are besides clouds that are rounded to a grid."""
 LABEL_LINES = '/kitti/source/labels'
 OXTS_LINES = '/kitti/source/oxts'
 

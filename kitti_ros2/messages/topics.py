@@ -13,6 +13,7 @@ decode. What comes back:
 - points: points and labels, bit for bit; not the turn, nor start and end of the sweep
 - points in a format with a loss (model/bag_formats.py): the nearest scan; /kitti/source/points is
   beside them, with the points of the file bit for bit
+- points of --clouds compact: the same by /kitti/source/rest, else within half a millimetre
 - images: the bytes of the PNG file; of pixels, another PNG file of the same pixels
 
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
@@ -40,6 +41,7 @@ from ..model.bag_formats import (
     CAMERA_INFO,
     CLOUD,
     COMPRESSED,
+    COMPRESSED_POINTS,
     DETECTED_OBJECTS,
     DETECTIONS_2D,
     DETECTIONS_3D,
@@ -61,7 +63,7 @@ from ..model.bag_formats import (
 from ..model.errors import BadFileError, MissingDataError, UsageError, did_you_mean
 from ..model.samples import PNG, Description, cuboids_of, identified
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
-from ..options.messages import Images, MessageOptions, Objects
+from ..options.messages import Clouds, Images, MessageOptions, Objects
 from .camera_info import (
     encode_camera_info,
     encode_static,
@@ -70,6 +72,7 @@ from .camera_info import (
     with_nominal_mounts,
 )
 from .cdr import Parts, restamp, serialize
+from .compact_clouds import OFF_GRID, encode_compact, encode_rest
 from .detections import (
     ObjectFrame,
     encode_boxes_2d,
@@ -89,6 +92,7 @@ from .naming import (
     OXTS_LINES,
     POINTS,
     RECORDING,
+    REST,
     SWEEP,
     decode_description,
     decode_text,
@@ -122,6 +126,7 @@ if TYPE_CHECKING:
     from ..model.boxes import Cuboid
     from ..model.samples import (
         Calibration,
+        CompactScan,
         FrameLabels,
         Image,
         OxtsPacket,
@@ -248,6 +253,25 @@ def make_scan(scan: Scan, context: EncodeContext) -> object:
 def make_source_scan(scan: Scan, context: EncodeContext) -> object:
     """Make the PointCloud2 of a scan with the points of its file, unchanged."""
     return encode_scan(scan, context.stamp_ns, context.rig.frames.velo)
+
+
+def make_compact(scan: Scan, context: EncodeContext) -> object:
+    """Make the CompressedPointCloud2 of a scan."""
+    multiples = _compact(scan, context).multiples
+    if multiples is None:
+        context.note(OFF_GRID)
+    return encode_compact(scan.points, multiples, context.stamp_ns, context.rig.frames.velo)
+
+
+def make_rest(scan: Scan, context: EncodeContext) -> object:
+    """Make a String of the rest of a scan's file."""
+    return encode_rest(_compact(scan, context).rest, context.path)
+
+
+def _compact(scan: Scan, context: EncodeContext) -> CompactScan:
+    if context.compact is None:
+        raise ValueError('the context of compact clouds does not round points')
+    return context.compact(scan.points)
 
 
 def make_compressed(image: Image, context: EncodeContext) -> object:
@@ -476,6 +500,7 @@ def _calibration_key(calibration: Calibration) -> Hashable:
 
 _files: tuple[Encode, Decode] = (make_files, lambda message, _: decode_texts(message))
 _source: tuple[Encode, Decode] = (make_source, lambda message, _: decode_text(message))
+_CLOUDS = '/kitti/velo/points'
 _last: dict[str, Any] = {'latched': True, 'depth': 1}
 _ROWS = (
     Topic('/tf_static', TF, Stream.CALIBRATION, make_static,
@@ -496,7 +521,7 @@ _ROWS = (
     Topic('/kitti/oxts/vel', TWIST, Stream.OXTS,
           lambda packet, context: encode_velocity(packet, *context.at_imu)),
     Topic(OXTS_LINES, STRING, Stream.OXTS, *_source, restores=True),
-    Topic('/kitti/velo/points', CLOUD, Stream.SCAN,
+    Topic(_CLOUDS, CLOUD, Stream.SCAN,
           make_scan, lambda message, _: decode_scan(message), restores=True),
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
     Topic('/kitti/labels/detections', DETECTIONS_3D, Stream.LABELS,
@@ -532,6 +557,7 @@ _SOURCE_ROW = Topic(POINTS, CLOUD, Stream.SCAN, make_source_scan,
                     lambda message, _: decode_scan(message), restores=True)  # fmt: skip
 """The row of scans whose clouds are in a format with a loss: whole points, which restore the file
 alone. It precedes them, since readers of bags take a stream's first topic with a decoder."""
+_REST_ROW = Topic(REST, STRING, Stream.SCAN, make_rest)
 _TF_ROW = Topic('/tf', TF, Stream.POSE, make_tf)
 _COVARIANCE_ROW = Topic(
     '/kitti/oxts/vel_with_covariance',
@@ -566,6 +592,13 @@ def make_table(
     """
     source = [_SOURCE_ROW] if FORMATS[options.cloud].loss else []
     rows = [*source, *(row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects])]
+    if options.clouds is Clouds.COMPACT:
+        rows = [_REST_ROW] + [
+            replace(row, msgtype=COMPRESSED_POINTS, encode=make_compact)
+            if row.topic == _CLOUDS
+            else row
+            for row in rows
+        ]
     rows += [_TF_ROW] if options.publish_tf else []
     rows += [_COVARIANCE_ROW] if options.covariances else []
     rows = [
@@ -629,6 +662,7 @@ def own_topics() -> Mapping[str, Topic]:
             for images in (Images.RAW, Images.BOTH):
                 options = replace(EVERY_MESSAGE, images=images)
                 topics |= {row.topic: row for row in make_table(cameras, image_topic, options)}
+    topics[REST] = _REST_ROW  # compact clouds themselves are read as others are
     rows = list(topics.values())
     for names in every_naming():
         for row in rows:

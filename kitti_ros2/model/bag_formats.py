@@ -102,6 +102,7 @@ CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+COMPRESSED_POINTS = 'point_cloud_interfaces/msg/CompressedPointCloud2'
 COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 DETECTIONS_2D = 'vision_msgs/msg/Detection2DArray'
 DETECTIONS_3D = 'vision_msgs/msg/Detection3DArray'
@@ -143,7 +144,7 @@ VIDEOS = frozenset(
 PICTURES = frozenset({COMPRESSED, IMAGE})
 """Types of images."""
 
-LARGE_TYPES = PICTURES | {CLOUD}
+LARGE_TYPES = PICTURES | {CLOUD, COMPRESSED_POINTS}
 """Types of messages of a megabyte and more."""
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -96,6 +96,50 @@ class Scan:
     difference: str = ''
     extra: Mapping[str, npt.NDArray[np.floating]] = field(default_factory=dict)
     note: str = ''
+
+
+# Scans as whole multiples of 1 mm and 0.01; see kitti/compact_scan.py.
+
+MISSING = -(2**31)
+"""The multiple of NaN."""
+
+
+class Exceptions(NamedTuple):
+    """Values of a scan's file that do not follow from its multiples.
+
+    Attributes:
+        indices: (M,) in the file, ascending.
+        bits: (M,) of the values.
+    """
+
+    indices: npt.NDArray[np.uint32]
+    bits: npt.NDArray[np.uint32]
+
+
+class ScanRest(NamedTuple):
+    """What makes the file of a scan again of its rounded points.
+
+    Attributes:
+        crc: CRC-32 of the file.
+        exceptions: None of a scan that is no grid, whose points are not rounded.
+        twist: (6,) of a turn, see kitti/scan_grid.py; None for a measured scan.
+    """
+
+    crc: int
+    exceptions: Exceptions | None = None
+    twist: Float64Array | None = None
+
+
+class CompactScan(NamedTuple):
+    """A scan as multiples, and the rest of its file.
+
+    Attributes:
+        multiples: (N, 4) int32, of which NaN is MISSING; None of a scan that is no grid.
+        rest: The rest of the file.
+    """
+
+    multiples: npt.NDArray[np.int32] | None
+    rest: ScanRest
 
 
 @dataclass(frozen=True)

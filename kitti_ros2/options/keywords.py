@@ -60,6 +60,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     annotations: bool
     covariances: bool | None
     points: str | None
+    clouds: str
     stereo_frame: str
     color_encoding: str
     stack: str | None

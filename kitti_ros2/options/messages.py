@@ -214,6 +214,13 @@ class Images(str, Enum):
     BOTH = 'both'
 
 
+class Clouds(str, Enum):
+    """Form of clouds: the bytes of their points, or compressed as Cloudini does it."""
+
+    PLAIN = 'plain'
+    COMPACT = 'compact'
+
+
 BASE_T_IMU = (-0.05, 0.32, 0.93)
 KITTI2BAG_BASE_T_IMU = (-1.405, 0.32, 0.93)
 
@@ -245,6 +252,7 @@ class MessageOptions:
         covariances: Whether Imu messages have covariances, and a TwistWithCovarianceStamped is
             published, too; None is not.
         points: Format of clouds; None follows ring_and_time.
+        clouds: plain or compact.
         ground_truth: Options of a TF tree of the poses alone.
         stereo: Whether cameras have the CameraInfo of a stereo pair; see messages/camera_info.py.
             The stamps of pairs are of ReadOptions.
@@ -317,6 +325,12 @@ class MessageOptions:
         Points,
         unset='xyzi; xyzirt for ring and time',
     )
+    clouds: Clouds = choice(
+        Clouds.PLAIN,
+        'Clouds as they are (plain), or in a quarter of their size, within half a millimetre, with'
+        " what gives the files' bytes again (compact)",
+        Clouds,
+    )
     stereo: bool = False
     stereo_frame: StereoFrame = choice(
         StereoFrame.OWN,
@@ -359,6 +373,10 @@ class MessageOptions:
             raise UsageError(
                 f'semantic adds fields, but points {self.cloud.value} has a fixed set of them;'
                 f' take points {extensible}'
+            )
+        if self.clouds is Clouds.COMPACT and (self.cloud is not Points.XYZI or self.semantic):
+            raise UsageError(
+                'clouds compact have the points of the files: take points xyzi, without semantic'
             )
         position = self.base_to_imu or BASE_T_IMU
         if len(position) != 3 or not all(math.isfinite(value) for value in position):

@@ -27,7 +27,7 @@ from .declare import (
     parse_values,
     values_for,
 )
-from .messages import GroundTruthOptions, Images, MarkerOptions, MessageOptions, with_stack
+from .messages import Clouds, GroundTruthOptions, Images, MarkerOptions, MessageOptions, with_stack
 from .outputs import (
     BagOptions,
     BirdOptions,
@@ -212,7 +212,7 @@ PLAY = tuple(
         *options_of(SelectionOptions),
         *options_of(PlaybackOptions),
         *options_of(PlaySettings),
-        *_MESSAGES,
+        *(opt for opt in _MESSAGES if opt.name != 'clouds'),
         *_PREDICTIONS,
         *_IMU,
     )
@@ -339,6 +339,11 @@ def _check_columns(read: ReadOptions, messages: MessageOptions) -> None:
         raise UsageError(
             f'points {messages.cloud.value} has a field {common[0]} of its own; give the column'
             f' another name'
+        )
+    if read.columns is not None and read.columns.extra and messages.clouds is Clouds.COMPACT:
+        raise UsageError(
+            f'clouds compact have x y z and reflectance alone; give - for {read.columns.extra[0]}'
+            f' in columns, or take clouds plain'
         )
 
 

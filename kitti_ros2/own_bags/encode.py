@@ -7,16 +7,18 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
 
 from ..files.image_files import decode_image
+from ..kitti.compact_scan import compact
 from ..messages.camera_info import with_nominal_mounts
 from ..messages.cdr import Message
 from ..messages.naming import (
     GREY,
     POINTS,
+    REST,
     EncodeContext,
     has_no_gravity,
     make_rig,
@@ -41,13 +43,12 @@ from ..model.errors import (
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
 from ..model.streams import CAMERA_NAMES, NS_PER_S, Stream
 from ..options.declare import options_of
-from ..options.messages import ColorEncoding, MarkerOptions
+from ..options.messages import Clouds, ColorEncoding, MarkerOptions
 from ..options.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from ..messages.images import Pixels
     from ..messages.topics import Topic
     from ..model.bag_formats import CloudFormat
     from ..model.recording import ReadableRecording
@@ -55,6 +56,10 @@ if TYPE_CHECKING:
     from ..options.messages import MessageOptions
     from ..options.read import SelectionOptions
     from .schedule import Entry, Schedule
+
+
+Given = TypeVar('Given')
+Result = TypeVar('Result')
 
 
 # The description of a recording in its bag: which of its files are in the messages.
@@ -324,6 +329,7 @@ class Encoder:
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
             lambda text: self.sample_notes.add_estimated(text, entry.number),
+            _once(compact),
         )
         messages, losses = self._serialize(rows, sample, context)
         return messages, losses + _missing_parts(sample, entry.stream)
@@ -391,8 +397,12 @@ class Encoder:
         ]
 
     def _missing_source(self) -> list[str]:
-        """Return a note if clouds have a loss and the points of the files are not selected."""
+        """Return a note if clouds have a loss and what restores the files is not selected."""
         topics = {row.topic for row in self.table if row.stream is Stream.SCAN and row.restores}
+        if self._rig.options.clouds is Clouds.COMPACT and topics:
+            left_out = all(row.topic != REST for row in self.table)
+            text = f'{REST} is left out, so the scans that to-kitti restores are rounded'
+            return [f'{text} to 1 mm and 0.01'] if left_out else []
         loss = FORMATS[self._rig.options.cloud].loss
         if not loss or not topics or POINTS in topics:
             return []
@@ -480,16 +490,16 @@ def _packets_of(recording: ReadableRecording) -> Stream:
     return fast if fast in recording.streams else Stream.OXTS
 
 
-def _once(decode: Callable[[Image], Pixels]) -> Callable[[Image], Pixels]:
-    """Wrap a decoder to decode an image once for several messages."""
-    pixels: list[Pixels] = []
+def _once(compute: Callable[[Given], Result]) -> Callable[[Given], Result]:
+    """Wrap a function to compute the result for a sample once for several messages."""
+    results: list[Result] = []
 
-    def decoded(image: Image) -> Pixels:
-        if not pixels:
-            pixels.append(decode(image))
-        return pixels[0]
+    def computed(given: Given) -> Result:
+        if not results:
+            results.append(compute(given))
+        return results[0]
 
-    return decoded
+    return computed
 
 
 def _missing_parts(sample: Sample, stream: Stream) -> list[Loss]:

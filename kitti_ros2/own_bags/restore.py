@@ -21,11 +21,12 @@ from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.kitti_frames import ImportReport, with_indices
 from ..kitti import names
+from ..kitti.compact_scan import restore as restored_points
 from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import FILE_CHECKS, POINTS, BagContext, decode_file_check
+from ..messages.naming import FILE_CHECKS, POINTS, REST, BagContext, decode_file_check
 from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,
@@ -38,6 +39,7 @@ from ..model.errors import (
 )
 from ..model.samples import Image
 from ..model.streams import Layout, PngForm, Stream
+from .compact_scans import ScanRests
 from .missing_files import make_by_plan
 from .numbering import has_common_numbers, number_bag
 from .reencoded_images import open_reencoded
@@ -56,7 +58,7 @@ if TYPE_CHECKING:
 
     from ..bags.bag_files import BagSource, OpenBag
     from ..bags.reader import BagMessage, BagMessages
-    from ..model.samples import Scan
+    from ..model.samples import Scan, ScanRest
     from ..model.streams import ScanColumns
     from .source_files import SourceFiles
 
@@ -68,6 +70,7 @@ def format_sample(
     decode: Callable[[], Scan | Image],
     path: Path,
     columns: ScanColumns | None = None,
+    rest: ScanRest | None = None,
 ) -> tuple[bytes | memoryview, str]:
     """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
 
@@ -77,6 +80,7 @@ def format_sample(
         decode: Returns the sample.
         path: Path of the file.
         columns: Columns of scans; None are KITTI's.
+        rest: What the file of a scan is besides its cloud; None of clouds that are not compact.
 
     Raises:
         ValueError: The message cannot be decoded, or the file of labels cannot be written.
@@ -85,6 +89,7 @@ def format_sample(
     sample = decode()
     if isinstance(sample, Image):
         return sample.data, ''
+    sample, difference = _as_file(sample, rest)
     if sample.labels is not None:
         labels = path.parents[1] / names.POINT_LABELS / f'{path.stem}{names.LABEL}'
         error = write_new(labels, format_point_labels(sample.labels))
@@ -92,10 +97,20 @@ def format_sample(
             raise ValueError(error)
     is_text = path.suffix.lower() == names.TXT
     if is_text:
-        return format_scan_text(sample.points), sample.difference
+        return format_scan_text(sample.points), difference
     if columns is None:
-        return format_scan(sample.points), sample.difference
-    return format_points(sample, columns), sample.difference
+        return format_scan(sample.points), difference
+    return format_points(sample, columns), difference
+
+
+def _as_file(scan: Scan, rest: ScanRest | None) -> tuple[Scan, str]:
+    """Return a scan as in its file, and what differs if that is not possible."""
+    if rest is None:
+        return scan, f'for {POINTS} is missing: {scan.difference}' if scan.difference else ''
+    try:
+        return replace(scan, points=restored_points(scan.points, rest)), ''
+    except ValueError as error:
+        return scan, f'they are those of their clouds: {error}'
 
 
 # The files, written in several threads.
@@ -158,7 +173,7 @@ def restored_topics(present: Collection[str]) -> set[str]:
         topics -= scans - {POINTS}
     topics = {topic for topic in topics if f'{topic}/compressed' not in present}
     checks = {f'{FILE_CHECKS}{own_topics()[topic].stream.value}' for topic in topics}
-    return topics | checks.intersection(present)
+    return topics | {*checks, REST}.intersection(present)
 
 
 def restore(
@@ -304,6 +319,8 @@ class _Writer:
     ) -> None:
         self._bag = bag
         self._png = png or PngForm.KITTI
+        self._rests = ScanRests(self._scan_names, self._lose_text)
+        self._exact: set[int] = set()
         self._messages = messages
         self._reencoded = open_reencoded(bag, messages.channels)
         self._pixels = _FilesOfPixels(asked=png is not None and self._reencoded is None)
@@ -330,7 +347,9 @@ class _Writer:
     def files(self) -> Iterator[_File]:
         """Yield the files in the messages, in their order."""
         decode = Decoder(self._messages.typestore, lent=True)
-        for message, decoded in self._decoded(decode):
+        has_rests = any(topic == REST for topic, _ in self._messages.channels)
+        messages = self._rests.joined(self._decoded(decode), are_there=has_rests)
+        for message, decoded in messages:
             if isinstance(decoded, ValueError):
                 self._lose(message, str(decoded))
                 continue
@@ -375,12 +394,20 @@ class _Writer:
         else:
             self._unnumbered[stream] += 1
 
+    def _lose_text(self, message: BagMessage, reason: str) -> None:
+        """Report a message that is only about a file."""
+        self._losses.lose(message.topic, message.stamp_ns, reason)
+
+    def _scan_names(self, stamp_ns: int) -> list[str]:
+        numbers = (self._numbers.get(Stream.SCAN) or {}).get(stamp_ns, ())
+        return [self._source_files.folders[Stream.SCAN].file(number).name for number in numbers]
+
     def _take_check(self, decoded: Any, message: BagMessage) -> None:  # noqa: ANN401
         folder = self._source_files.folders.get(own_topics()[message.topic].stream)
         try:
             name, check = decode_file_check(decoded)
         except ValueError as error:
-            self._losses.lose(message.topic, message.stamp_ns, str(error))
+            self._lose_text(message, str(error))
             return
         if folder is not None:
             self._pixels.checks[folder.path / name] = check
@@ -459,7 +486,10 @@ class _Writer:
         elif _is_misnamed(decoded, path):
             self._jpegs.setdefault(stream, set()).add(number)
         columns = self._source_files.columns
-        content = partial(format_sample, sample, self._root / path, columns)
+        rest = self._rests.take(path.name) if stream is Stream.SCAN else None
+        if rest is not None:
+            self._exact.add(number)
+        content = partial(format_sample, sample, self._root / path, columns, rest)
         return _File(stream, number, path, content, message.topic, message.stamp_ns, change)
 
     def _why_unnumbered(self, stream: Stream) -> str:
@@ -521,7 +551,7 @@ class _Writer:
                 notes.append(f'the bag was made without {stream.value} of frames {numbers}')
         missing += self._changed_scans(self._written.get(Stream.SCAN) or ())
         for difference, changed in self._differences.items():
-            text = f"scans {{}} are not KITTI's own, for {POINTS} is missing: {difference}"
+            text = f"scans {{}} are not KITTI's own, {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
         missing += self._changed_images()
         notes += [
@@ -558,11 +588,17 @@ class _Writer:
         if columns is not None and columns.skipped:
             skipped = columns.describe_skipped()
             texts.append(f'scans {{}} are written without {skipped}, which to-bag left out')
-        texts += [
-            f"scans {{}} are not KITTI's own: {loss}" for loss in self._messages.earlier_losses
+        changed = [(text, tuple(sorted(scans))) for text in texts]
+        inexact = tuple(sorted({*scans} - self._exact))
+        changed += [
+            (f"scans {{}} are not KITTI's own: {loss}", inexact)
+            for loss in self._messages.earlier_losses
         ]
-        numbers = tuple(sorted(scans))
-        return [Loss(Stream.SCAN.value, len(scans), text, numbers) for text in texts if scans]
+        return [
+            Loss(Stream.SCAN.value, len(numbers), text, numbers)
+            for text, numbers in changed
+            if numbers
+        ]
 
     def _count_frames(self) -> int:
         """Count the written frames, in files of their own or in a common one."""

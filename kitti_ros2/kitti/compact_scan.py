@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scan as whole multiples of 1 mm and 0.01, and what makes its file again of these.
+
+The multiples are those of the file's values, also of scans that KITTI compensated for motion: a
+cloud of them is the file within half a millimetre. The file follows bit for bit:
+
+- Of measured scans (raw, object) each value is its multiple, rounded to float32.
+- Of compensated ones (odometry) the points of the multiples are taken back to the grid on which
+  they were measured by the twist (see scan_grid.py), and compensated again.
+- The values of which this is not true are stored: -0.0, NaN, those off the grid, and those of
+  points that half a millimetre takes to another point of the grid, 0.6 % in odometry.
+
+No computation decides bits: values of compensated scans that are within _UNSURE_M of the next
+float32 are stored too, so that another library of mathematics makes the same file.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..files.local_files import crc32
+from ..model.samples import MISSING, CompactScan, Exceptions, ScanRest
+from .scan_grid import PER_METRE, PER_REFLECTANCE, compensated, find_twist, measured_near
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+    from ..model.geometry import Float64Array
+    from ..model.samples import Float32Array
+
+LARGEST = 2**21
+"""Multiples are less: 2 km. Float32 holds them exactly, and so does their product with a step."""
+
+_MOST_EXCEPTIONS = 0.05
+"""Of the values of a scan; one with more is no grid."""
+_UNSURE_M = 1e-11
+_PART = 4 * 32768  # values at once, which stay in the cache
+_PER_UNIT = np.tile(np.array([PER_METRE] * 3 + [PER_REFLECTANCE], np.float32), _PART // 4)
+
+
+def compact(points: Float32Array) -> CompactScan:
+    """Round (N, 4) points to multiples, if they are on a grid."""
+    file = np.ascontiguousarray(points, '<f4')
+    crc = crc32(file.data.cast('B')) if file.size else 0
+    rounded = _round_all(file)
+    if rounded is None:
+        return CompactScan(None, ScanRest(crc))
+    multiples, differ, twist = rounded
+    exceptions = Exceptions(differ.astype('<u4'), file.reshape(-1).view('<u4')[differ])
+    return CompactScan(multiples.reshape(-1, 4), ScanRest(crc, exceptions, twist))
+
+
+def _round_all(
+    file: Float32Array,
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp], Float64Array | None] | None:
+    """Return multiples, the indices of exceptions and the twist; None of a scan that is no grid."""
+    values = file.reshape(-1)
+    multiples, nearest = np.empty(len(values), np.int32), np.empty_like(values)
+    for part in _parts(len(values)):
+        if not _round(values[part], multiples[part], nearest[part]):
+            return None
+    twist = None
+    differ = _different(values, nearest)
+    if len(differ) > _MOST_EXCEPTIONS * len(values):
+        twist = find_twist(file)
+        if twist is None:
+            return None
+        differ = np.union1d(differ[differ % 4 == 3], _compensate(nearest, twist, values))
+        if len(differ) > _MOST_EXCEPTIONS * len(values):
+            return None
+    return multiples, differ, twist
+
+
+def restore(points: Float32Array, rest: ScanRest) -> Float32Array:
+    """Return the (N, 4) points of the file of rounded ones, or of those of the file: both give it.
+
+    Raises:
+        ValueError: They do not give the file that the rest is of.
+    """
+    values: Float32Array = np.array(points, '<f4').reshape(-1)
+    if rest.exceptions is not None:
+        _restore_rounded(values, rest.exceptions, rest.twist)
+    if (crc32(values.data.cast('B')) if values.size else 0) != rest.crc:
+        raise ValueError('its points do not give the bytes of its file')
+    return values.reshape(-1, 4)
+
+
+def _restore_rounded(
+    values: Float32Array, exceptions: Exceptions, twist: Float64Array | None
+) -> None:
+    if len(exceptions.indices) and exceptions.indices[-1] >= len(values):
+        raise ValueError('its points are fewer than those of its file')
+    with np.errstate(all='ignore'):
+        for part in _parts(len(values)):
+            scale = _PER_UNIT[: len(values[part])]
+            np.multiply(values[part], scale, out=values[part])
+            np.rint(values[part], out=values[part])
+            values[part] += 0  # of -0.0
+            np.divide(values[part], scale, out=values[part])
+    if twist is not None:
+        _compensate(values, twist)
+    values.view('<u4')[exceptions.indices] = exceptions.bits
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(first, first + _PART) for first in range(0, count, _PART))
+
+
+def _round(values: Float32Array, multiples: npt.NDArray[np.int32], nearest: Float32Array) -> bool:
+    """Enter multiples of values, and the values that these stand for; False if one is too large."""
+    scale = _PER_UNIT[: len(values)]
+    with np.errstate(over='ignore', invalid='ignore'):
+        np.multiply(values, scale, out=nearest)
+    np.rint(nearest, out=nearest)
+    nearest += 0  # of -0.0
+    # float32 divides two whole numbers of its own as exactly as it holds decimals of a text.
+    if nearest.min() > -LARGEST and nearest.max() < LARGEST:
+        multiples[:] = nearest
+        np.divide(nearest, scale, out=nearest)
+        return True
+    missing = np.isnan(nearest)
+    nearest[missing] = 0
+    if nearest.min() <= -LARGEST or nearest.max() >= LARGEST:
+        return False
+    multiples[:] = nearest
+    multiples[missing] = MISSING
+    np.divide(nearest, scale, out=nearest)
+    nearest[missing] = np.nan
+    return True
+
+
+def _different(values: Float32Array, nearest: Float32Array) -> npt.NDArray[np.intp]:
+    """Return the indices of values that have other bits, and of all NaN, which have many."""
+    differ = values.view('<u4') != nearest.view('<u4')
+    differ |= values != values  # noqa: PLR0124 - NaN
+    return np.flatnonzero(differ)
+
+
+def _compensate(
+    values: Float32Array, twist: Float64Array, file: Float32Array | None = None
+) -> npt.NDArray[np.intp]:
+    """Compensate the x, y, z of values again from the grid, in place.
+
+    Returns:
+        The indices of coordinates that differ from those of a file, or that are not sure to be so
+        with another library of mathematics; none without a file.
+    """
+    rows = values.reshape(-1, 4)
+    finite = np.isfinite(rows[:, :3]).all(axis=1)
+    exact = compensated(measured_near(rows[finite, :3], twist), twist)
+    rounded = exact.astype(np.float32)
+    rows[finite, :3] = rounded
+    if file is None:
+        return np.empty(0, np.intp)
+    differs = np.ones((len(rows), 3), bool)
+    unsure = (exact - _UNSURE_M).astype(np.float32) != (exact + _UNSURE_M).astype(np.float32)
+    differs[finite] = unsure | (rounded.view('<u4') != file.reshape(-1, 4)[finite, :3].view('<u4'))
+    places = np.flatnonzero(differs)
+    return places // 3 * 4 + places % 3
