@@ -86,7 +86,7 @@ def restore(points: Float32Array, rest: ScanRest) -> Float32Array:
     if rest.exceptions is not None:
         _restore_rounded(values, rest.exceptions, rest.twist)
     if (crc32(values.data.cast('B')) if values.size else 0) != rest.crc:
-        raise ValueError('its points do not give the bytes of its file')
+        raise ValueError('the points do not give the CRC-32 of the file')
     return values.reshape(-1, 4)
 
 
@@ -94,7 +94,7 @@ def _restore_rounded(
     values: Float32Array, exceptions: Exceptions, twist: Float64Array | None
 ) -> None:
     if len(exceptions.indices) and exceptions.indices[-1] >= len(values):
-        raise ValueError('its points are fewer than those of its file')
+        raise ValueError('the points are fewer than those of the file')
     with np.errstate(all='ignore'):
         for part in _parts(len(values)):
             scale = _PER_UNIT[: len(values[part])]

@@ -51,6 +51,12 @@ _MOST_POINTS = 6000
 _FEW_POINTS = 1000
 """With which a twist makes nearly as many points again as with all; fewer may fit by chance."""
 _SHARE_AHEAD = 3
+_STRAIGHT_AHEAD = 5e-4
+"""Of a turn: a car that climbs by 2 m/s moved points so near to straight ahead by 0.1 mm."""
+_MOVED_AHEAD_MM = 0.2
+_LEAST_AHEAD = 30
+_SHARE_NEAR = 0.7
+"""Chance gives 0.4."""
 _MOST_ROUNDS = 40
 _SETTLED = 1e-7
 _LEAST_ANGLE = 1e-300
@@ -316,12 +322,28 @@ def find_twist(points: Float32Array) -> Float64Array | None:
     """
     if len(points) < _FEW_POINTS:
         return None
+    if not _may_be_moved(points):
+        return None
     some = points[:: 1 + len(points) // _FEW_POINTS, :3]
-    facing = np.abs(points[:, 1]) < np.float32(2 * np.pi * _AHEAD) * points[:, 0]
-    ahead = points[facing, :3]
+    ahead = points[_is_ahead(points, _AHEAD), :3]
     ahead = ahead[:: 1 + _SHARE_AHEAD * len(ahead) // _FEW_POINTS]
     sample = np.concatenate([ahead, some]).astype(np.float64)
     return next(_twists(sample[np.isfinite(sample).all(axis=1)]), None)
+
+
+def _may_be_moved(points: Float32Array) -> bool:
+    """Return False for most scans that are no grid: heights straight ahead hardly moved."""
+    ahead = points[_is_ahead(points, _STRAIGHT_AHEAD), 2:3]
+    near = np.abs(_off_grid(ahead)) < _MOVED_AHEAD_MM
+    return len(ahead) < _LEAST_AHEAD or float(near.mean()) > _SHARE_NEAR
+
+
+def _is_ahead(points: Float32Array, parts: float) -> npt.NDArray[np.bool_]:
+    """Return which points are nearer to straight ahead than parts of a turn."""
+    ahead: npt.NDArray[np.bool_] = (
+        np.abs(points[:, 1]) < np.float32(2 * np.pi * parts) * points[:, 0]
+    )
+    return ahead
 
 
 def _twists(sample: Float64Array, start: Float64Array | None = None) -> Iterator[Float64Array]:

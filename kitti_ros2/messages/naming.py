@@ -346,6 +346,8 @@ REST = '/kitti/source/rest'
 LABEL_LINES = '/kitti/source/labels'
 OXTS_LINES = '/kitti/source/oxts'
 
+COMPACT = 'compact'
+"""Key of the description: whether clouds are rounded to KITTI's grid."""
 GREY = 'grey'
 """Key of the description: the streams of colour images whose pixels are in messages as grey."""
 

@@ -5,22 +5,54 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from ..bags.reader import Decoder, open_messages
+from ..kitti.compact_scan import restore
 from ..messages.cdr import stamp_ns_of
 from ..messages.compact_clouds import decode_rest
 from ..messages.naming import REST
 from ..messages.topics import own_topics
+from ..model.bag_formats import STRING
 from ..model.streams import Stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from ..bags.bag_files import BagSource
     from ..bags.reader import BagMessage
-    from ..model.samples import ScanRest
+    from ..model.samples import Scan, ScanRest
 
 _MOST_WAITING = 8
 """Clouds that wait for their rests: a recorder stores both within less than a turn."""
+
+
+def read_rests(bag: BagSource) -> dict[str, ScanRest]:
+    """Read the rests of all scans of a bag, by the names of their files; damaged ones are left out.
+
+    Raises:
+        BadBagError: The bag cannot be read.
+    """
+    rests = {}
+    with open_messages(bag, {REST}, must_read=False) as messages:
+        decode = Decoder(messages.typestore)
+        for message in messages:
+            with suppress(ValueError):
+                name, rest = decode_rest(decode(message, STRING))
+                rests[name] = rest
+    return rests
+
+
+def as_in_file(scan: Scan, rest: ScanRest | None) -> Scan:
+    """Return a scan with the points of its file; with those of its cloud where that is not it."""
+    if rest is None:
+        return scan
+    try:
+        return replace(scan, points=restore(scan.points, rest), difference='')
+    except ValueError as error:
+        return replace(scan, difference=f'but those of their clouds: {error}')
 
 
 class ScanRests:

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import numpy as np
 
 from ..files.image_files import decode_image
-from ..kitti.compact_scan import compact
+from ..kitti import compact_scan
 from ..messages.camera_info import with_nominal_mounts
 from ..messages.cdr import Message
 from ..messages.naming import (
+    COMPACT,
     GREY,
     POINTS,
     REST,
@@ -91,7 +92,9 @@ def describe(
     if options.color_encoding is ColorEncoding.MONO8:
         raw = {row.stream for row in table if row.msgtype == IMAGE and row.restores}
         grey = sorted(stream.value for stream in raw if _is_colour(recording, schedule, stream))
-    return replace(described, values={**described.values, GREY: grey}) if grey else described
+    compact = options.clouds is Clouds.COMPACT and Stream.SCAN in carried
+    more = {**({GREY: grey} if grey else {}), **({COMPACT: True} if compact else {})}
+    return replace(described, values={**described.values, **more})
 
 
 def _is_colour(recording: ReadableRecording, schedule: Schedule, stream: Stream) -> bool:
@@ -329,7 +332,7 @@ class Encoder:
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
             lambda text: self.sample_notes.add_estimated(text, entry.number),
-            _once(compact),
+            _once(compact_scan.compact),
         )
         messages, losses = self._serialize(rows, sample, context)
         return messages, losses + _missing_parts(sample, entry.stream)

@@ -25,7 +25,7 @@ from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import BagContext, base_t_imu, every_naming
+from ..messages.naming import REST, BagContext, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
@@ -34,6 +34,7 @@ from ..model.samples import Calibration, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
+from .compact_scans import as_in_file, read_rests
 from .numbering import absent_frames, number_bag, tracklets_of
 from .schedule import UNKNOWN
 
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from ..model.errors import Loss
     from ..model.geometry import Transform
     from ..model.recording import FrameOrigin, Start
-    from ..model.samples import Image, Pose, Sample, Turn
+    from ..model.samples import Image, Pose, Sample, ScanRest, Turn
     from ..model.streams import Clock
     from .numbering import NumberedBag, NumberedTopic
     from .source_files import SourceFiles
@@ -165,8 +166,14 @@ class BagRecording:
             return parse_packet(decoded.text, decoded.name, number + 1, decoded)
         sample: Sample = labels_of_text(decoded) if stream is Stream.LABELS else decoded
         if isinstance(sample, Scan):
+            name = self._source_files.folders[Stream.SCAN].file(number).name
+            sample = as_in_file(sample, self._rests.get(name))
             return replace(sample, turn=self.turns.get(number))
         return sample
+
+    @cached_property
+    def _rests(self) -> Mapping[str, ScanRest]:
+        return read_rests(self._source) if REST in self._survey.topics else {}
 
     def _video_image(self, stream: Stream, number: int) -> Image:
         name = self._topics[stream]

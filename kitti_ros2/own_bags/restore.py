@@ -21,7 +21,6 @@ from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.kitti_frames import ImportReport, with_indices
 from ..kitti import names
-from ..kitti.compact_scan import restore as restored_points
 from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
@@ -39,7 +38,7 @@ from ..model.errors import (
 )
 from ..model.samples import Image
 from ..model.streams import Layout, PngForm, Stream
-from .compact_scans import ScanRests
+from .compact_scans import ScanRests, as_in_file
 from .missing_files import make_by_plan
 from .numbering import has_common_numbers, number_bag
 from .reencoded_images import open_reencoded
@@ -89,7 +88,10 @@ def format_sample(
     sample = decode()
     if isinstance(sample, Image):
         return sample.data, ''
-    sample, difference = _as_file(sample, rest)
+    difference = f'for {POINTS} is missing: {sample.difference}' if sample.difference else ''
+    if rest is not None:
+        sample = as_in_file(sample, rest)
+        difference = sample.difference
     if sample.labels is not None:
         labels = path.parents[1] / names.POINT_LABELS / f'{path.stem}{names.LABEL}'
         error = write_new(labels, format_point_labels(sample.labels))
@@ -101,16 +103,6 @@ def format_sample(
     if columns is None:
         return format_scan(sample.points), difference
     return format_points(sample, columns), difference
-
-
-def _as_file(scan: Scan, rest: ScanRest | None) -> tuple[Scan, str]:
-    """Return a scan as in its file, and what differs if that is not possible."""
-    if rest is None:
-        return scan, f'for {POINTS} is missing: {scan.difference}' if scan.difference else ''
-    try:
-        return replace(scan, points=restored_points(scan.points, rest)), ''
-    except ValueError as error:
-        return scan, f'they are those of their clouds: {error}'
 
 
 # The files, written in several threads.
@@ -239,8 +231,15 @@ def _restore(
     return replace(
         report,
         losses=(*damaged, *_losses(source_files, made), *refused, *report.losses),
-        notes=(*messages.notes, *report.notes, *notes),
+        notes=(*_other_notes(messages), *report.notes, *notes),
     )
+
+
+def _other_notes(messages: BagMessages) -> Iterator[str]:
+    """Yield the notes on a bag but those on what is a loss of the scans that it concerns."""
+    for note in messages.notes:
+        if not any(note.endswith(loss) for loss in messages.earlier_losses):
+            yield note
 
 
 def _losses(source_files: SourceFiles, made: Mapping[PurePosixPath, str]) -> list[Loss]:
@@ -589,11 +588,11 @@ class _Writer:
             skipped = columns.describe_skipped()
             texts.append(f'scans {{}} are written without {skipped}, which to-bag left out')
         changed = [(text, tuple(sorted(scans))) for text in texts]
+        reasons = [*self._messages.earlier_losses]
+        if self._source_files.compact:
+            reasons = [f'they are rounded to 1 mm and 0.01, and {REST} does not say from what']
         inexact = tuple(sorted({*scans} - self._exact))
-        changed += [
-            (f"scans {{}} are not KITTI's own: {loss}", inexact)
-            for loss in self._messages.earlier_losses
-        ]
+        changed += [(f"scans {{}} are not KITTI's own: {reason}", inexact) for reason in reasons]
         return [
             Loss(Stream.SCAN.value, len(numbers), text, numbers)
             for text, numbers in changed

@@ -25,7 +25,7 @@ from ..kitti.prepare import LEFT_STREAM_OF, pair_stamps
 from ..kitti.recording_index import find_turns, scan_stamps
 from ..kitti.store import STORE
 from ..kitti.text_file import parse_times, parse_timestamps
-from ..messages.naming import CALIBRATION, FILES, GREY, RECORDING, SWEEP, BagContext
+from ..messages.naming import CALIBRATION, COMPACT, FILES, GREY, RECORDING, SWEEP, BagContext
 from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import STRING
 from ..model.errors import BadBagError, Loss, LossTally, UsageError, damage
@@ -155,6 +155,7 @@ class DescribedRecording:
         stereo: Whether right images have the stamps of their left ones.
         grey: Streams of colour images whose raw images are grey.
         columns: Columns of .bin scans; None are KITTI's.
+        compact: Whether clouds of scans that are a grid are rounded to it.
     """
 
     layout: Layout
@@ -168,6 +169,7 @@ class DescribedRecording:
     stereo: bool = False
     grey: frozenset[Stream] = frozenset()
     columns: ScanColumns | None = None
+    compact: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,6 +223,7 @@ def parse_description(message: Any, path: Path) -> RecordingDescription:  # noqa
             stereo=bool(values.get('stereo', False)),
             grey=frozenset(map(Stream, values.get(GREY, ()))),
             columns=_columns(values),
+            compact=bool(values.get(COMPACT, False)),
         )
     except _ERRORS as error:
         reason = f'{RECORDING} is not what kitti-ros2 writes ({type(error).__name__}: {error})'

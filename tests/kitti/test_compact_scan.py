@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_numpy
-from test_scan_grid import TWISTS, moved, street
+from moved_scans import TWISTS, moved, street
 
 from kitti_ros2.kitti.compact_scan import LARGEST, compact, restore
 from kitti_ros2.model.samples import MISSING
@@ -104,7 +104,7 @@ def test_other_points_do_not_pass_for_those_of_a_file():
     points = scan_on_grid(500)
     rest = compact(points).rest
     for other in (points[:-1], points[::-1], points + np.float32(0.0015)):
-        with pytest.raises(ValueError, match='bytes of its file'):
+        with pytest.raises(ValueError, match='CRC-32 of the file'):
             restore(other, rest)
     points[499, 3] = -0.0
     with pytest.raises(ValueError, match='fewer'):
