@@ -387,13 +387,19 @@ def _fit(file: Float64Array, start: Float64Array) -> Float64Array:
         before = measured(file, twist)
         change = _changes(before)
         covariance = np.linalg.inv(information)
-        spread = np.einsum('nij,jk,nik->ni', change, covariance, change).max(axis=1)
+        each = change.reshape(-1, 6)
+        spread = (
+            np.sum(np.einsum('ni,ij->nj', each, covariance) * each, axis=1)
+            .reshape(-1, 3)
+            .max(axis=1)
+        )
         certain = spread < _CERTAIN_MM**2
         off = _off_grid(before)
         certain &= (np.abs(off) < _OUTLIER_MM).all(axis=1)
         rows, errors = change[certain].reshape(-1, 6), off[certain].reshape(-1)
-        information = prior + rows.T @ rows / _NOISE_MM**2
-        gradient = prior @ (start - twist) - rows.T @ errors / _NOISE_MM**2
+        normal, right = _normal_equations(rows, errors)
+        information = prior + normal / _NOISE_MM**2
+        gradient = prior @ (start - twist) - right / _NOISE_MM**2
         step = np.linalg.solve(information, gradient)
         twist = twist + step
         if certain.sum() == count and np.abs(step).max() < _SETTLED:
@@ -408,8 +414,10 @@ def _changes(before: Float64Array) -> Float64Array:
     change = np.zeros((len(before), 3, 6))
     for axis in range(3):
         change[:, axis, axis] = -parts
-        unit = np.eye(3)[axis]
-        change[:, :, 3 + axis] = parts[:, None] * np.cross(before, unit)
+    x, y, z = parts * before.T
+    change[:, 1, 3], change[:, 2, 3] = z, -y
+    change[:, 0, 4], change[:, 2, 4] = -z, x
+    change[:, 0, 5], change[:, 1, 5] = y, -x
     change *= PER_METRE
     return change
 
@@ -426,5 +434,13 @@ def _polish(file: Float64Array, twist: Float64Array) -> Float64Array:
         errors = (file - compensated(before, twist)) * weight
         rows = -_changes(before) / PER_METRE * weight[:, :, None]
         good = np.abs(errors) < _MOST_PLACES
-        twist = twist + np.linalg.lstsq(rows[good], errors[good], rcond=None)[0]
+        normal, right = _normal_equations(rows[good], errors[good])
+        twist = twist + np.linalg.lstsq(normal, right, rcond=None)[0]
     return twist
+
+
+def _normal_equations(
+    rows: Float64Array, values: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Return (6, 6) and (6,) of linear equations; the threads of a BLAS would wait for these."""
+    return np.einsum('ni,nj->ij', rows, rows), np.einsum('ni,n->i', rows, values)

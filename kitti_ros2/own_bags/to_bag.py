@@ -19,7 +19,7 @@ from ..files.threads import limit_to_one_thread, ordered_map, worker_count
 from ..messages.cdr import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error, Loss
-from ..options.messages import Images
+from ..options.messages import Clouds, Images
 from .encode import Encoder, SampleNotes
 from .schedule import make_schedule
 
@@ -126,7 +126,7 @@ def encoding(
         encoder: Encoder of the samples.
         recording: Their recording.
         schedule: The samples.
-        decodes: Whether images are decoded, which is long enough to share it out.
+        decodes: Whether images are decoded or scans rounded, which is long enough to share it out.
         jobs: Number of worker processes, which start at once; 1: none. Outside of Linux, and in a
             program with threads, which cannot be forked, threads take their place.
 
@@ -251,7 +251,8 @@ def convert(
     for loss in encoder.concerned(recording.losses):
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
-    decodes = options.messages.images is not Images.COMPRESSED
+    messages = options.messages
+    decodes = messages.images is not Images.COMPRESSED or messages.clouds is Clouds.COMPACT
     threads = max(worker_count(), jobs)
     with (
         # Before the others: a fork inherits open files and locks.
