@@ -67,15 +67,19 @@ def _round_all(
         if not _round(values[part], multiples[part], nearest[part]):
             return None
     twist = None
-    differ = _different(values, nearest)
-    if len(differ) > _MOST_EXCEPTIONS * len(values):
+    differs = _different(values, nearest)
+    if _are_too_many(differs):
         twist = find_twist(file)
         if twist is None:
             return None
-        differ = np.union1d(differ[differ % 4 == 3], _compensate(nearest, twist, values))
-        if len(differ) > _MOST_EXCEPTIONS * len(values):
+        differs.reshape(-1, 4)[:, :3] = _compensate(nearest, twist, values)
+        if _are_too_many(differs):
             return None
-    return multiples, differ, twist
+    return multiples, np.flatnonzero(differs), twist
+
+
+def _are_too_many(exceptions: npt.NDArray[np.bool_]) -> bool:
+    return bool(np.count_nonzero(exceptions) > _MOST_EXCEPTIONS * len(exceptions))
 
 
 def restore(points: Float32Array, rest: ScanRest) -> Float32Array:
@@ -136,37 +140,45 @@ def _round(values: Float32Array, multiples: npt.NDArray[np.int32], nearest: Floa
     return True
 
 
-def _different(values: Float32Array, nearest: Float32Array) -> npt.NDArray[np.intp]:
-    """Return the indices of values that have other bits, and of all NaN, which have many."""
-    differ = values.view('<u4') != nearest.view('<u4')
-    differ |= values != values  # noqa: PLR0124 - NaN
-    return np.flatnonzero(differ)
+def _different(values: Float32Array, nearest: Float32Array) -> npt.NDArray[np.bool_]:
+    """Return which values have other bits, and all NaN, which have many."""
+    differs: npt.NDArray[np.bool_] = values.view('<u4') != nearest.view('<u4')
+    differs |= np.isnan(values)
+    return differs
 
 
 def _compensate(
     values: Float32Array, twist: Float64Array, file: Float32Array | None = None
-) -> npt.NDArray[np.intp]:
+) -> npt.NDArray[np.bool_]:
     """Compensate the x, y, z of values again from the grid, in place.
 
     Returns:
-        The indices of coordinates that differ from those of a file, or that are not sure to be so
-        with another library of mathematics; none without a file.
+        (N, 3) which coordinates differ from those of a file, or are not sure not to with another
+        library of mathematics; none without a file.
     """
     rows = values.reshape(-1, 4)
-    own = None if file is None else file.view('<u4').reshape(-1, 4)
+    own = rows.view('<u4') if file is None else file.view('<u4').reshape(-1, 4)
     differs = np.zeros((len(rows), 3), bool)
     for first in range(0, len(rows), _ROWS):
         part = slice(first, first + _ROWS)
-        finite = np.flatnonzero(np.isfinite(rows[part, :3]).all(axis=1))
-        exact = compensated(measured_near(rows[part][finite, :3], twist), twist)
-        rounded = exact.astype(np.float32)
-        rows[part][finite, :3] = rounded
-        if own is not None:
-            unsure = (exact - _UNSURE_M).astype(np.float32) != (exact + _UNSURE_M).astype(
-                np.float32
-            )
-            unsure |= rounded.view('<u4') != own[part][finite, :3]
-            differs[part] = True
-            differs[part][finite] = unsure
-    places = np.flatnonzero(differs)
-    return places // 3 * 4 + places % 3
+        finite = np.isfinite(rows[part, :3]).all(axis=1)
+        if finite.all():
+            differs[part] = _compensate_part(rows[part, :3], twist, own[part, :3])
+            continue
+        points = rows[part][finite, :3]
+        differs[part] = True
+        differs[part][finite] = _compensate_part(points, twist, own[part][finite, :3])
+        rows[part][finite, :3] = points
+    return differs
+
+
+def _compensate_part(
+    points: Float32Array, twist: Float64Array, file: npt.NDArray[np.uint32]
+) -> npt.NDArray[np.bool_]:
+    """Compensate finite (N, 3) points in place; return which are not surely the bits of a file."""
+    exact = compensated(measured_near(points, twist), twist)
+    points[:] = exact
+    unsure: npt.NDArray[np.bool_] = (exact - _UNSURE_M).astype(np.float32) != points
+    unsure |= (exact + _UNSURE_M).astype(np.float32) != points
+    unsure |= points.view('<u4') != file
+    return unsure

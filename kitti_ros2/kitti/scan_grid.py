@@ -387,9 +387,9 @@ def _fit(file: Float64Array, start: Float64Array) -> Float64Array:
         before = measured(file, twist)
         change = _changes(before)
         covariance = np.linalg.inv(information)
-        each = change.reshape(-1, 6)
+        by_coordinate = change.reshape(-1, 6)
         spread = (
-            np.sum(np.einsum('ni,ij->nj', each, covariance) * each, axis=1)
+            np.sum(np.einsum('ni,ij->nj', by_coordinate, covariance) * by_coordinate, axis=1)
             .reshape(-1, 3)
             .max(axis=1)
         )

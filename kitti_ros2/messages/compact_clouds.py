@@ -47,7 +47,7 @@ _STEPS = ('0.001', '0.001', '0.001', '0.01')
 _FORMAT = 'cloudini'
 _POINT_BYTES = 4 * len(_NAMES)
 _TWIST_NUMBERS = 6
-_MOST_EXCEPTIONS_BYTES = 2**28
+_MOST_EXCEPTIONS_BYTES = 2**26
 
 
 def encode_compact(
