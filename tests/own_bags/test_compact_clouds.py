@@ -19,9 +19,11 @@ from kitti_ros2.cli import main
 from kitti_ros2.kitti.scan_grid import on_grid
 from kitti_ros2.messages.clouds import read_points
 from kitti_ros2.messages.ros_types import TYPESTORE
-from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.model.bag_formats import CLOUD, Channel
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BagOptions
+from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.player.bag_program import BagProgram
 
 from builders import files_of  # isort: skip
 
@@ -102,6 +104,19 @@ def test_readers_get_points_within_half_a_millimetre(drive_bag):
     for cloud, points in zip(clouds_of(bag), stored, strict=True):
         assert np.abs(cloud - points)[:, :3].max() < HALF_MM
         assert np.abs(cloud - points)[:, 3].max() < 1e-6
+
+
+def test_the_player_publishes_plain_clouds(drive_bag):
+    bag, files = drive_bag
+    program = BagProgram(bag, SelectionOptions())
+    [place] = [place for place, made in enumerate(program.channels) if made.topic == POINTS]
+    assert program.channels[place].msgtype == CLOUD
+    due = [program.fetch(index, [place])[0] for index in range(len(program.stamps_ns))]
+    clouds = [each.data for messages in due for each in messages if each.channel == place]
+    assert len(clouds) == len(scans_of(files))
+    cloud = read_points(TYPESTORE.deserialize_cdr(clouds[0], CLOUD), None)
+    stored = np.frombuffer(next(iter(scans_of(files).values())), '<f4').reshape(-1, 4)
+    assert np.abs(cloud - stored)[:, :3].max() < HALF_MM
 
 
 def test_scans_that_are_no_grid_are_in_clouds_byte_for_byte(recordings, tmp_path, capsys):
