@@ -17,13 +17,14 @@ from ..kitti.archives import day_of_drive
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
-from ..messages.naming import CALIBRATION
+from ..messages.naming import CALIBRATION, PRESETS
 from ..messages.rectified_cameras import angle_of, viewpoints
 from ..messages.tf_tree import AXES, find_body, known_heading
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
-from ..model.samples import Calibration, CameraCalibration
+from ..model.samples import LEFT_OF, Calibration, CameraCalibration
+from ..model.streams import CAMERA_NAMES
 from .bag_cameras import camera_of, of_images, other_cameras
 from .plan import NONE, SOURCE, TF
 from .survey import topic_of
@@ -232,6 +233,68 @@ def _distorted(
     )
 
 
+# KITTI's camera 0 in bags of KITTI's recordings that have no images of it.
+#
+# Objects and tracks have images of cameras 2 and 3 alone, but labels, poses and P are for points of
+# camera 0, whose frame the static transforms have by KITTI's name.
+
+_KITTI_FRAMES = [
+    {index: naming.frames_of({}).camera(index) for index in CAMERA_NAMES}
+    for naming in PRESETS.values()
+]
+
+
+def link_to_camera_0(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> Sequence[Link]:
+    """Return the link to KITTI's camera 0 in bags of kitti2mcap without it; none in others.
+
+    pykitti, and so kitti2mcap, moves cameras by p[0, 3] / p[0, 0] from camera 0.
+    """
+    first = cameras[min(cameras)]
+    frame = _kitti_frames(cameras).get(0, '')
+    if not frame or frame in tree.frames or not first.is_as_rectified or not first.p[0, 3]:
+        return ()
+    away = np.array([first.p[0, 3] / first.p[0, 0], 0.0, 0.0])
+    return ((first.frame, frame, Transform.from_translation(away)),)
+
+
+def with_kitti_cameras(
+    tree: FrameTree, cameras: Mapping[int, CameraModel]
+) -> Mapping[int, CameraModel]:
+    """Add KITTI's cameras of which the tree has the frame alone, if camera 0 is one of them.
+
+    Rectified cameras look the same way with the same K, so nothing but the frame is missing.
+
+    Args:
+        tree: The static transforms.
+        cameras: By KITTI index.
+    """
+    first = cameras[min(cameras)]
+    plain = np.column_stack([first.p[:, :3], np.zeros(3)])
+    added = {}
+    for index, frame in _kitti_frames(cameras).items():
+        pose = tree.find(first.frame, frame)
+        if index not in cameras and pose is not None and angle_of(pose.rotation) <= _PARALLEL_RAD:
+            added[index] = replace(first, frame=frame, p=plain)
+    return {**cameras, **added} if 0 in added else cameras
+
+
+def _kitti_frames(cameras: Mapping[int, CameraModel]) -> Mapping[int, str]:
+    """Return KITTI's frame names if cameras have them, and are rectified; none for others."""
+    rectified = (
+        angle_of(model.r) <= _PARALLEL_RAD or model.is_as_rectified for model in cameras.values()
+    )
+    same = (frames for frames in _KITTI_FRAMES if _are_named(cameras, frames))
+    return next(same, {}) if all(rectified) else {}
+
+
+def _are_named(cameras: Mapping[int, CameraModel], frames: Mapping[int, str]) -> bool:
+    """Return whether each camera has its frame, or that of the left one of its pair."""
+    return all(
+        model.frame in (frames.get(index), frames.get(LEFT_OF.get(index, index)))
+        for index, model in cameras.items()
+    )
+
+
 # KITTI's velodyne frame: the scanner's origin, x forward, y left, z up.
 #
 # A plan names a frame of the tree, or has one made: `scan.forward` is a frame whose orientation the
@@ -335,6 +398,7 @@ class PlannedRig:
         plan: With the made frame as scan.frame: see made_frame.
         survey: The survey of its bags.
         models: The cameras with a CameraInfo, by KITTI index.
+        calibrated: These, and KITTI's that have no images.
         others: The other cameras of the bag, as viewpoints.
         tree: The static transforms, also to the frames that are made.
     """
@@ -352,9 +416,15 @@ class PlannedRig:
         self.others, links = other_cameras(plan, survey)
         optical = [*links, *optical_links(plan, survey)]
         self.tree = survey.tree_with(optical, lost)
-        self.plan, scan_links = make_forward_frame(plan, self.tree, self.models, self.others)
-        if scan_links:
-            self.tree = survey.tree_with([*optical, *scan_links], lost)
+        self.plan, made = make_forward_frame(plan, self.tree, self.models, self.others)
+        may_be_kittis = self.models and not self.others and plan.scan and not plan.is_extract
+        if may_be_kittis:
+            made = [*made, *link_to_camera_0(self.tree, self.models)]
+        if made:
+            self.tree = survey.tree_with([*optical, *made], lost)
+        self.calibrated: Mapping[int, CameraModel] = self.models
+        if may_be_kittis:
+            self.calibrated = with_kitti_cameras(self.tree, self.models)
 
 
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
@@ -418,7 +488,7 @@ def make_calibrations(rig: PlannedRig) -> Calibrations:
     calibration, notes = make_calibration(
         rig.tree,
         scan_frame,
-        rig.models,
+        rig.calibrated,
         plan.imu_frame or _imu_link(rig.tree, scan_frame),
         rectified=not plan.is_extract,
         straightened=straightened if plan.is_extract else (),

@@ -134,7 +134,9 @@ class SensorRig:
         """
         body = self._plan.pose.body if self._plan.pose is not None else ''
         if self._rig.models and self._plan.calibration == TF:
-            frame_id, frame_t_rect = rect_in_frame(self._tree, self._rig.models, self._rig.others)
+            frame_id, frame_t_rect = rect_in_frame(
+                self._tree, self._rig.calibrated, self._rig.others
+            )
             return self._tree.transform(body, frame_id) @ frame_t_rect
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()

@@ -194,7 +194,7 @@ def format_object_labels(boxes: Iterable[Box], decimals: int = 2) -> str:
 
 KITTI_DECIMALS = 2
 """Of KITTI's object labels."""
-_OFF_LABEL = 1e-5
+_OFF_LABEL = 5e-5
 """A number nearer to one of two decimals is that: four would print it so."""
 
 

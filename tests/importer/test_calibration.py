@@ -15,7 +15,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from kitti_ros2.importer.bag_calibration import make_calibration, rect_in_frame
+from kitti_ros2.importer.bag_calibration import (
+    link_to_camera_0,
+    make_calibration,
+    rect_in_frame,
+    with_kitti_cameras,
+)
 from kitti_ros2.kitti.calib_file import format_raw, parse_calibration, parse_raw_calibration
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import (
@@ -113,6 +118,64 @@ def test_p_of_rectified_frames_stays_to_the_bit(off_m, kept):
     calib, _ = make(links, {0: first, 1: model('right', p, k=K, r=rotation_from_rpy(0.02, 0, 0))})
     assert np.array_equal(calib.cameras[1].p_rect, p) is kept
     assert calib.cameras[1].p_rect[0, 3] == pytest.approx(p[0, 3], abs=1e-6)
+
+
+KITTI_PLACES = {
+    'camera_gray_right': 0.53, 'camera_color_left': -0.06, 'camera_color_right': 0.47,
+}  # fmt: skip
+KITTI_LINKS = [
+    ('camera_gray_left', 'lidar', LEFT_T_LIDAR),
+    *(
+        ('camera_gray_left', name, Transform.from_translation((x, 0.001, 0)))
+        for name, x in KITTI_PLACES.items()
+    ),
+]
+
+
+def test_cameras_of_kitti_without_images_are_those_of_their_frames():
+    """Bags of objects and tracks, whose labels and P are for points of camera 0."""
+    colour = {2: model('camera_color_left')}
+    tree = FrameTree(KITTI_LINKS)
+    assert not link_to_camera_0(tree, colour)
+    calib, notes = make(KITTI_LINKS, with_kitti_cameras(tree, colour))
+    assert not notes
+    assert rect_from_velo(calib).matrix() == pytest.approx(LEFT_T_LIDAR.matrix())
+    assert sorted(calib.cameras) == [0, 1, 2, 3]
+    for index, x in enumerate(KITTI_PLACES.values(), 1):
+        p = calib.cameras[index].p_rect
+        np.testing.assert_allclose(p, np.column_stack([K, K @ [-x, -0.001, 0]]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('links', 'cameras'),
+    [
+        (KITTI_LINKS, {2: model('camera_color_right')}),
+        (KITTI_LINKS, {0: model('camera_color_left')}),
+        (KITTI_LINKS, {2: model('camera_color_left', r=rotation_from_rpy(0.1, 0, 0))}),
+        (KITTI_LINKS, {2: model('left')}),
+        ([('camera_color_left', 'lidar', LEFT_T_LIDAR)], {2: model('camera_color_left')}),
+    ],
+    ids=['another number', 'camera 0', 'unrectified', 'another name', 'no frame of camera 0'],
+)
+def test_cameras_of_others_are_all_that_there_are(links, cameras):
+    tree = FrameTree(links)
+    assert with_kitti_cameras(tree, cameras) is cameras
+    assert not link_to_camera_0(tree, cameras)
+
+
+@pytest.mark.parametrize('frame', ['camera_color_left', 'camera_color_left_optical_frame'])
+def test_camera_0_of_a_bag_of_kitti2mcap_is_where_p_has_it(frame):
+    """Its only camera by default is number 2, whose frame and P both have the offset."""
+    r, x = rotation_from_rpy(0.01, 0.002, -0.01), 0.06
+    p = np.column_stack([K, K @ [x, 0.0003, 0.0027]])
+    x = p[0, 3] / p[0, 0]
+    lidar = Transform.from_translation((x, 0, 0)) @ LEFT_T_LIDAR
+    cameras = {2: model(frame, p, k=K, r=r)}
+    links = [(frame, 'lidar', lidar)]
+    links += link_to_camera_0(FrameTree(links), cameras)
+    calib, _ = make(links, with_kitti_cameras(FrameTree(links), cameras))
+    np.testing.assert_array_equal(calib.cameras[2].p_rect, p)
+    assert rect_from_velo(calib).matrix() == pytest.approx(LEFT_T_LIDAR.matrix())
 
 
 def message(**values) -> CameraInfo:

@@ -217,3 +217,20 @@ def test_packets_of_whole_messages_have_their_numbers(drive, bag, tmp_path):
         [made] = (tmp_path / 'out').rglob(f'oxts/data/{path.name}')
         true, words = path.read_text().split(), made.read_text().split()
         assert [words[at] for at in COLUMNS] == [true[at] for at in COLUMNS]
+
+
+def test_objects_have_the_places_and_projections_of_kitti(recordings, tmp_path):
+    """Of camera 0, of which an object set has no image."""
+    source, path = recordings[Layout.OBJECT] / 'training', tmp_path / 'bag.mcap'
+    assert main(['to-bag', str(source), str(path), '-q', *KITTI2BAG]) == 0
+    assert main(['to-kitti', str(path), str(tmp_path / 'out'), '--layout', 'object', '-q']) == 0
+    for file in sorted((source / 'label_2').iterdir()):
+        made = (tmp_path / 'out/training/label_2' / file.name).read_text().splitlines()
+        cared = [line for line in file.read_text().splitlines() if 'DontCare' not in line]
+        assert [line.split()[8:] for line in made] == [line.split()[8:15] for line in cared]
+        calibration = f'calib/{file.name}'
+        true, own = (
+            (folder / calibration).read_text().splitlines()
+            for folder in (source, tmp_path / 'out/training')
+        )
+        assert own[:4] == true[:4], 'P0 to P3'

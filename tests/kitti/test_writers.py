@@ -361,8 +361,8 @@ def test_real_odometry_texts_come_back_from_their_values(real_kitti: Path) -> No
     ('values', 'decimals'),
     [
         ({}, 2),
-        ({'location': (-2.0 + 4e-6, 1.65, 20.0 - 9e-6)}, 2),
-        ({'location': (-2.0 + 2e-5, 1.65, 20.0)}, 4),
+                ({'location': (-2.0 + 4e-5, 1.65, 20.0)}, 2),
+        ({'location': (-2.0 + 6e-5, 1.65, 20.0)}, 4),
         ({'rotation_y': -1.5001}, 4),
         ({'size_hwl': (1.5, 1.605, 4.0)}, 4),
         ({'box_2d': (1.2345, 2, 3, 4)}, 2),
