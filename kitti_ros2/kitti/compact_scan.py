@@ -7,9 +7,9 @@ cloud of them is the file within half a millimetre. The file follows bit for bit
 
 - Of measured scans (raw, object) each value is its multiple, rounded to float32.
 - Of compensated ones (odometry) the points of the multiples are taken back to the grid on which
-  they were measured by the twist (see scan_grid.py), and compensated again.
-- The values of which this is not true are stored: -0.0, NaN, those off the grid, and those of
-  points that half a millimetre takes to another point of the grid, 0.6 % in odometry.
+  they were measured by the twist (see scan_grid.py), and compensated again. Of points that half a
+  millimetre takes to another one of the grid (1 to 4 %), the steps to their own are stored.
+- The values of which this is not true are stored: -0.0, NaN, those off the grid.
 
 No computation decides bits: values of compensated scans that are within _UNSURE_M of the next
 float32 are stored too, so that another library of mathematics makes the same file.
@@ -22,8 +22,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..files.local_files import crc32
-from ..model.samples import MISSING, CompactScan, Exceptions, ScanRest
-from .scan_grid import PER_METRE, PER_REFLECTANCE, compensated, find_twist, measured_near
+from ..model.samples import MISSING, CompactScan, Exceptions, GridSteps, ScanRest
+from .scan_grid import (
+    PER_METRE,
+    PER_REFLECTANCE,
+    compensated_axes,
+    find_twist,
+    measured,
+    moves_back,
+    on_grid,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,6 +47,7 @@ LARGEST = 2**21
 _MOST_EXCEPTIONS = 0.05
 """Of the values of a scan; one with more is no grid."""
 _UNSURE_M = 1e-11
+_MOST_STEPS = 127
 _PART = 4 * 32768  # values at once, which stay in the cache
 _ROWS = 8192
 """The same of points, with what their motion needs."""
@@ -52,30 +61,33 @@ def compact(points: Float32Array) -> CompactScan:
     rounded = _round_all(file)
     if rounded is None:
         return CompactScan(None, ScanRest(crc))
-    multiples, differ, twist = rounded
+    multiples, differ, moved = rounded
     exceptions = Exceptions(differ.astype('<u4'), file.reshape(-1).view('<u4')[differ])
-    return CompactScan(multiples.reshape(-1, 4), ScanRest(crc, exceptions, twist))
+    return CompactScan(multiples.reshape(-1, 4), ScanRest(crc, exceptions, *moved))
 
 
 def _round_all(
     file: Float32Array,
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp], Float64Array | None] | None:
-    """Return multiples, the indices of exceptions and the twist; None of a scan that is no grid."""
+) -> (
+    tuple[npt.NDArray[np.int32], npt.NDArray[np.intp], tuple[Float64Array, GridSteps] | tuple[()]]
+    | None
+):
+    """Return multiples, indices of exceptions, twist and steps; None of a scan that is no grid."""
     values = file.reshape(-1)
     multiples, nearest = np.empty(len(values), np.int32), np.empty_like(values)
     for part in _parts(len(values)):
         if not _round(values[part], multiples[part], nearest[part]):
             return None
-    twist = None
     differs = _different(values, nearest)
+    if not _are_too_many(differs):
+        return multiples, np.flatnonzero(differs), ()
+    twist = find_twist(file)
+    if twist is None:
+        return None
+    steps, differs.reshape(-1, 4)[:, :3] = _compare(nearest.reshape(-1, 4), twist, file)
     if _are_too_many(differs):
-        twist = find_twist(file)
-        if twist is None:
-            return None
-        differs.reshape(-1, 4)[:, :3] = _compensate(nearest, twist, values)
-        if _are_too_many(differs):
-            return None
-    return multiples, np.flatnonzero(differs), twist
+        return None
+    return multiples, np.flatnonzero(differs), (twist, steps)
 
 
 def _are_too_many(exceptions: npt.NDArray[np.bool_]) -> bool:
@@ -90,27 +102,29 @@ def restore(points: Float32Array, rest: ScanRest) -> Float32Array:
     """
     values: Float32Array = np.array(points, '<f4').reshape(-1)
     if rest.exceptions is not None:
-        _restore_rounded(values, rest.exceptions, rest.twist)
+        with np.errstate(all='ignore'):
+            _restore_rounded(values, rest.exceptions, rest)
     if (crc32(values.data.cast('B')) if values.size else 0) != rest.crc:
         raise ValueError('the points do not give the CRC-32 of the file')
     return values.reshape(-1, 4)
 
 
-def _restore_rounded(
-    values: Float32Array, exceptions: Exceptions, twist: Float64Array | None
-) -> None:
-    if len(exceptions.indices) and exceptions.indices[-1] >= len(values):
+def _restore_rounded(values: Float32Array, exceptions: Exceptions, rest: ScanRest) -> None:
+    if _is_beyond(exceptions.indices, len(values)):
         raise ValueError('the points are fewer than those of the file')
-    with np.errstate(all='ignore'):
-        for part in _parts(len(values)):
-            scale = _PER_UNIT[: len(values[part])]
-            np.multiply(values[part], scale, out=values[part])
-            np.rint(values[part], out=values[part])
-            values[part] += 0  # of -0.0
-            np.divide(values[part], scale, out=values[part])
-    if twist is not None:
-        _compensate(values, twist)
+    for part in _parts(len(values)):
+        scale = _PER_UNIT[: len(values[part])]
+        np.multiply(values[part], scale, out=values[part])
+        np.rint(values[part], out=values[part])
+        values[part] += 0  # of -0.0
+        np.divide(values[part], scale, out=values[part])
+    if rest.twist is not None:
+        _compensate(values.reshape(-1, 4), rest.twist, rest.steps)
     values.view('<u4')[exceptions.indices] = exceptions.bits
+
+
+def _is_beyond(indices: npt.NDArray[np.uint32], count: int) -> bool:
+    return bool(len(indices) and indices[-1] >= count)
 
 
 def _parts(count: int) -> Iterator[slice]:
@@ -147,38 +161,78 @@ def _different(values: Float32Array, nearest: Float32Array) -> npt.NDArray[np.bo
     return differs
 
 
-def _compensate(
-    values: Float32Array, twist: Float64Array, file: Float32Array | None = None
-) -> npt.NDArray[np.bool_]:
-    """Compensate the x, y, z of values again from the grid, in place.
+def _compensate(rows: Float32Array, twist: Float64Array, steps: GridSteps | None) -> None:
+    """Compensate the x, y, z of (N, 4) values on the grid again, in place."""
+    beside = np.zeros((len(rows), 3), np.float32)
+    if steps is not None:
+        if _is_beyond(steps.indices, beside.size):
+            raise ValueError('the points are fewer than those of the file')
+        beside.reshape(-1)[steps.indices] = steps.steps
+    for part in _row_parts(len(rows)):
+        axes = _measured(rows[part, :3], twist, beside[part])
+        rows[part, :3] = compensated_axes(axes.astype(np.float64), twist).T
+
+
+def _compare(
+    rows: Float32Array, twist: Float64Array, file: Float32Array
+) -> tuple[GridSteps, npt.NDArray[np.bool_]]:
+    """Find what compensating (N, 4) values on the grid again leaves to be stored.
 
     Returns:
-        (N, 3) which coordinates differ from those of a file, or are not sure not to with another
-        library of mathematics; none without a file.
+        Steps, and (N, 3) which coordinates differ from those of a file with them, or are not sure
+        not to with another library of mathematics.
     """
-    rows = values.reshape(-1, 4)
-    own = rows.view('<u4') if file is None else file.view('<u4').reshape(-1, 4)
-    differs = np.zeros((len(rows), 3), bool)
-    for first in range(0, len(rows), _ROWS):
-        part = slice(first, first + _ROWS)
-        finite = np.isfinite(rows[part, :3]).all(axis=1)
-        if finite.all():
-            differs[part] = _compensate_part(rows[part, :3], twist, own[part, :3])
-            continue
-        points = rows[part][finite, :3]
-        differs[part] = True
-        differs[part][finite] = _compensate_part(points, twist, own[part][finite, :3])
-        rows[part][finite, :3] = points
+    differs = np.empty((3, len(rows)), bool)
+    points = np.empty((3, len(rows)), np.float32)
+    with np.errstate(all='ignore'):
+        for part in _row_parts(len(rows)):
+            points[:, part] = _measured(rows[part, :3], twist)
+            differs[:, part] = _differ(points[:, part], twist, file[part])
+        other = np.flatnonzero(differs.any(axis=0))
+        own = on_grid(measured(file[other, :3].astype(np.float64), twist)).T
+        own = own + 0  # of -0.0, as _measured
+        beside = np.rint((own - points[:, other]) * PER_METRE)
+        solved = ~_differ(own, twist, file[other]).any(axis=0)
+        solved &= np.abs(beside).max(axis=0, initial=0) <= _MOST_STEPS
+    differs[:, other[solved]] = False
+    steps = beside.T[solved].astype(np.int8)
+    points_beside, axes = np.nonzero(steps)
+    indices = other[solved][points_beside] * 3 + axes
+    return GridSteps(indices.astype('<u4'), steps[points_beside, axes]), differs.T
+
+
+def _differ(axes: Float32Array, twist: Float64Array, file: Float32Array) -> npt.NDArray[np.bool_]:
+    """Return which coordinates of measured (3, N) points do not surely give the bits of a file."""
+    exact = compensated_axes(axes.astype(np.float64), twist)
+    own = np.ascontiguousarray(file[:, :3].T)
+    differs: npt.NDArray[np.bool_] = (exact - _UNSURE_M).astype(np.float32) != own
+    differs |= (exact + _UNSURE_M).astype(np.float32) != own
     return differs
 
 
-def _compensate_part(
-    points: Float32Array, twist: Float64Array, file: npt.NDArray[np.uint32]
-) -> npt.NDArray[np.bool_]:
-    """Compensate finite (N, 3) points in place; return which are not surely the bits of a file."""
-    exact = compensated(measured_near(points, twist), twist)
-    points[:] = exact
-    unsure: npt.NDArray[np.bool_] = (exact - _UNSURE_M).astype(np.float32) != points
-    unsure |= (exact + _UNSURE_M).astype(np.float32) != points
-    unsure |= points.view('<u4') != file
-    return unsure
+def _measured(
+    points: Float32Array, twist: Float64Array, beside: Float32Array | None = None
+) -> Float32Array:
+    """Return the (3, N) points of the grid that (N, 3) rounded compensated ones are made of.
+
+    Args:
+        points: Metres.
+        twist: Of a turn.
+        beside: (N, 3) steps to add.
+    """
+    axes = np.ascontiguousarray(points.T)
+    steps = moves_back(axes, twist)
+    steps *= PER_METRE
+    axes *= PER_METRE
+    for millimetres in (steps, axes):
+        np.rint(millimetres, out=millimetres)
+    axes += steps
+    if beside is not None:
+        axes += beside.T
+    axes += 0  # of -0.0, which would be at the other end of the turn
+    axes /= PER_METRE
+    return axes
+
+
+def _row_parts(count: int) -> Iterator[slice]:
+    return (slice(first, first + _ROWS) for first in range(0, count, _ROWS))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from itertools import chain
 from threading import Lock
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,12 +22,14 @@ import numpy as np
 from ..model.errors import format_count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array, Scan
+
+    Axes = npt.NDArray[np.floating]
 
 PER_METRE = 1000
 PER_REFLECTANCE = 100
@@ -51,25 +54,21 @@ _MOST_POINTS = 6000
 _FEW_POINTS = 1000
 """With which a twist makes nearly as many points again as with all; fewer may fit by chance."""
 _SHARE_AHEAD = 3
-_STRAIGHT_AHEAD = 5e-4
-"""Of a turn: a car that climbs by 2 m/s moved points so near to straight ahead by 0.1 mm."""
-_MOVED_AHEAD_MM = 0.2
-_LEAST_AHEAD = 30
-_SHARE_NEAR = 0.7
-"""Chance gives 0.4."""
+_STRAIGHT_AHEAD = 0.0015
+"""Of a turn: the forward motion of points so near to straight ahead tells on their x alone."""
+_LEAST_IN_PHASE = 0.3
+"""Of the points there; chance gives 0.15."""
+_MOST_STARTS = 3
+"""Of synthetic scans, whose columns are an exact part of a turn apart, several speeds fit."""
+_SPEEDS = np.arange(-1, 4, 0.08)
+"""Metres a turn that are tried; to each belong those nearer than 0.1."""
 _MOST_ROUNDS = 40
-_SETTLED = 1e-7
-_LEAST_ANGLE = 1e-300
-_POLISHES = 4
+_SETTLED = 1e-6
+_POLISHES = 3
 _MOST_PLACES = 1.5
 _SMALL = np.float32(1e-3)
-_STEPS = 4
-"""The time of a point settles by a factor of 20 or more with each; faster ones need more."""
-_NEWTON_STEPS = 2
 _UNCERTAIN = np.array([0.2, 0.1, 0.05, 0.005, 0.005, 0.05])
 """Of a start, one sigma: a car brakes and steers, and hardly pitches or rolls."""
-_STARTS = tuple(np.array([metres, 0, 0, 0, 0, 0]) for metres in (0.8, 1.4, 0.2, 2.0, 2.6, 3.2))
-"""Without poses; each is near enough to what is up to 0.6 m off, in bends as well."""
 
 _STAYING = {'off': 'scan', 'points off': 'point'}
 """What was counted and is as it was, with its noun."""
@@ -217,12 +216,17 @@ class GridTally:
 
 def compensated(points: Float64Array, twist: Float64Array) -> Float64Array:
     """Return (N, 3) measured points as KITTI compensated them for motion, before its rounding."""
-    axes = np.ascontiguousarray(points.T)
-    parts = _parts(axes)
-    moved = _rotated(axes, parts, twist[3:])
-    moved += parts * twist[:3, None]
-    rows: Float64Array = moved.T
+    rows: Float64Array = compensated_axes(np.ascontiguousarray(points.T), twist).T
     return rows
+
+
+def compensated_axes(axes: Float64Array, twist: Float64Array) -> Float64Array:
+    """Do the same with (3, N) points."""
+    parts = _parts(axes)
+    file: Float64Array = twist[:3, None] * parts
+    file += _turns(axes, parts, twist[3:])
+    file += axes
+    return file
 
 
 def measured(points: Float64Array, twist: Float64Array, end: float | None = None) -> Float64Array:
@@ -234,62 +238,83 @@ def measured(points: Float64Array, twist: Float64Array, end: float | None = None
         end: -0.5 or 0.5: of points straight behind, which may be of either end of a turn, this one.
     """
     axes = np.ascontiguousarray(points.T)
-    before = axes
-    for _ in range(_STEPS + int(np.linalg.norm(twist[:3]))):
-        parts = _parts(before)
-        if end is not None:
-            parts += np.rint(end - parts)
-        before = _rotated(axes - parts * twist[:3, None], -parts, twist[3:])
-    rows: Float64Array = before.T
+    rows: Float64Array = (axes + moves_back(axes, twist, end)).T
     return rows
 
 
-def measured_near(points: Float32Array, twist: Float64Array) -> Float64Array:
-    """Return (N, 3) points of the grid, metres, that compensated points near theirs are made of.
+def moves_back(axes: Axes, twist: Float64Array, end: float | None = None) -> Axes:
+    """Return (3, N) vectors from compensated points to where they were measured.
 
-    By Newton's method, which needs fewer steps than measured: points of half a millimetre.
+    In the dtype of the points. With float32, all machines give the same bits: angles are rounded
+    from float64, and all else is sums, products and quotients.
+
+    The unknown is the part s of a turn, by two steps of Newton's method: the first in the plane,
+    where the angle between file and p is arctan(s c / (1 - s d)) - s e, the second with p itself.
     """
-    axes = np.ascontiguousarray(points.T, dtype=np.float64)
-    velocity = twist[:3, None]
-    first = parts = _parts(axes)
-    for _ in range(_NEWTON_STEPS):
-        before = _rotated(axes - parts * velocity, -parts, twist[3:])
-        across = axes[0] * before[1] - axes[1] * before[0]
-        along = axes[0] * before[0] + axes[1] * before[1]
-        off = first - np.arctan(across / along) / (2 * np.pi) - parts
-        slope = before[0] * twist[1] - before[1] * twist[0]
-        slope /= before[0] ** 2 + before[1] ** 2
-        parts = parts + off / (1 - (slope + twist[5]) / (2 * np.pi))
-    before = _rotated(axes - parts * velocity, -parts, twist[3:])
-    nearest: Float64Array = on_grid(before.T).astype(np.float64)
-    return nearest
+    x, y, z = axes
+    vx, vy, _, wx, wy, wz = twist.tolist()
+    velocity = twist[:3, None].astype(axes.dtype)
+    file_parts = _parts(axes)
+    if end is not None:
+        file_parts += np.rint(end - file_parts)
+    file_parts = file_parts.astype(axes.dtype, copy=False)
+    far = 1 / (x * x + y * y)
+    across, along = (y * vx - x * vy) * far, 1 - file_parts * ((x * vx + y * vy) * far)
+    turning = wz - (x * wx + y * wy) * z * far
+    tangent = file_parts * across / along
+    slope = across / (along * along * (1 + tangent * tangent)) - turning
+    slope /= 2 * np.pi
+    slope += 1
+    parts = (_arctan(tangent) - file_parts * turning) / slope
+    parts /= -2 * np.pi
+    parts += file_parts
+    moves: Axes = -velocity * parts
+    moves += _turns(axes + moves, -parts, twist[3:])
+    px, py, _ = before = axes + moves
+    off = file_parts - _arctan((x * py - y * px) / (x * px + y * py)) / (2 * np.pi) - parts
+    off /= slope
+    moves -= off * (_cross(twist[3:], before) + velocity)
+    return moves
 
 
-def _parts(axes: Float64Array) -> Float64Array:
+def _turns(axes: Axes, parts: Axes, rotation: Float64Array) -> Axes:
+    """Return R(s w) p - p of (3, N) points, each with its part s of a rotation w.
+
+    That is sin(s a) / a * w x p + (1 - cos(s a)) / a^2 * w x (w x p), a being the angle of w, with
+    the first terms of their series: to 1e-15 for w up to 0.1, and the same on all machines.
+    """
+    once = _cross(rotation, axes)
+    twice = _cross(rotation, once)
+    squares = parts * parts
+    angles = squares * float(rotation @ rotation)
+    once *= parts * (1 - angles * (1 - angles * (1 - angles / 42) / 20) / 6)
+    twice *= squares * (1 - angles * (1 - angles * (1 - angles / 56) / 30) / 12) / 2
+    once += twice
+    return once
+
+
+def _parts(axes: Axes) -> Float64Array:
     """Return (N,) the part of a turn from facing forward to (3, N) points, -0.5..0.5."""
-    parts: Float64Array = np.arctan2(axes[1], axes[0])
+    parts: Float64Array = np.arctan2(axes[1], axes[0], dtype=np.float64)
     parts /= -2 * np.pi
     return parts
 
 
-def _rotated(axes: Float64Array, parts: Float64Array, rotation: Float64Array) -> Float64Array:
-    """Rotate (3, N) points about an axis, each by its part of an angle (Rodrigues)."""
-    angle = float(np.linalg.norm(rotation)) or _LEAST_ANGLE
-    angles = parts * angle
-    sine, rest = np.sin(angles), 1 - np.cos(angles)
-    u, v, w = (rotation / angle).tolist()
+def _arctan(tangents: Axes) -> Axes:
+    angles: Axes = np.arctan(tangents, dtype=np.float64).astype(tangents.dtype, copy=False)
+    return angles
+
+
+def _cross(vector: Float64Array, axes: Axes) -> Axes:
+    """Return the cross products of a vector and (3, N) points."""
+    u, v, w = vector.tolist()
     x, y, z = axes
-    along = u * x + v * y + w * z
-    along *= rest
-    stay = 1 - rest
-    rotated: Float64Array = np.stack(
-        [
-            x * stay + (v * z - w * y) * sine + u * along,
-            y * stay + (w * x - u * z) * sine + v * along,
-            z * stay + (u * y - v * x) * sine + w * along,
-        ]
-    )
-    return rotated
+    product = np.empty_like(axes)
+    for out, first, second in zip(
+        product, (v * z, w * x, u * y), (w * y, u * z, v * x), strict=True
+    ):
+        np.subtract(first, second, out=out)
+    return product
 
 
 def find_measured(points: Float32Array, start: Float64Array | None = None) -> MeasuredScan | None:
@@ -303,7 +328,8 @@ def find_measured(points: Float32Array, start: Float64Array | None = None) -> Me
         The scan, None unless at least KITTI_SHARE of its points come to lie on the grid.
     """
     file = np.asarray(points[:, :3], dtype=np.float64)
-    for twist in _twists(_sample(file), start):
+    sample = _sample(file)
+    for twist in _twists(sample, chain([] if start is None else [start], _starts(sample))):
         before = _measured_on_grid(file, twist)
         share = grid_share(before)
         if share >= KITTI_SHARE:
@@ -322,34 +348,40 @@ def find_twist(points: Float32Array) -> Float64Array | None:
     """
     if len(points) < _FEW_POINTS:
         return None
-    if not _may_be_moved(points):
-        return None
     some = points[:: 1 + len(points) // _FEW_POINTS, :3]
-    ahead = points[_is_ahead(points, _AHEAD), :3]
-    ahead = ahead[:: 1 + _SHARE_AHEAD * len(ahead) // _FEW_POINTS]
-    sample = np.concatenate([ahead, some]).astype(np.float64)
-    return next(_twists(sample[np.isfinite(sample).all(axis=1)]), None)
+    ahead = points[_is_ahead(points, _AHEAD), :3].astype(np.float64)
+    few = ahead[:: 1 + _SHARE_AHEAD * len(ahead) // _FEW_POINTS]
+    sample = np.concatenate([few, some])
+    return next(_twists(sample[np.isfinite(sample).all(axis=1)], _starts(ahead)), None)
 
 
-def _may_be_moved(points: Float32Array) -> bool:
-    """Return False for most scans that are no grid: heights straight ahead hardly moved."""
-    ahead = points[_is_ahead(points, _STRAIGHT_AHEAD), 2:3]
-    near = np.abs(_off_grid(ahead)) < _MOVED_AHEAD_MM
-    return len(ahead) < _LEAST_AHEAD or float(near.mean()) > _SHARE_NEAR
+def _starts(ahead: Float64Array) -> Iterator[Float64Array]:
+    """Yield the forward motion with which the x of most points straight ahead are on the grid.
+
+    None of nearly all scans that are no grid.
+    """
+    points = ahead[_is_ahead(ahead, _STRAIGHT_AHEAD)]
+    if not len(points):
+        return
+    moves = np.outer(_SPEEDS, _parts(points.T))
+    in_phase = np.abs(np.exp(2j * np.pi * PER_METRE * (points[:, 0] - moves)).mean(axis=1))
+    around = np.pad(in_phase, 1)
+    peaks = (in_phase > np.maximum(around[:-2], around[2:])) & (in_phase > _LEAST_IN_PHASE)
+    order = np.argsort(-in_phase)
+    for speed in _SPEEDS[order[peaks[order]]][:_MOST_STARTS]:
+        yield np.array([speed, 0, 0, 0, 0, 0])
 
 
-def _is_ahead(points: Float32Array, parts: float) -> npt.NDArray[np.bool_]:
+def _is_ahead(points: npt.NDArray[np.floating], parts: float) -> npt.NDArray[np.bool_]:
     """Return which points are nearer to straight ahead than parts of a turn."""
-    ahead: npt.NDArray[np.bool_] = (
-        np.abs(points[:, 1]) < np.float32(2 * np.pi * parts) * points[:, 0]
-    )
+    ahead: npt.NDArray[np.bool_] = np.abs(points[:, 1]) < 2 * np.pi * parts * points[:, 0]
     return ahead
 
 
-def _twists(sample: Float64Array, start: Float64Array | None = None) -> Iterator[Float64Array]:
+def _twists(sample: Float64Array, starts: Iterable[Float64Array]) -> Iterator[Float64Array]:
     """Yield the twists with which points of a sample come to lie on the grid."""
-    for first in _STARTS if start is None else (start, *_STARTS):
-        twist = _fit(sample, first)
+    for start in starts:
+        twist = _fit(sample, start)
         if grid_share(measured(sample, twist)) >= KITTI_SHARE / 2:
             yield _polish(sample, twist)
 
@@ -382,43 +414,34 @@ def _fit(file: Float64Array, start: Float64Array) -> Float64Array:
     """
     twist: Float64Array = start
     prior = np.diag(_UNCERTAIN**-2.0)
-    information, count = prior, -1
+    information = prior
     for _ in range(_MOST_ROUNDS):
         before = measured(file, twist)
         change = _changes(before)
         covariance = np.linalg.inv(information)
-        by_coordinate = change.reshape(-1, 6)
-        spread = (
-            np.sum(np.einsum('ni,ij->nj', by_coordinate, covariance) * by_coordinate, axis=1)
-            .reshape(-1, 3)
-            .max(axis=1)
-        )
-        certain = spread < _CERTAIN_MM**2
-        off = _off_grid(before)
-        certain &= (np.abs(off) < _OUTLIER_MM).all(axis=1)
-        rows, errors = change[certain].reshape(-1, 6), off[certain].reshape(-1)
-        normal, right = _normal_equations(rows, errors)
+        spread = np.sum(np.einsum('ij,ian->jan', covariance, change) * change, axis=0).max(axis=0)
+        off = _off_grid(before).T
+        certain = (spread < _CERTAIN_MM**2) & (np.abs(off) < _OUTLIER_MM).all(axis=0)
+        normal, right = _normal_equations(change * certain, off * certain)
         information = prior + normal / _NOISE_MM**2
         gradient = prior @ (start - twist) - right / _NOISE_MM**2
         step = np.linalg.solve(information, gradient)
         twist = twist + step
-        if certain.sum() == count and np.abs(step).max() < _SETTLED:
+        if np.abs(step).max() < _SETTLED:
             break
-        count = int(certain.sum())
     return twist
 
 
 def _changes(before: Float64Array) -> Float64Array:
-    """Return (N, 3, 6) the change of measured points, millimetres, with that of the twist."""
-    parts = _parts(before.T)
-    change = np.zeros((len(before), 3, 6))
+    """Return (6, 3, N) the change of measured coordinates, millimetres, with that of the twist."""
+    parts = -PER_METRE * _parts(before.T)
+    change = np.zeros((6, 3, len(before)))
     for axis in range(3):
-        change[:, axis, axis] = -parts
+        change[axis, axis] = parts
     x, y, z = parts * before.T
-    change[:, 1, 3], change[:, 2, 3] = z, -y
-    change[:, 0, 4], change[:, 2, 4] = -z, x
-    change[:, 0, 5], change[:, 1, 5] = y, -x
-    change *= PER_METRE
+    change[3, 1], change[3, 2] = -z, y
+    change[4, 0], change[4, 2] = z, -x
+    change[5, 0], change[5, 1] = -y, x
     return change
 
 
@@ -427,14 +450,14 @@ def _polish(file: Float64Array, twist: Float64Array) -> Float64Array:
 
     An error counts in units of its coordinate's last place.
     """
-    exact = file.astype(np.float32)
+    exact = np.ascontiguousarray(file.T).astype(np.float32)
     weight = 1 / np.spacing(np.maximum(np.abs(exact), _SMALL)).astype(np.float64)
     for _ in range(_POLISHES):
         before = on_grid(measured(file, twist)).astype(np.float64)
-        errors = (file - compensated(before, twist)) * weight
-        rows = -_changes(before) / PER_METRE * weight[:, :, None]
+        errors = (file - compensated(before, twist)).T * weight
+        rows = _changes(before) * (-weight / PER_METRE)
         good = np.abs(errors) < _MOST_PLACES
-        normal, right = _normal_equations(rows[good], errors[good])
+        normal, right = _normal_equations(rows * good, errors * good)
         twist = twist + np.linalg.lstsq(normal, right, rcond=None)[0]
     return twist
 
@@ -442,5 +465,6 @@ def _polish(file: Float64Array, twist: Float64Array) -> Float64Array:
 def _normal_equations(
     rows: Float64Array, values: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """Return (6, 6) and (6,) of linear equations; the threads of a BLAS would wait for these."""
-    return np.einsum('ni,nj->ij', rows, rows), np.einsum('ni,n->i', rows, values)
+    """Return (6, 6) and (6,) of (6, 3, N) linear equations; a BLAS would wait for its threads."""
+    rows, values = rows.reshape(len(rows), -1), values.reshape(-1)
+    return np.einsum('in,jn->ij', rows, rows), np.einsum('in,n->i', rows, values)

@@ -7,11 +7,13 @@ its file is besides is a JSON object with
 
 - file, crc32: its name and CRC-32
 - twist: six numbers for a scan that KITTI compensated for motion, else absent
-- values: absent if the cloud has all bytes of the points, else base64 of zlib of the differences of
-  the indices of the values that do not follow from the rounded ones, and of these values: uint32
-  and float32, little-endian
+- values: absent if the cloud has all bytes of the points, else the values that do not follow from
+  the rounded ones, float32
+- steps: with a twist, the coordinates that are some millimetres beside, int8
 
-and how the file follows is in kitti/compact_scan.py. Other scans are in the cloud byte for byte.
+Both are base64 of zlib of the differences of their indices, uint32, and of themselves, in planes:
+the lowest bytes of all numbers first. How the file follows is in kitti/compact_scan.py. Other scans
+are in the cloud byte for byte.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.bag_formats import COMPRESSED_POINTS
-from ..model.samples import MISSING, Exceptions, ScanRest
+from ..model.samples import MISSING, Exceptions, GridSteps, ScanRest
 from .cdr import make_header
 from .cloudini_writer import write_bytes, write_multiples
 from .ros_types import TYPESTORE, PointField, String
@@ -84,9 +86,9 @@ def encode_rest(rest: ScanRest, path: PurePath) -> String:
     if rest.twist is not None:
         values['twist'] = rest.twist.tolist()
     if rest.exceptions is not None:
-        differences = np.diff(rest.exceptions.indices, prepend=np.uint32(0))
-        octets = np.concatenate([differences, rest.exceptions.bits]).astype('<u4').tobytes()
-        values['values'] = b64encode(zlib.compress(octets)).decode()
+        values['values'] = _pack(*rest.exceptions)
+    if rest.steps is not None:
+        values['steps'] = _pack(*rest.steps)
     return String(json.dumps(values))
 
 
@@ -102,21 +104,37 @@ def decode_rest(message: String) -> tuple[str, ScanRest]:
         if 'values' not in values:
             return name, ScanRest(crc)
         twist = np.array(values['twist'], np.float64) if 'twist' in values else None
-        exceptions = _unpack(values['values'])
+        exceptions = Exceptions(*_unpack(values['values'], '<u4'))
+        steps = GridSteps(*_unpack(values['steps'], 'i1')) if 'steps' in values else None
     except (KeyError, TypeError, ValueError, RecursionError, OverflowError, zlib.error) as error:
         raise ValueError(f'is not what kitti-ros2 writes ({error})') from error
     if twist is not None and not (twist.shape == (_TWIST_NUMBERS,) and np.isfinite(twist).all()):
         raise ValueError('is not what kitti-ros2 writes (its twist is not six numbers)')
-    return name, ScanRest(crc, exceptions, twist)
+    return name, ScanRest(crc, exceptions, twist, steps)
 
 
-def _unpack(text: str) -> Exceptions:
+def _pack(indices: npt.NDArray[np.uint32], values: npt.NDArray[Any]) -> str:
+    differences = np.diff(indices, prepend=np.uint32(0))
+    planes = (_octets(numbers).T.tobytes() for numbers in (differences, values))
+    return b64encode(zlib.compress(b''.join(planes))).decode()
+
+
+def _octets(numbers: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    return numbers.view(np.uint8).reshape(len(numbers), numbers.itemsize)
+
+
+def _unpack(text: str, kind: str) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
+    """Undo _pack, of numbers of a kind."""
     packed = zlib.decompressobj()
     octets = packed.decompress(b64decode(text), _MOST_EXCEPTIONS_BYTES)
     if not packed.eof:
         raise ValueError('its values are cut off, or too many')
-    differences, bits = np.frombuffer(octets, '<u4').reshape(2, -1)
+    planes = np.frombuffer(octets, np.uint8).reshape(4 + np.dtype(kind).itemsize, -1)
+    differences, values = (
+        np.ascontiguousarray(part.T).view(as_kind)[:, 0]
+        for part, as_kind in ((planes[:4], '<u4'), (planes[4:], kind))
+    )
     indices = np.cumsum(differences, dtype=np.uint64)
     if len(indices) and indices[-1] >= 2**32:
         raise ValueError('an index is beyond 32 bits')
-    return Exceptions(indices.astype(np.uint32), bits)
+    return indices.astype(np.uint32), values

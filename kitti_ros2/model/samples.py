@@ -116,18 +116,32 @@ class Exceptions(NamedTuple):
     bits: npt.NDArray[np.uint32]
 
 
+class GridSteps(NamedTuple):
+    """Coordinates that were measured some steps of the grid beside what rounded points give.
+
+    Attributes:
+        indices: (M,) in the (N, 3) coordinates, ascending.
+        steps: (M,) millimetres.
+    """
+
+    indices: npt.NDArray[np.uint32]
+    steps: npt.NDArray[np.int8]
+
+
 class ScanRest(NamedTuple):
     """What makes the file of a scan again of its rounded points.
 
     Attributes:
         crc: CRC-32 of the file.
         exceptions: None of a scan that is no grid, whose points are not rounded.
-        twist: (6,) of a turn, see kitti/scan_grid.py; None for a measured scan.
+        twist: (6,) of a turn, see kitti/scan_grid.py; None for a measured scan, as steps.
+        steps: What rounding to a millimetre took to another point of the grid.
     """
 
     crc: int
     exceptions: Exceptions | None = None
     twist: Float64Array | None = None
+    steps: GridSteps | None = None
 
 
 class CompactScan(NamedTuple):

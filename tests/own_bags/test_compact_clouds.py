@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import zlib
+from base64 import b64encode
 
 import numpy as np
 import pytest
@@ -200,6 +202,7 @@ def edited(**values):
     return lambda text: json.dumps({**json.loads(text), **values})
 
 
+PACKED_STEP = b64encode(zlib.compress(bytes([5, 0, 0, 0, 1]))).decode()
 WITHOUT_REST = f'rounded to 1 mm and 0.01, and {REST} does not say from what'
 DAMAGES = {
     'no rest': (lambda items: [item for item in items if item[0] != REST], WITHOUT_REST),
@@ -215,6 +218,11 @@ DAMAGES = {
     'twist': (other_rest(edited(twist=[1, 2])), WITHOUT_REST),
     'other twist': (other_rest(edited(twist=[1, 0, 0, 0, 0, 0])), 'CRC-32'),
     'nan': (other_rest(edited(twist=[float('nan')] * 6)), WITHOUT_REST),
+    'steps': (other_rest(edited(steps='AAAA')), WITHOUT_REST),
+    'other steps': (
+        other_rest(edited(steps=PACKED_STEP, twist=[0.8, 0, 0, 0, 0, 0.01])),
+        'CRC-32',
+    ),
     'other file': (other_rest(edited(crc32=5)), 'CRC-32'),
     'large': (other_rest(edited(crc32=1e400)), WITHOUT_REST),
 }
