@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, TypeAlias
 
-from ..model.bag_formats import ANY_BAG
+from ..model.bag_formats import ANY_BAG, ZSTD_MAGIC
 from ..model.errors import (
     AmbiguousLayoutError,
     BadBagError,
@@ -25,7 +25,7 @@ from ..model.errors import (
     naming,
 )
 from .container_file import BagIndex, NamedFile, Problems, ros2_spelling
-from .decompression import ZSTD_MAGIC, decompress_file
+from .decompression import decompress_file
 from .locate import METADATA, locate_bag, looks_like_bag, reindex_steps
 
 if TYPE_CHECKING:

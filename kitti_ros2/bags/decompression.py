@@ -266,7 +266,6 @@ if TYPE_CHECKING:
 
 Buffer: TypeAlias = 'bytes | memoryview'
 
-ZSTD_MAGIC = b'(\xb5/\xfd'
 # Raised by the libraries: lz4 raises RuntimeError, bz2 OSError; a damaged size is too large.
 _ERRORS = (
     zstandard.ZstdError,

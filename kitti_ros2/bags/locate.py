@@ -13,9 +13,8 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from ..files.remote import is_remote, refuse_incomplete
-from ..model.bag_formats import CONTAINERS
+from ..model.bag_formats import CONTAINERS, ZSTD_MAGIC
 from ..model.errors import BadBagError, NotABagError, naming, some_of
-from .decompression import ZSTD_MAGIC, decompress_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -180,6 +179,8 @@ def _storage(path: Path) -> str:
     with naming(path), path.open('rb') as file:
         head = file.read(_LONGEST_MAGIC)
         if head.startswith(ZSTD_MAGIC):
+            from .decompression import decompress_file  # noqa: PLC0415 - for packed files only
+
             file.seek(0)
             head = next(decompress_file(file), b'')
     if not head:

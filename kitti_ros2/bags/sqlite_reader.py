@@ -17,6 +17,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..files.remote import is_remote
+from ..model.bag_formats import ZSTD_MAGIC
 from ..model.errors import BadBagError, one_line
 from .container_file import (
     BagFile,
@@ -27,7 +28,7 @@ from .container_file import (
     offered_qos,
     ros2_spelling,
 )
-from .decompression import ZSTD_MAGIC, FileLimits, LimitError
+from .decompression import FileLimits, LimitError
 from .sqlite_pages import Pages
 
 if TYPE_CHECKING:

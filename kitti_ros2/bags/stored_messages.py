@@ -12,7 +12,6 @@ from functools import lru_cache
 from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
 
-from mcap.records import Schema
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from ..messages.compressed_clouds import COMPRESSED_CLOUD, COMPRESSED_DRACO_CLOUD
@@ -36,10 +35,10 @@ from ..messages.type_definitions import (
     without_wide_fields,
 )
 from ..messages.type_descriptions import defined_hash
-from ..model.bag_formats import HEADER
+from ..model.bag_formats import HEADER, ZSTD_MAGIC
 from ..model.errors import KittiRos2Error, MissingDataError
 from .container_file import StoredChannel
-from .decompression import ZSTD_MAGIC, decompress_message
+from .decompression import decompress_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -203,7 +202,7 @@ def typestore_of(types: Typesdict) -> Typestore:
 @lru_cache(maxsize=8)
 def _shared(types: tuple[tuple[str, tuple[Any, ...], tuple[Any, ...]], ...]) -> Typestore:
     own = {name: (list(constants), list(fields)) for name, constants, fields in types}
-    return lazy_typestore({}, own)
+    return lazy_typestore(own)
 
 
 # One typestore of the message types as the bags define them.
@@ -612,6 +611,7 @@ def _from_json(encode: EncodeFields) -> Translate:
 
 def _from_protobuf(channel: StoredChannel, encode: EncodeFields) -> Translate:
     try:
+        from mcap.records import Schema  # noqa: PLC0415 - as below
         from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - optional, and 30 ms
     except ImportError as error:
         raise MissingLibraryError(

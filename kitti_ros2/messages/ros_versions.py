@@ -280,7 +280,7 @@ class Ros2Types:
         types |= jazzy_types()
         types |= {name: own[name] for name in stay if name in own}
         self._source = source
-        self.typestore: Typestore = lazy_typestore({}, types)
+        self.typestore: Typestore = lazy_typestore(types)
         self.migration = Migration(source, self.typestore)
 
     def converter(self, msgtype: str) -> Convert | None:

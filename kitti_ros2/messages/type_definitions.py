@@ -271,6 +271,25 @@ class LazyClasses(dict[str, Any]):
         return self[msgtype]
 
 
+class LazyClass:
+    """A class that is made when its first message is; its constants are there before.
+
+    Args:
+        store: Defines the type.
+        msgtype: Its name.
+    """
+
+    def __init__(self, store: Typestore, msgtype: str) -> None:
+        self.__msgtype__ = msgtype
+        self._classes = store.types
+        for name, _, value in store.fielddefs[msgtype][0]:
+            setattr(self, name, value)
+
+    def __call__(self, *values: Any, **named: Any) -> Any:  # noqa: ANN401 - rosbags classes
+        """Make a message."""
+        return self._classes[self.__msgtype__](*values, **named)
+
+
 class LazyFunctions:
     """The functions of a type, with the attributes of rosbags.interfaces.Msgdef.
 
@@ -341,16 +360,10 @@ class LazyTypestore(Typestore):
         return self.cache[typename]
 
 
-def lazy_typestore(types: Typesdict, lazy: Typesdict) -> LazyTypestore:
-    """Make a store of types, and of Time and Duration.
-
-    Args:
-        types: Definitions whose classes are made at once.
-        lazy: Definitions whose classes are made when one is needed.
-    """
+def lazy_typestore(types: Typesdict) -> LazyTypestore:
+    """Make a store of types, and of Time and Duration."""
     store = LazyTypestore(empty)
-    store.register(types)
-    store.fielddefs = {**lazy, **store.fielddefs}
+    store.fielddefs = {**types, **store.fielddefs}
     store.types = LazyClasses(store.types, store.fielddefs)
     return store
 

@@ -82,6 +82,9 @@ CONTAINERS = {
     ),
 }
 
+ZSTD_MAGIC = b'(\xb5/\xfd'
+"""The first bytes of files and messages that rosbag2 compressed."""
+
 # As messages and help texts list them.
 ANY_BAG = 'an MCAP file, a rosbag2 directory or a ROS 1 .bag'
 FILE_NAMES = ', '.join(f'NAME{kind.suffix}' for kind in CONTAINERS.values() if kind.in_file)

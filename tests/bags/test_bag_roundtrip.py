@@ -18,10 +18,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 
-from kitti_ros2.bags.decompression import ZSTD_MAGIC
 from kitti_ros2.bags.reader import open_messages, summarize_bag
 from kitti_ros2.bags.writer import open_bag
-from kitti_ros2.model.bag_formats import Channel
+from kitti_ros2.model.bag_formats import ZSTD_MAGIC, Channel
 from kitti_ros2.options.outputs import BagOptions
 
 SECOND = 1_000_000_000
