@@ -13,7 +13,7 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.naming import decode_sweep
+from kitti_ros2.messages.source_texts import decode_sweep
 from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.read import ReadOptions
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..drawing.annotate import Projection
+from ..drawing.projection import Projection
 from ..importer.box_labels import ImageOf, TrackIds, make_boxes
 from ..kitti import names
 from ..kitti.calib_file import (

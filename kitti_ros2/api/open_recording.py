@@ -14,7 +14,6 @@ import numpy as np
 from ..drawing.labelled_objects import objects_of
 from ..files.image_files import decode_image, encode_png
 from ..files.remote import as_path, is_remote
-from ..files.remote_reads import forget
 from ..model.boxes import cuboid_corners
 from ..model.errors import (
     KittiRos2Error,
@@ -27,7 +26,6 @@ from ..model.geometry import rotation_to_rpy
 from ..model.samples import PNG, FrameLabels, Image, OxtsPacket, Pose, Scan
 from ..model.streams import CAMERA_COUNT, IMAGE_STREAMS, Stream
 from .arguments import OpenSource, warn
-from .calibration import CalibratedRig
 
 if TYPE_CHECKING:
     import os
@@ -44,6 +42,7 @@ if TYPE_CHECKING:
     from ..model.recording import FrameOrigin
     from ..model.samples import Float32Array, Int64Array, Sample
     from ..options.keywords import ReadKeywords
+    from .calibration import CalibratedRig
 
 
 # A labelled object of a frame, in any coordinate frame.
@@ -287,6 +286,8 @@ class Frame:
         calibration = frames.calibration(self.number)
         if calibration is None:
             return None
+        from .calibration import CalibratedRig  # noqa: PLC0415 - 0.1 s, of ROS messages
+
         return CalibratedRig(calibration, base_t_imu=frames.base_t_imu, camera_names=frames.cameras)
 
     @cached_property
@@ -412,6 +413,8 @@ def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recor
     """
     source_path = as_path(path)
     if is_remote(source_path):
+        from ..files.remote_reads import forget  # noqa: PLC0415 - for URLs only
+
         forget(source_path)  # possibly changed since an earlier call
     source = OpenSource(source_path, options)
     recording = Recording(source, source.frames.numbers)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..kitti.opening import open_recording, open_recordings
 from ..model.errors import NotABagError, NotKittiError, UsageError
+from .locate import looks_like_bag
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -69,9 +70,6 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
         KittiRos2Error: There is no such path, or it cannot be read.
         OSError: The same.
     """
-    from .bag_files import OpenBag  # noqa: PLC0415 - to-bag opens folders only
-    from .locate import looks_like_bag  # noqa: PLC0415 - as above
-
     if options.layout is not None or not looks_like_bag(path):
         return open_folder(path, options)
     if options.deskew or options.undo_deskew:
@@ -79,11 +77,11 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
             f'{path}: deskew and undo_deskew are for KITTI folders, and this is a bag; to-bag takes'
             f' them when it makes the bag'
         )
+    from .bag_files import OpenBag, explain_file  # noqa: PLC0415 - folders do without
+
     try:
         return OpenBag(path)
     except NotABagError:
-        from .bag_files import explain_file  # noqa: PLC0415 - for errors only
-
         raise explain_file(path) from None
 
 
@@ -94,11 +92,9 @@ def open_bag_source(path: Path) -> OpenBag:
         KittiRos2Error: There is no such path, or it is a KITTI folder, or it cannot be read.
         OSError: The same.
     """
-    from .bag_files import OpenBag  # noqa: PLC0415 - as above
+    from .bag_files import OpenBag, explain_no_bag  # noqa: PLC0415 - as above
 
     try:
         return OpenBag(path)
     except NotABagError as error:
-        from .bag_files import explain_no_bag  # noqa: PLC0415 - for errors only
-
         raise explain_no_bag(path, error) from None

@@ -16,7 +16,8 @@ from ..files.remote import canonical_path
 from ..files.threads import SpareThreads
 from ..kitti.recording_index import turn_length
 from ..messages.cdr import lacking_field
-from ..messages.naming import RECORDING, SWEEP, decode_description, decode_sweep
+from ..messages.naming import RECORDING, SWEEP
+from ..messages.source_texts import decode_description, decode_sweep
 from ..model.bag_formats import STRING
 from ..model.errors import BadBagError, Loss, UsageError, format_count
 from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ..drawing.projection import Projection
 from ..files.local_files import walk_files
 from ..kitti import names
 from ..kitti.find import tree_of
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from ..drawing.annotate import Projection
     from ..files.local_files import FileLinker
     from ..kitti.kitti_recording import KittiRecording
     from ..model.geometry import Float64Array
@@ -240,8 +240,6 @@ class CameraViews:
         return self._make(number) if of_frame else self._common()
 
     def _make(self, number: int) -> CameraView:
-        from ..drawing.annotate import Projection  # noqa: PLC0415 - cv2
-
         calibration = self._recording.calibration(number)
         try:
             projection = Projection.of(calibration, self._camera)

@@ -15,7 +15,7 @@ import numpy as np
 from ..model.boxes import DONT_CARE, EDGES, Cuboid, cuboid_corners
 from ..model.geometry import Transform
 from ..options.outputs import ColorBy
-from .annotate import Projection, draw_wireframes
+from .annotate import draw_wireframes
 from .labelled_objects import EGO_COLOR, EGO_SIZE_LWH, name_of
 from .points import DIM, SCALES, PointColors, scatter, seen_points
 from .primitives import (
@@ -39,6 +39,7 @@ from .primitives import (
     size_of,
     slices_of,
 )
+from .projection import Projection
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

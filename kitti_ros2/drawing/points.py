@@ -18,8 +18,8 @@ from .primitives import WHITE, extent_of, has_pixels, put_text, scale_of, size_o
 
 if TYPE_CHECKING:
     from ..model.samples import Float32Array
-    from .annotate import Projection
     from .labelled_objects import Pixels
+    from .projection import Projection
 
 
 # Colour scales: values to shades, shades to colours, and the colour bar.

@@ -29,10 +29,10 @@ from ..model.errors import (
     some_of,
 )
 from ..model.geometry import NOMINAL_CAM0_T_VELO, Transform
-from ..model.recording import StreamIndex
+from ..model.recording import BY_POSITION, StreamIndex
 from ..model.samples import default_tolerance_ns
 from ..model.streams import Clock, Layout
-from ..own_bags.numbering import BY_POSITION, number_bag
+from ..own_bags.numbering import number_bag
 from ..own_bags.recording import BagRecording
 from .ground_truth import GroundTruth, StampedFrames, truth_of_recording
 from .trajectories import CAMERA_0, CameraTrajectory

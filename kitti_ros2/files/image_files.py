@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 import struct
-import tempfile
 import zlib
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
@@ -203,9 +202,11 @@ def _warnings_of_libjpeg(lines: list[str]) -> Iterator[None]:
 
     Where there is no standard error or no room for a file, they are not known.
     """
+    from tempfile import TemporaryFile  # noqa: PLC0415 - 4 ms, for JPEG only
+
     with _LOCK, ExitStack() as exit_stack:
         try:
-            caught = exit_stack.enter_context(tempfile.TemporaryFile(buffering=0))
+            caught = exit_stack.enter_context(TemporaryFile(buffering=0))
             own = os.dup(_STDERR)
         except OSError:
             yield

@@ -22,7 +22,8 @@ from ..messages.detections import (
     cuboids_in,
     has_scores,
 )
-from ..messages.naming import LABEL_LINES, decode_text
+from ..messages.naming import LABEL_LINES
+from ..messages.source_texts import decode_text
 from ..messages.tf_tree import find_body
 from ..messages.topics import own_topics, prediction_topics
 from ..model import bag_formats as types

@@ -21,7 +21,8 @@ from ..bags.single_messages import MessagesByIndex
 from ..drawing.annotate import annotate
 from ..drawing.labelled_objects import colour_pixels, objects_of
 from ..kitti.label_file import labels_of_text
-from ..messages.naming import LABEL_LINES, decode_text
+from ..messages.naming import LABEL_LINES
+from ..messages.source_texts import decode_text
 from ..model.errors import KittiRos2Error, LossTally, UsageError, describe_error
 from ..model.samples import FrameLabels, default_tolerance_ns
 from ..model.streams import Layout

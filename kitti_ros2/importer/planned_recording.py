@@ -18,7 +18,8 @@ from ..files.image_files import parse_png
 from ..kitti.kitti_recording import no_calibration
 from ..kitti.label_file import labels_of_text
 from ..messages.detections import ABSURD, UNPLACED
-from ..messages.naming import LABEL_LINES, decode_text
+from ..messages.naming import LABEL_LINES
+from ..messages.source_texts import decode_text
 from ..model.errors import KittiRos2Error, LossTally, damage, describe_error
 from ..model.geometry import Transform
 from ..model.recording import StreamIndex

@@ -23,9 +23,10 @@ from ..bags.reader import Decoder, ForwardStamps, open_messages
 from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
-from ..messages.naming import CALIBRATION, RECORDING, decode_texts
+from ..messages.naming import CALIBRATION, RECORDING
 from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
+from ..messages.source_texts import decode_texts
 from ..messages.tf_tree import FrameTree, LinkTally
 from ..messages.videos import begins_video, is_video, picture_size
 from ..model import bag_formats as types

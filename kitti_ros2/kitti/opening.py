@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..files.remote import canonical_path, common_folder, is_remote, refuse_incomplete
-from ..files.remote_requests import objects_at
 from ..kitti import names
 from ..model.errors import (
     AmbiguousLayoutError,
@@ -372,6 +371,8 @@ def keep_all_but_camera_sets(folders: Collection[str]) -> Callable[[Path], str |
 def _is_plain(folder: Path) -> bool:
     """Return whether a folder holds files of KITTI's endings at their paths only, and no links."""
     if is_remote(folder):
+        from ..files.remote_requests import objects_at  # noqa: PLC0415 - for URLs only
+
         return all(map(_is_of_data_set, map(PurePosixPath, objects_at(folder))))
     for root, folders, files in os.walk(folder):
         if not all(_is_of_data_set(Path(root, name).relative_to(folder)) for name in files):

@@ -94,14 +94,6 @@ from .naming import (
     RECORDING,
     REST,
     SWEEP,
-    decode_description,
-    decode_text,
-    decode_texts,
-    encode_description,
-    encode_file_check,
-    encode_sweep,
-    encode_text,
-    encode_texts,
     every_naming,
     naming_of,
     pose_in_map,
@@ -118,6 +110,16 @@ from .oxts import (
     encode_velocity_with_covariance,
 )
 from .scan import decode_scan, encode_scan
+from .source_texts import (
+    decode_description,
+    decode_text,
+    decode_texts,
+    encode_description,
+    encode_file_check,
+    encode_sweep,
+    encode_text,
+    encode_texts,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Hashable, Mapping, Sequence

@@ -64,6 +64,10 @@ class StreamIndex:
         return len(self.numbers)
 
 
+BY_POSITION = 'frames of this bag are numbered by position, from 0'
+"""The note on a bag that was not written by to-bag."""
+
+
 @dataclass(frozen=True)
 class FrameOrigin:
     """The frame of a raw drive that a frame of an object set was taken from.

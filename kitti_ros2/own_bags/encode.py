@@ -24,8 +24,8 @@ from ..messages.naming import (
     has_no_gravity,
     make_rig,
     naming_of,
-    promise,
 )
+from ..messages.source_texts import promise
 from ..messages.topics import (
     make_table,
     select_topics,

@@ -17,7 +17,8 @@ from ..bags.reader import Decoder, bag_stamps, open_messages
 from ..kitti import names
 from ..kitti.text_file import format_times, format_timestamps
 from ..messages.cdr import peek_header
-from ..messages.naming import SWEEP, decode_sweep
+from ..messages.naming import SWEEP
+from ..messages.source_texts import decode_sweep
 from ..messages.topics import own_topics
 from ..model.bag_formats import HEADLESS, STRING
 from ..model.streams import IMAGE_STREAMS, LAST_NS, Layout, Stream

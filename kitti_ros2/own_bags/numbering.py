@@ -183,10 +183,6 @@ def row_frames(lines: Iterable[str]) -> Iterator[int]:
             yield int(word)
 
 
-BY_POSITION = 'frames of this bag are numbered by position, from 0'
-"""The note on a bag that was not written by to-bag."""
-
-
 class NumberedTopic(NamedTuple):
     """A topic whose messages are samples.
 

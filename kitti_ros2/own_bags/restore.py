@@ -25,7 +25,8 @@ from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
 from ..messages.cdr import stamp_ns_of
-from ..messages.naming import FILE_CHECKS, POINTS, REST, BagContext, decode_file_check
+from ..messages.naming import FILE_CHECKS, POINTS, REST, BagContext
+from ..messages.source_texts import decode_file_check
 from ..messages.topics import decoders, own_topics
 from ..model.errors import (
     KittiRos2Error,

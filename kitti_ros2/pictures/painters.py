@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from ..drawing.annotate import Projection, draw_boxes_2d, draw_wireframes, is_labelled
+from ..drawing.annotate import draw_boxes_2d, draw_wireframes, is_labelled
 from ..drawing.birds_eye import birds_eye, draw_perspective
 from ..drawing.labelled_objects import LABEL_CAMERA, compared, objects_of, resized
 from ..drawing.points import PointColors, draw_points
+from ..drawing.projection import Projection
 from ..model.boxes import DONT_CARE
 from ..model.classes import KITTI_OVERLAPS, LeastOverlaps
 from ..model.errors import KittiRos2Error, MissingDataError, describe_error

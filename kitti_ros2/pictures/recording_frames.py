@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..bags.bag_files import OpenBag
 from ..bags.open_source import open_source
 from ..drawing.labelled_objects import colour_pixels, objects_of
 from ..files.image_files import decode_image
@@ -26,6 +25,7 @@ from ..model.errors import (
     describe_error,
     describe_frames,
 )
+from ..model.recording import BY_POSITION
 from ..model.samples import (
     NONE,
     Calibration,
@@ -40,14 +40,13 @@ from ..model.samples import (
 )
 from ..model.streams import CAMERA_COUNT, FRAME_STREAMS, IMAGE_STREAMS, Clock, Stream
 from ..options.messages import MapFrame, MessageOptions
-from ..own_bags.numbering import BY_POSITION
-from ..own_bags.recording import BagRecording, open_own_recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
+    from typing_extensions import TypeIs
 
     from ..drawing.labelled_objects import LabelledObject, Pixels
     from ..importer.planned_recording import PlannedRecording
@@ -114,8 +113,10 @@ if TYPE_CHECKING:
 
 S = TypeVar('S')
 
-_NUMBERED = KittiRecording, BagRecording
-"""Recordings with KITTI's numbers; the frames of others are numbered by position."""
+
+def _is_planned(recording: Readable) -> TypeIs[PlannedRecording]:
+    """Return whether a recording has no KITTI numbers: its frames are numbered by position."""
+    return recording.layout is None
 
 
 class RecordingFrames:
@@ -151,7 +152,7 @@ class RecordingFrames:
         self.notes: Sequence[str] = recording.notes
         self.recording = recording
         self._reading_poses = Lock()
-        order = FRAME_STREAMS if isinstance(recording, _NUMBERED) else recording.streams
+        order = recording.streams if _is_planned(recording) else FRAME_STREAMS
         streams = [stream for stream in order if stream in recording.streams]
         if not streams:
             raise MissingDataError(
@@ -168,7 +169,7 @@ class RecordingFrames:
             stream.value: np.array([*files], dtype=np.int64)
             for stream, files in self._samples.items()
         }
-        if not isinstance(recording, _NUMBERED):
+        if _is_planned(recording):
             self.guess_notes = [*recording.guess_notes, BY_POSITION]
             self._samples[Stream.POSE] = _same(self.numbers)
 
@@ -240,7 +241,7 @@ class RecordingFrames:
 
     def _missing_calibration(self, calibration: Calibration) -> dict[str, str]:
         """Return the missing parts of a frame's calibration, but for those of absent cameras."""
-        if not isinstance(self.recording, _NUMBERED):
+        if _is_planned(self.recording):
             return dict(self.recording.no_calibration)
         absent = {f'P{index}' for index in range(CAMERA_COUNT) if index not in self.cameras}
         return {
@@ -270,7 +271,7 @@ class RecordingFrames:
             KittiRos2Error: It cannot be read.
             OSError: It cannot be read.
         """
-        if not isinstance(self.recording, _NUMBERED):
+        if _is_planned(self.recording):
             raise MissingDataError(
                 f'{self.name}: to-bag did not write it, so the time of the points is not known'
             )
@@ -284,7 +285,7 @@ class RecordingFrames:
             KittiRos2Error: It cannot be decoded.
             OSError: It cannot be read.
         """
-        if not isinstance(self.recording, _NUMBERED):
+        if _is_planned(self.recording):
             return self.recording.pixels(camera, number)
         stream = IMAGE_STREAMS[camera]
         image = self.read(stream, number)
@@ -310,7 +311,7 @@ class RecordingFrames:
         """Return (N, 3) positions up to a frame, by its index; None without any."""
         with self._reading_poses:
             numbers, positions, failures = self._all_positions
-        if isinstance(self.recording, _NUMBERED):
+        if not _is_planned(self.recording):
             poses = self._samples.get(Stream.POSE, {})
             number = int(self.numbers[index])
             last = max((pose for frame, pose in poses.items() if frame <= number), default=-1)
@@ -330,7 +331,7 @@ class RecordingFrames:
         """
         by_number: dict[int, Float64Array] = {}
         failures: dict[int, str] = {}
-        if not isinstance(self.recording, _NUMBERED):
+        if _is_planned(self.recording):
             track = self.recording.trajectory()
             positions = [pose.translation for pose in track.world_T_imu]
             by_number = dict(zip(track.stamps_ns.tolist(), positions, strict=True))
@@ -412,12 +413,17 @@ def open_frames(path: Path, options: ReadOptions) -> RecordingFrames:
         KittiRos2Error: The source cannot be read, or contains nothing to draw.
     """
     source = open_source(path, options)
-    if not isinstance(source, OpenBag):
+    if isinstance(source, KittiRecording):
         return RecordingFrames(source)
-    # The importer takes 20 ms to import, and a folder needs none of it.
-    from ..importer.planned_recording import PlannedRecording  # noqa: PLC0415
+    # Readers of bags take 0.1 s to import, and a folder needs none of it.
     from ..importer.survey import survey_bags  # noqa: PLC0415
+    from ..own_bags.recording import open_own_recording  # noqa: PLC0415
 
     with source as bag:  # the frames keep its files open until they are closed
         survey = survey_bags([bag])
-        return RecordingFrames(open_own_recording(bag, survey) or PlannedRecording(bag, survey))
+        own = open_own_recording(bag, survey)
+        if own is not None:
+            return RecordingFrames(own)
+        from ..importer.planned_recording import PlannedRecording  # noqa: PLC0415 - as above
+
+        return RecordingFrames(PlannedRecording(bag, survey))

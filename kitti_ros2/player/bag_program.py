@@ -34,11 +34,12 @@ from ..model.bag_formats import (
     Channel,
 )
 from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, describe_error
+from ..model.recording import BY_POSITION
 from ..model.streams import Stream
 from ..options.messages import ColorEncoding, Images
 from ..options.outputs import Stamps
 from ..options.table import PlaySettings
-from ..own_bags.numbering import BY_POSITION, number_bag
+from ..own_bags.numbering import number_bag
 from ..own_bags.schedule import describe_extent, frame_runs, nearest_frames
 from .program import RecordingProgram, longest_gap_ns
 

@@ -9,8 +9,6 @@ import gc
 import multiprocessing
 import pickle
 import shutil
-import subprocess
-import sys
 import warnings
 import weakref
 from importlib.util import resolve_name
@@ -243,18 +241,6 @@ def test_a_whole_recording_warns_of_nothing(recording_path):
         warnings.simplefilter('error')
         for frame in kitti_ros2.open(recording_path):
             assert frame.objects is not None
-
-
-def test_importing_is_lazy():
-    script = 'import sys, kitti_ros2; print(*sys.modules)'
-    done = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, check=True
-    )
-    modules = done.stdout.split()
-    assert 'kitti_ros2' in modules
-    assert not {'numpy', 'cv2', 'rosbags', 'yaml', 'typer'} & set(modules)
-    ours = [name for name in modules if name.startswith('kitti_ros2.')]
-    assert ours == ['kitti_ros2.model', 'kitti_ros2.model.lazy_names']
 
 
 packages = pytest.mark.parametrize(

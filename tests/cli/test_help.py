@@ -141,21 +141,3 @@ def test_a_terminal_shows_what_a_pipe_gets():
         shown = read_to_the_end(master)
         assert process.wait() == 0
     assert shown.replace(b'\r\n', b'\n') == piped
-
-
-@pytest.mark.parametrize('command', ['to-bag', 'play'])
-def test_help_of_a_command_imports_no_numpy(command):
-    code = f"""import sys; from kitti_ros2.cli import main; main(['{command}', '--help'])
-sys.exit('numpy' in sys.modules)"""
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (0, b'')
-
-
-def test_help_imports_neither_options_nor_rich():
-    # Typer before 0.12 imports rich itself.
-    before = "import sys, typer; heavy = {'numpy', 'rich', 'yaml', 'kitti_ros2.options.table'}"
-    after = 'sys.exit(bool(heavy & set(sys.modules)))'
-    run = "heavy -= set(sys.modules); from kitti_ros2.cli import main; main(['--help'])"
-    code = f'{before}; {run}; {after}'
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (0, b'')

@@ -7,8 +7,6 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -63,16 +61,6 @@ def test_the_page_is_called_report_html(recordings, tmp_path, capsys, monkeypatc
     assert main(['report', str(recordings[Layout.RAW]), '-q']) == 0
     assert capsys.readouterr() == ('', '')
     assert (tmp_path / 'report.html').is_file()
-
-
-def test_a_report_of_a_folder_does_not_import_what_bags_need(recordings, tmp_path):
-    words = ['report', str(recordings[Layout.RAW]), '-o', str(tmp_path / 'r.html'), '-q']
-    heavy = "{'yaml', 'kitti_ros2.importer.survey'} & set(sys.modules)"
-    code = (
-        f'import sys; from kitti_ros2.cli import main; sys.exit(main({words!r}) or bool({heavy}))'
-    )
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (0, b'')
 
 
 def test_losses_are_said_and_exit_code_1(drive, tmp_path, capsys):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scans import clouds, filters, whole_scan
 
 from kitti_ros2.datasets.scan_crop import CameraView, first_of_each_voxel, kept_points
-from kitti_ros2.drawing.annotate import Projection
+from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.options.datasets import View, make_crop_options
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kitti_ros2.drawing.annotate import Projection
 from kitti_ros2.drawing.labelled_objects import LabelledObject
+from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 

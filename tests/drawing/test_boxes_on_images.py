@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scenes import SIZE, bounds_of, camera, canvas, drawn, flat, project, solid
 
 from kitti_ros2.drawing.annotate import (
-    Projection,
     annotate,
     draw_boxes_2d,
     draw_wireframes,
@@ -21,6 +20,7 @@ from kitti_ros2.drawing.annotate import (
 )
 from kitti_ros2.drawing.labelled_objects import CLASS_COLORS, NEUTRAL_COLOR, VERDICT_COLORS, resized
 from kitti_ros2.drawing.primitives import box_color, caption_2d, caption_3d, class_color
+from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.model.boxes import DONT_CARE, Match, Verdict, clip_bounds, cuboid_corners
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.recording_frames import open_frames

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scenes import camera, canvas, flat, solid
 
-from kitti_ros2.drawing.annotate import Projection, annotate, draw_boxes_2d, draw_wireframes
+from kitti_ros2.drawing.annotate import annotate, draw_boxes_2d, draw_wireframes
 from kitti_ros2.drawing.birds_eye import BirdView, birds_eye, draw_footprints
 from kitti_ros2.drawing.labelled_objects import LabelledObject
 from kitti_ros2.drawing.points import PointColors, draw_points, range_maps
+from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.options.outputs import BirdOptions, ColorBy
 

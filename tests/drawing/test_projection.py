@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import camera, project
 
-from kitti_ros2.drawing.annotate import Projection, projected_bounds
+from kitti_ros2.drawing.annotate import projected_bounds
+from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.messages.camera_info import encode_camera_info
 from kitti_ros2.model.boxes import NEAR_M, cuboid_corners, project_corners
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy

@@ -26,7 +26,6 @@ from kitti_ros2.messages.cdr import (
     transform_of,
 )
 from kitti_ros2.messages.images import encode_compressed, encode_pixels
-from kitti_ros2.messages.naming import decode_sweep, encode_sweep
 from kitti_ros2.messages.oxts import (
     encode_fix,
     encode_imu,
@@ -39,6 +38,7 @@ from kitti_ros2.messages.oxts import (
 )
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.scan import decode_scan, encode_scan
+from kitti_ros2.messages.source_texts import decode_sweep, encode_sweep
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.samples import OxtsPacket, Pose, Scan, Trajectory
 

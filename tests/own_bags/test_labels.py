@@ -20,7 +20,8 @@ from kitti_ros2.messages.camera_info import decode_static
 from kitti_ros2.messages.cdr import deserialize, join, serialize, stamp_ns_of, transform_of
 from kitti_ros2.messages.detections import cuboids_of_detections
 from kitti_ros2.messages.markers import encode_markers
-from kitti_ros2.messages.naming import FrameNames, decode_text
+from kitti_ros2.messages.naming import FrameNames
+from kitti_ros2.messages.source_texts import decode_text
 from kitti_ros2.model.boxes import Box, box_of, box_rotations
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.samples import FrameLabels, Trails, cuboids_of, identified, rect_from_velo

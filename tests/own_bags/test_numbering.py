@@ -24,11 +24,12 @@ from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.ros_types import TYPESTORE, String
 from kitti_ros2.model.bag_formats import Channel
 from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.model.streams import FRAME_STREAMS, Layout, Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.outputs import BagOptions, PlaybackOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
-from kitti_ros2.own_bags.numbering import BY_POSITION, number_bag
+from kitti_ros2.own_bags.numbering import number_bag
 from kitti_ros2.own_bags.schedule import UNKNOWN, frame_runs, frames_of, make_schedule
 from kitti_ros2.own_bags.source_files import UndescribedError, parse_description
 from kitti_ros2.pictures.recording_frames import open_frames

@@ -13,7 +13,7 @@ import pytest
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.kitti.label_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize
-from kitti_ros2.messages.naming import decode_text
+from kitti_ros2.messages.source_texts import decode_text
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners
 from kitti_ros2.options.read import SelectionOptions
 

@@ -15,8 +15,8 @@ from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.files.image_files import decode_png
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import stamp_ns_of
-from kitti_ros2.messages.naming import decode_text, decode_texts
 from kitti_ros2.messages.scan import decode_scan
+from kitti_ros2.messages.source_texts import decode_text, decode_texts
 from kitti_ros2.model.errors import KittiRos2Error, OutputExistsError
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions, Preset

@@ -14,11 +14,11 @@ from folder_and_bag import BAGS, OBJECT_NUMBERS, make_bag, make_holes
 
 from kitti_ros2.cli import main
 from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.model.streams import Clock, Layout, Stream
 from kitti_ros2.options.messages import Images
 from kitti_ros2.options.outputs import PictureOptions
 from kitti_ros2.options.read import Bound, ReadOptions, SelectionOptions
-from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.panel import MODES, draw_panel, facts_of
 from kitti_ros2.pictures.recording_frames import open_frames
 from kitti_ros2.report.contents import Severity

@@ -16,10 +16,10 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.cdr import join
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
-from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.pictures.painters import Predictions
 from kitti_ros2.pictures.recording_frames import open_frames
 

@@ -34,8 +34,8 @@ from kitti_ros2.messages.ros_types import (
 from kitti_ros2.model.bag_formats import COMPRESSED_VIDEO
 from kitti_ros2.model.boxes import Box, Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.options.messages import MarkerColors
-from kitti_ros2.own_bags.numbering import BY_POSITION
 
 T0 = 1_700_000_000_123_456_789
 STEP = 100_000_001

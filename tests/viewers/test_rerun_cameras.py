@@ -18,10 +18,10 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import camera_model
 from kitti_ros2.messages.rectified_cameras import Viewpoint
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.model.streams import CAMERA_NAMES, Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import SelectionOptions
-from kitti_ros2.own_bags.numbering import BY_POSITION
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
 from kitti_ros2.viewers.rerun_archetypes import projection_of

@@ -15,8 +15,8 @@ from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.ros_types import TYPESTORE, Marker, Point, Pose, Quaternion
 from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.recording import BY_POSITION
 from kitti_ros2.options.messages import MarkerOptions
-from kitti_ros2.own_bags.numbering import BY_POSITION
 
 ARRAY = 'visualization_msgs/msg/MarkerArray'
 T0 = 1_700_000_000_000_000_000

@@ -39,7 +39,7 @@ NOT_COUNTED = {
                                 '_add_shape'},
     'messages/oxts.py': {'_covariance'},
     'messages/scan.py': {'_filled', '_arranged'},
-    'messages/naming.py': {'promise', '_common_runs'},
+    'messages/source_texts.py': {'promise', '_common_runs'},
     'model/streams.py': {'to_sec_nanosec', 'from_sec_nanosec'},
     'options/declare.py': {'default_text', 'option', 'choice'},
     'cli/command.py': {'add_config'},

@@ -31,7 +31,6 @@ from kitti_ros2.messages.images import (
     png_of,
     size_of,
 )
-from kitti_ros2.messages.naming import decode_text
 from kitti_ros2.messages.oxts import (
     decode_odometry,
     has_fix,
@@ -48,6 +47,7 @@ from kitti_ros2.messages.scan_sources import (
     nominal_lasers,
     parse_lasers,
 )
+from kitti_ros2.messages.source_texts import decode_text
 from kitti_ros2.model import bag_formats as types
 from kitti_ros2.model.errors import KittiRos2Error
 from kitti_ros2.model.geometry import Transform

@@ -93,7 +93,7 @@ _MODULES = (
     'files/image_files.py',
     'messages/oxts.py',
     'messages/scan.py',
-    'messages/naming.py',
+    'messages/source_texts.py',
     'own_bags/source_files.py',
 )
 _WORDS = (
