@@ -20,7 +20,8 @@ from ..model.bag_formats import CONTAINERS, Channel
 from ..model.errors import KittiRos2Error, describe_error, format_count
 from .container_file import StoredChannel, latched_qos
 from .reader import BagMessages
-from .ros1_bag import CALLER, Ros1Channel
+from .ros1_bag import Ros1Channel
+from .ros1_writer import ros1_channel
 from .stored_messages import stored_channel
 
 if TYPE_CHECKING:
@@ -110,25 +111,20 @@ class ToRos1:
         """
         if isinstance(channel, Ros1Channel):
             return Outlet(channel)
-        msgtype, caller, convert = channel.msgtype, None, None
-        if _is_ros1(channel):
-            definition, md5sum = channel.definition, _md5sum(channel)
-        else:
-            msgtype = self._types.name(channel.msgtype)
-            definition, md5sum = self._types.definition(msgtype)
-            caller, convert = CALLER, self._types.converter(channel.msgtype)
+        if not _is_ros1(channel):
+            convert = self._types.converter(channel.msgtype)
+            return Outlet(ros1_channel(channel, self._types), convert)
         made = Ros1Channel(
             channel.topic,
-            msgtype,
+            channel.msgtype,
             'ros1',
-            definition,
+            channel.definition,
             'ros1msg',
-            md5sum,
-            caller,
+            _md5sum(channel),
             latched=channel.latched,
             depth=channel.depth,
         )
-        return Outlet(made, convert)
+        return Outlet(made)
 
 
 def _is_ros1(channel: StoredChannel) -> bool:
@@ -255,8 +251,8 @@ class MessageCopy:
         channel_id, convert = self._outlets[topic]
         try:
             _check_stamp(message.stamp_ns, self._storage)
-            data = message.data if convert is None else convert(message.data)
-            self._writer.write(channel_id, message.stamp_ns, [data])
+            parts = (message.data,) if convert is None else convert((message.data,))
+            self._writer.write(channel_id, message.stamp_ns, parts)
         except (KittiRos2Error, MemoryError):
             raise
         except Exception as error:  # noqa: BLE001 - converters may raise anything
@@ -268,7 +264,7 @@ class MessageCopy:
             self.first_ns = message.stamp_ns
         self.last_ns = message.stamp_ns
         self.counts[topic] += 1
-        self.size_bytes += len(data)
+        self.size_bytes += sum(map(len, parts))
         if convert is not None:
             self._count_left_out(topic)
 

@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import struct
-from abc import ABC, abstractmethod
-from functools import partial
 from itertools import chain, starmap
 from typing import TYPE_CHECKING
 
@@ -26,15 +24,15 @@ from mcap.records import (
 )
 
 from ..files.local_files import UnbufferedFile, crc32
-from ..files.threads import OrderedPool
-from .file_writer import POOL_AHEAD, compressor, qos_text
+from .chunk_writer import ChunkContents, Chunks, CompressedChunks, StreamedChunks
+from .file_writer import compressor, qos_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from ..model.bag_formats import Channel
-    from ..options.outputs import BagOptions
+    from .chunk_writer import Buffer
     from .file_writer import Parts, WriterContext
 
 
@@ -50,71 +48,62 @@ if TYPE_CHECKING:
 #   uncompressed chunk (uint64) of each message.
 
 TARGET_SIZE = 4 * 2**20
-# Below this size a copy costs less than one more buffer to pass on.
-_COPIED_BELOW = 4096
-_WRITTEN_FROM = 64 * 2**10
 
-_pack_message = struct.Struct('<BQHIQQ').pack
+_MESSAGE_HEAD = struct.Struct('<BQHIQQ')
 _CHUNK_HEAD = struct.Struct('<BQQQQI')
 _INDEX_HEAD = struct.Struct('<BQHI')
 
 
-class _Contents:
-    """Size, checksum and index of a chunk while it grows.
+class _McapChunk(ChunkContents[ChunkIndex]):
+    """The contents of a chunk.
 
     Attributes:
-        size: Bytes of the uncompressed records.
-        crc: CRC-32 of those.
-        index: Stamp and offset of each message, in one flat list by channel id.
+        crc: CRC-32 of the records.
     """
 
-    __slots__ = ('crc', 'index', 'size')
+    __slots__ = ('crc',)
 
     def __init__(self) -> None:
-        self.size = 0
+        super().__init__()
         self.crc = 0
-        self.index: dict[int, list[int]] = {}
 
-    def message_head(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> bytes:
-        """Enter a message, and return the bytes that precede its parts."""
-        length = 22
-        for part in parts:
-            length += len(part)
-        entries = self.index.get(channel_id)
-        if entries is None:
-            entries = self.index[channel_id] = []
-        entries += (stamp_ns, self.size)
-        self.size += 9 + length
-        return _pack_message(5, length, channel_id, sequence, stamp_ns, stamp_ns)
+    def is_full(self) -> bool:
+        """Return whether the chunk has its size."""
+        return self.size >= TARGET_SIZE
 
-    def span(self) -> tuple[int, int]:
-        """Return the least and greatest stamp."""
-        stamps = [entries[::2] for entries in self.index.values()]
-        return min(map(min, stamps)), max(map(max, stamps))
+    def message_head(self, channel_id: int, sequence: int, stamp_ns: int, size: int) -> bytes:
+        """Return the bytes that precede a message of a size."""
+        length = _MESSAGE_HEAD.size - 9 + size
+        return _MESSAGE_HEAD.pack(5, length, channel_id, sequence, stamp_ns, stamp_ns)
 
-    def head(self, compression: bytes, stored: int) -> bytes:
+    def checksum(self, data: Buffer) -> None:
+        """Continue the CRC."""
+        self.crc = crc32(data, self.crc)
+
+    def open_head(self) -> bytes:
+        """Return bytes of the length of an uncompressed chunk's head."""
+        return bytes(_CHUNK_HEAD.size + 12)
+
+    def head(self, compression: str, stored: int) -> bytes:
         """Return the chunk record up to the records in it."""
-        length = 40 + len(compression) + stored
+        name = compression.encode()
+        length = 40 + len(name) + stored
         head = _CHUNK_HEAD.pack(Opcode.CHUNK, length, *self.span(), self.size, self.crc)
-        return head + struct.pack(f'<I{len(compression)}sQ', len(compression), compression, stored)
+        return head + struct.pack(f'<I{len(name)}sQ', len(name), name, stored)
 
-    def indexes(self, position: int) -> tuple[bytes, dict[int, int]]:
-        """Return the message index records for a position, and the offset of each by channel id."""
-        records = bytearray()
+    def finish(
+        self, compression: str, start: int, position: int, stored: int
+    ) -> tuple[bytes, ChunkIndex]:
+        """Return the message index records, and the chunk index record for the summary."""
+        indexes = bytearray()
         offsets = {}
         for channel_id, entries in self.index.items():
-            offsets[channel_id] = position + len(records)
+            offsets[channel_id] = position + len(indexes)
             size = 8 * len(entries)
-            records += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel_id, size)
-            records += struct.pack(f'<{len(entries)}Q', *entries)
-        return bytes(records), offsets
-
-    def entry(
-        self, start: int, compression: str, stored: int, indexes: bytes, offsets: dict[int, int]
-    ) -> ChunkIndex:
-        """Return the chunk index record for the summary; start is the chunk's file position."""
+            indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel_id, size)
+            indexes += struct.pack(f'<{len(entries)}Q', *entries)
         start_ns, end_ns = self.span()
-        return ChunkIndex(
+        entry = ChunkIndex(
             chunk_length=9 + 40 + len(compression) + stored,
             chunk_start_offset=start,
             compression=compression,
@@ -125,147 +114,7 @@ class _Contents:
             message_start_time=start_ns,
             uncompressed_size=self.size,
         )
-
-
-class Chunks(ABC):
-    """A writer that groups messages into chunks and writes these to a file."""
-
-    def __init__(self, file: UnbufferedFile) -> None:
-        self._file = file
-        self._entries: list[ChunkIndex] = []
-        self._contents = _Contents()
-
-    @abstractmethod
-    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
-        """Append a message; the chunk ends when it has its size."""
-
-    def add_records(self, records: bytes) -> None:
-        """Append records outside of any chunk, after the messages added so far."""
-        self._flush()
-        self._file.write([records])
-
-    def finish(self) -> list[ChunkIndex]:
-        """Write the rest, and return the index records of all chunks."""
-        self._flush()
-        self.cancel()
-        return self._entries
-
-    @abstractmethod
-    def cancel(self) -> None:
-        """Drop unwritten data and stop all threads."""
-
-    @abstractmethod
-    def _flush(self) -> None:
-        """End the chunk, and write all that is not written yet."""
-
-
-class StreamedChunks(Chunks):
-    """Uncompressed chunks: payloads are written at once, the chunk's head when it is known.
-
-    Checksumming and writing a payload while it is in the processor's cache halves the cost, which
-    is more than a second thread would save.
-    """
-
-    def __init__(self, file: UnbufferedFile) -> None:
-        super().__init__(file)
-        self._start = -1
-        self._tail = bytearray()
-
-    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
-        """Append a message; the chunk ends when it has its size."""
-        contents = self._contents
-        tail = self._tail
-        tail += contents.message_head(channel_id, sequence, stamp_ns, parts)
-        for part in parts:
-            if len(part) < _COPIED_BELOW:
-                tail += part
-            else:
-                self._write(tail, part)
-                tail = self._tail
-        if len(tail) >= _WRITTEN_FROM:
-            self._write(tail)
-        if contents.size >= TARGET_SIZE:
-            self._flush()
-
-    def cancel(self) -> None:
-        """Drop unwritten data."""
-        self._tail = bytearray()
-
-    def _write(self, *buffers: bytes | bytearray | memoryview) -> None:
-        contents = self._contents
-        for buffer in buffers:
-            contents.crc = crc32(buffer, contents.crc)
-        if self._start < 0:
-            self._start = self._file.position
-            # Alone: pages written along with large buffers would be read again to be changed.
-            self._file.write([bytes(_CHUNK_HEAD.size + 12)])
-        self._file.write(buffers)
-        self._tail = bytearray()
-
-    def _flush(self) -> None:
-        contents = self._contents
-        if not contents.size:
-            return
-        if self._tail:
-            self._write(self._tail)
-        start, self._start = self._start, -1
-        self._contents = _Contents()
-        self._file.write_at(start, contents.head(b'', contents.size))
-        indexes, offsets = contents.indexes(self._file.position)
-        self._file.write([indexes])
-        self._entries.append(contents.entry(start, '', contents.size, indexes, offsets))
-
-
-class CompressedChunks(Chunks):
-    """Compressed chunks: compressed on all cores, written in order."""
-
-    def __init__(self, file: UnbufferedFile, options: BagOptions, threads: int) -> None:
-        super().__init__(file)
-        self._name = options.compression
-        self._compress = compressor(options.compression, options.compression_level)
-        self._pool: OrderedPool[tuple[_Contents, bytes]] = OrderedPool(threads, POOL_AHEAD)
-        self._buffers: list[bytes | memoryview] = []
-
-    def add(self, channel_id: int, sequence: int, stamp_ns: int, parts: Parts) -> None:
-        """Append a message; the chunk ends when it has its size."""
-        contents = self._contents
-        self._buffers.append(contents.message_head(channel_id, sequence, stamp_ns, parts))
-        self._buffers += parts
-        if contents.size >= TARGET_SIZE:
-            self._end_chunk()
-
-    def cancel(self) -> None:
-        """Drop unwritten data and wait for the threads to end."""
-        self._pool.close()
-
-    def _end_chunk(self) -> None:
-        contents, self._contents = self._contents, _Contents()
-        buffers, self._buffers = self._buffers, []
-        if contents.size:
-            for packed in self._pool.put(partial(_pack, contents, buffers, self._compress)):
-                self._write(*packed)
-
-    def _flush(self) -> None:
-        self._end_chunk()
-        for packed in self._pool.drain():
-            self._write(*packed)
-
-    def _write(self, contents: _Contents, data: bytes) -> None:
-        start = self._file.position
-        head = contents.head(self._name.encode(), len(data))
-        indexes, offsets = contents.indexes(start + len(head) + len(data))
-        self._file.write([head, data, indexes])
-        self._entries.append(contents.entry(start, self._name, len(data), indexes, offsets))
-
-
-def _pack(
-    contents: _Contents, buffers: list[bytes | memoryview], compress: Callable[[bytes], bytes]
-) -> tuple[_Contents, bytes]:
-    data = b''.join(buffers)
-    if len(data) != contents.size:
-        raise ValueError("a message part is no flat buffer of bytes (memoryview format 'B')")
-    contents.crc = crc32(data)
-    return contents, compress(data)
+        return bytes(indexes), entry
 
 
 # The end of an MCAP file: summary section, summary offsets and footer (https://mcap.dev/spec).
@@ -371,12 +220,11 @@ class McapFileWriter:
         self._sequences: list[int] = []
         self._metadata: list[MetadataIndex] = []
         self._file = UnbufferedFile(path)
-        options = context.options
-        self._chunks = (
-            StreamedChunks(self._file)
-            if options.compression == 'none'
-            else CompressedChunks(self._file, options, context.threads)
-        )
+        name = context.options.compression
+        self._chunks: Chunks[ChunkIndex] = StreamedChunks(self._file, _McapChunk)
+        if name != 'none':
+            compress = compressor(name, context.options.compression_level)
+            self._chunks = CompressedChunks(self._file, _McapChunk, name, compress, context.threads)
         try:
             self._file.write([MAGIC, encode([Header('ros2', 'kitti_ros2')])])
             if context.source_metadata:
@@ -404,7 +252,7 @@ class McapFileWriter:
             records.append(schema)
         self._channels.append(channel)
         self._sequences.append(0)
-        self._chunks.add_records(encode([*records, self._record(channel_id, channel)]))
+        self._chunks.add_outside(encode([*records, self._record(channel_id, channel)]))
 
     def _record(self, channel_id: int, channel: Channel) -> ChannelRecord:
         return ChannelRecord(

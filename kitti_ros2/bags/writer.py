@@ -131,7 +131,7 @@ def _open_file(path: Path, context: WriterContext) -> FileWriter:
         from .sqlite_writer import SqliteFileWriter  # noqa: PLC0415 - as above
 
         return SqliteFileWriter(path, context)
-    from .ros1_bag import Ros1FileWriter  # noqa: PLC0415 - as above
+    from .ros1_writer import Ros1FileWriter  # noqa: PLC0415 - as above
 
     return Ros1FileWriter(path, context)
 

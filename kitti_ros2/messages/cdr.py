@@ -101,6 +101,55 @@ def join(parts: Sequence[bytes | memoryview]) -> bytes:
     return parts[0] if len(parts) == 1 and isinstance(parts[0], bytes) else b''.join(parts)
 
 
+# The fields before the bulk, after the stamp of the header: the size of a number, 0 for a string.
+_BEFORE_BULK = {COMPRESSED: (0, 0), IMAGE: (0, 4, 4, 0, 1, 4), CLOUD: (0, 4, 4)}
+_POINT_FIELD = (0, 4, 1, 4)
+_AFTER_POINT_FIELDS = (1, 4, 4)
+
+
+def split(parts: Sequence[bytes | memoryview], msgtype: str) -> Sequence[bytes | memoryview]:
+    """Split a serialised message as serialize does: the bulk becomes a part of its own.
+
+    The message becomes one part if its type has no bulk, or its lengths do not agree.
+    """
+    tail = BULK_TAIL.get(msgtype)
+    if tail is not None and len(parts) > 1 and parts[0][-4:] == _LENGTH.pack(len(parts[1])):
+        return parts
+    data = memoryview(parts[0] if len(parts) == 1 else join(parts))
+    if tail is None:
+        return (data,)
+    try:
+        start = _bulk_start(data, msgtype)
+        end = start + _LENGTH.unpack_from(data, start - _LENGTH.size)[0]
+    except struct.error:
+        return (data,)
+    padding = len(data) - end - tail
+    return (data[:start], data[start:end], data[end:]) if 0 <= padding < 4 else (data,)
+
+
+def _bulk_start(data: memoryview, msgtype: str) -> int:
+    """Return the offset of the bulk of a little-endian message.
+
+    Raises:
+        struct.error: The message is too short.
+    """
+    position = _skip(data, _STAMP_OFFSET + _STAMP.size, _BEFORE_BULK[msgtype])
+    if msgtype == CLOUD:
+        position = _skip(data, position, (4,))
+        for _ in range(_LENGTH.unpack_from(data, position - 4)[0]):
+            position = _skip(data, position, _POINT_FIELD)
+        position = _skip(data, position, _AFTER_POINT_FIELDS)
+    return _skip(data, position, (4,))
+
+
+def _skip(data: memoryview, position: int, fields: Sequence[int]) -> int:
+    """Return the end of fields, each a number of a size or a string (0), as _BEFORE_BULK has it."""
+    for size in fields:
+        position += -position % (size or _LENGTH.size)
+        position += size or _LENGTH.size + _LENGTH.unpack_from(data, position)[0]
+    return position
+
+
 def deserialize(data: bytes | memoryview, msgtype: str) -> Any:  # noqa: ANN401 - as serialize
     """Deserialise CDR to a message of a rosbags class."""
     return TYPESTORE.deserialize_cdr(data, msgtype)

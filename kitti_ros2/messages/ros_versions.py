@@ -14,7 +14,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,17 +24,19 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import normalize_fieldname
 
 from ..model.bag_formats import HEADER, TF
+from .cdr import BULK_TAIL, join, split
 from .ros_types import TYPESTORE
 from .type_definitions import closure, lazy_typestore, nested_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Sequence
     from typing import TypeAlias
 
     from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
-    Convert: TypeAlias = Callable[[bytes | memoryview], bytes | memoryview]
+    Parts: TypeAlias = Sequence[bytes | memoryview]
+    Convert: TypeAlias = Callable[[Parts], Parts]
 
 _LOG = 'rosgraph_msgs/msg/Log'
 _TIMES = frozenset({'builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration'})
@@ -229,15 +231,30 @@ class Ros1Types:
         self._complete(msgtype)
         return self._ros1.generate_msgdef(msgtype, ros_version=1)
 
-    def converter(self, msgtype: str) -> Callable[[bytes | memoryview], memoryview]:
+    def converter(self, msgtype: str) -> Convert:
         """Return a function that converts the type's CDR to ROS 1's serialization."""
         self._complete(msgtype)
         if msgtype != RENAMED[_LOG] and self.migration.same_layout(msgtype):
-            return lambda data: self._ros2.cdr_to_ros1(data, msgtype)
+            return partial(self._converted, msgtype)
         rebuild = self._rebuild_log if msgtype == RENAMED[_LOG] else self.migration.rebuild
-        return lambda data: self._ros1.serialize_ros1(
-            rebuild(self._ros2.deserialize_cdr(data, msgtype), msgtype), self.name(msgtype)
+        return lambda parts: (
+            self._ros1.serialize_ros1(
+                rebuild(self._ros2.deserialize_cdr(join(parts), msgtype), msgtype),
+                self.name(msgtype),
+            ),
         )
+
+    def _converted(self, msgtype: str, parts: Parts) -> Parts:
+        """Convert a message of the same fields; its bulk becomes a part of its own, not a copy."""
+        head, *others = split(parts, msgtype)
+        if not others:
+            return (self._ros2.cdr_to_ros1(head, msgtype),)
+        bulk, *ends = others
+        tail = BULK_TAIL[msgtype]
+        hollow = join((head[:-4], bytes(4), *ends))[: len(head) + tail]
+        converted = self._ros2.cdr_to_ros1(hollow, msgtype)
+        before = len(converted) - tail
+        return converted[: before - 4], head[-4:], bulk, converted[before:]
 
     def _rebuild_log(self, log: Any, msgtype: str) -> Any:  # noqa: ANN401 - rosbags classes
         """Make a log of ROS 1, without the topics of the node."""
@@ -290,9 +307,9 @@ class Ros2Types:
         made = RENAMED.get(msgtype, msgtype)
         rebuild = self._rebuild_log if msgtype == _LOG else self.migration.rebuild
 
-        def convert(data: bytes | memoryview) -> memoryview:
-            message = self._source.deserialize_cdr(bytes(data), msgtype)
-            return self.typestore.serialize_cdr(rebuild(message, msgtype), made)
+        def convert(parts: Parts) -> Parts:
+            message = self._source.deserialize_cdr(bytes(join(parts)), msgtype)
+            return (self.typestore.serialize_cdr(rebuild(message, msgtype), made),)
 
         return convert
 
