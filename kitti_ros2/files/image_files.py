@@ -467,6 +467,8 @@ _RAW_DEFLATE_NEAR = -9  # the smallest window of isal
 _START_BYTES = 8
 _MOST_MEMORY = 9
 _IDAT_BYTES = 8192
+_KITTI_STARTS = (_ZLIB_HEAD + b'\x04', _ZLIB_HEAD + b'\x05')
+"""With the head of a block (RFC 1951, 3.2.7): last or not, BTYPE 2, HLIT 0."""
 _FIRST_DATA = 33
 """Bytes of the signature and the header."""
 
@@ -503,12 +505,15 @@ def _encode_colour(pixels: npt.NDArray[np.uint8 | np.uint16], form: PngForm) -> 
     return _file(rgb.reshape(len(rgb), -1), _RGB, 1, form)
 
 
-def is_in_opencv_form(png: bytes) -> bool:
-    """Return whether a PNG begins as OpenCV writes them: it need not be encoded anew."""
+def is_in_kitti_form(png: bytes) -> bool:
+    """Return whether a PNG begins as KITTI's images: it need not be encoded anew.
+
+    Its first block has Huffman codes of its own, and none for a length: Z_RLE has them for runs.
+    """
     length, kind = _CHUNK.unpack_from(png.ljust(_FIRST_DATA + _CHUNK.size), _FIRST_DATA)
     start = _FIRST_DATA + _CHUNK.size
     is_first: bool = kind == b'IDAT' and length == _IDAT_BYTES
-    return is_first and png[start : start + 2] == _ZLIB_HEAD
+    return is_first and png[start : start + 3] in _KITTI_STARTS
 
 
 def encode_depth_map(pixels: npt.NDArray[np.uint16]) -> bytes:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files.image_files import encode_png, is_in_opencv_form, parse_png
+from ..files.image_files import encode_png, is_in_kitti_form, parse_png
 from ..messages.camera_info import PLUMB_BOB, camera_model, lens_model
-from ..messages.images import pixels_of, png_of, size_of
+from ..messages.images import LOSSY, as_grey, picture_kind, pixels_of, png_of, size_of
 from ..messages.naming import without_transport
 from ..messages.rectified_cameras import (
     Rectifier,
@@ -43,7 +43,7 @@ from ..messages.videos import (
 )
 from ..model import bag_formats as types
 from ..model.errors import BadFileError, MissingDataError, UsageError
-from ..model.streams import CAMERA_NAMES, PngForm
+from ..model.streams import CAMERA_NAMES, GREY_CAMERAS, PngForm
 from .plan import X_FORWARD, CameraPlan
 from .survey import topic_of
 from .tf_frames import optical_link, optical_name
@@ -827,6 +827,7 @@ class ImageConversion:
         self._videos = _videos(plan, survey)
         self._video_notes = video_notes(plan, survey)
         self._deep: Counter[int] = Counter()
+        self._lossy: Counter[tuple[int, str]] = Counter()
         self._scaled: Counter[int] = Counter()
         self._lock = Lock()
         self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
@@ -848,7 +849,7 @@ class ImageConversion:
         rectifier = self._rectifiers.get(camera)
         compressed = hasattr(message, 'format')
         own = png_of(message) if compressed and rectifier is None else None
-        if own is not None and (form is PngForm.FAST or is_in_opencv_form(own)):
+        if own is not None and (form is PngForm.FAST or is_in_kitti_form(own)):
             try:
                 # png_of has checked its checksums.
                 image = parse_png(own, 'the message', len(own))
@@ -861,6 +862,11 @@ class ImageConversion:
         pixels = self.pixels(camera, message)
         if pixels.dtype.itemsize > 1:
             self._count_deep(camera)
+        if form is PngForm.KITTI:
+            if compressed and own is None:
+                self._count_lossy(camera, picture_kind(message))
+            if camera in GREY_CAMERAS:
+                pixels = as_grey(pixels, most_tint=0)
         return encode_png(pixels, form)
 
     def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
@@ -886,6 +892,11 @@ class ImageConversion:
             f" KITTI's have 8"
             for camera, count in sorted(self._deep.items())
         ]
+        notes += [
+            f'{self._topics[camera]}: {count} images are decoded from {kind}, so their pixels are'
+            f" not KITTI's own"
+            for (camera, kind), count in sorted(self._lossy.items())
+        ]
         for camera, count in sorted(self._scaled.items()):
             width, height = self._sizes[camera]
             notes.append(
@@ -903,6 +914,11 @@ class ImageConversion:
         with self._lock:
             self._scaled[camera] += 1
         return scaled
+
+    def _count_lossy(self, camera: int, kind: str) -> None:
+        if kind in LOSSY:
+            with self._lock:
+                self._lossy[camera, kind] += 1
 
     def _count_deep(self, camera: int) -> None:
         with self._lock:

@@ -595,14 +595,14 @@ def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int6
 
 # Conversion of bags by a plan: one pass, each sample written when it is read.
 
-_KITTI_IMAGES = re.compile(r'/kitti/camera_(?:gray|color)_(?:left|right)/')
-"""Topics of KITTI's images in bags of kitti2bag, kitti2mcap and others that took its names."""
+_KITTI_IMAGES = re.compile(r'kitti', re.IGNORECASE)
+"""In topics of KITTI's images in bags of to-bag, kitti2bag, kitti2mcap and others."""
 
 
 def _png_form(plan: Plan) -> PngForm:
-    """Return KITTI's form if all images have the topics of KITTI's."""
+    """Return KITTI's form if the topics of all images name KITTI."""
     topics = [camera.topic for camera in plan.cameras.values()]
-    are_kittis = bool(topics) and all(map(_KITTI_IMAGES.match, topics))
+    are_kittis = bool(topics) and all(map(_KITTI_IMAGES.search, topics))
     return PngForm.KITTI if are_kittis else PngForm.FAST
 
 

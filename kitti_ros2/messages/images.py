@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     Pixels: TypeAlias = npt.NDArray[np.uint8 | np.uint16]
 
 _JPEG_END = b'\xff\xd9'
+LOSSY = frozenset({'JPEG', 'WebP'})
+"""Kinds of pictures whose pixels are not those that were encoded, usually."""
 _SIZES = {'PNG': png_size, 'JPEG': jpeg_size, 'WebP': webp_size}
 _PNG_HEADER = struct.Struct('>8s4s4sIIBBBBB')
 _PLAIN = {(8, 0, 0, 0, 0), (8, 2, 0, 0, 0), (16, 0, 0, 0, 0), (16, 2, 0, 0, 0)}
@@ -195,9 +197,9 @@ _MOST_TINT = 16
 """Levels between the channels of a pixel without colour: encoders round them."""
 
 
-def as_grey(pixels: Pixels) -> Pixels:
+def as_grey(pixels: Pixels, most_tint: int = _MOST_TINT) -> Pixels:
     """Return (H, W) of BGR pixels without colour, as of a grey camera; coloured ones as given."""
-    if pixels.ndim == 2 or np.ptp(pixels, axis=2).max() > _MOST_TINT:
+    if pixels.ndim == 2 or np.ptp(pixels, axis=2).max() > most_tint:
         return pixels
     import cv2  # noqa: PLC0415 - 0.2 s that passing PNGs through does not need
 

@@ -19,7 +19,7 @@ from kitti_ros2.files.image_files import (
     decode_png,
     encode_depth_map,
     encode_png,
-    is_in_opencv_form,
+    is_in_kitti_form,
     parse_png,
 )
 from kitti_ros2.model.streams import PngForm
@@ -201,8 +201,9 @@ def test_the_bytes_of_a_form_never_change(form, channels):
     png = encode_png(pixels, form)
     assert hashlib.sha256(png).hexdigest() == FORMS[form, channels]
     np.testing.assert_array_equal(decoded(png), pixels)
-    assert is_in_opencv_form(png) == (channels == 3), 'a small file has one chunk'
-    assert not is_in_opencv_form(encode_png(pixels))
+    is_large = channels == 3  # a small file has one chunk
+    assert is_in_kitti_form(png) == (is_large and form is PngForm.KITTI)
+    assert not is_in_kitti_form(encode_png(pixels))
 
 
 def test_the_bytes_of_a_depth_map_never_change():

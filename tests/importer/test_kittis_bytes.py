@@ -8,6 +8,7 @@ import re
 import shutil
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from folder_and_bag import rerecord
@@ -205,6 +206,50 @@ def test_clouds_of_another_frame_are_brought_to_the_scanner_in_float64(drive, ba
     assert any(SNAPPED in note for note in report.notes)
     true, made = scans_of(drive), scans_of(tmp_path / 'out')
     assert all(np.array_equal(made[file], true[file]) for file in true)
+
+
+def encoded(suffix):
+    """A program that encodes the images of a bag anew, such as cv2.imencode without parameters."""
+
+    def changed(message):
+        if message.msgtype != 'sensor_msgs/msg/CompressedImage':
+            return bytes(message.data)
+        image = deserialize(bytes(message.data), message.msgtype)
+        pixels = cv2.imdecode(image.data, cv2.IMREAD_UNCHANGED)
+        return join(serialize(replace(image, data=cv2.imencode(suffix, pixels)[1].reshape(-1))))
+
+    return changed
+
+
+def coloured(message):
+    """Grey images of three equal channels, as rgb8."""
+    if message.msgtype != 'sensor_msgs/msg/Image' or 'gray' not in message.topic:
+        return bytes(message.data)
+    image = deserialize(bytes(message.data), message.msgtype)
+    data = np.repeat(image.data, 3)
+    return join(serialize(replace(image, encoding='rgb8', step=3 * image.width, data=data)))
+
+
+IMAGES = {
+    'encoded anew': ('compressed', encoded('.png'), True, ''),
+    'grey in three channels': ('raw', coloured, True, ''),
+    'JPEG': ('compressed', encoded('.jpg'), False, "from JPEG, so their pixels are not KITTI's own"),
+}
+"""By kind of images: to-bag's, what another program does, whether PNG come back, what is said."""
+
+
+@pytest.mark.parametrize('name', IMAGES)
+def test_images_are_kittis_files_if_their_pixels_are(drive, tmp_path, capsys, name):
+    images, change, same, said = IMAGES[name]
+    bag, path, out = (tmp_path / file for file in ('bag.mcap', 'changed.mcap', 'out'))
+    assert main(['to-bag', str(drive), str(bag), '-q', *KITTI2BAG, '--images', images]) == 0
+    rerecord(bag, path, 0, change)
+    capsys.readouterr()
+    assert main(['to-kitti', str(path), str(out), '--layout', 'raw']) == 0
+    assert (PNG in same_kinds(out, drive.parent.parent)) is same
+    notes = capsys.readouterr().out
+    assert said in notes
+    assert ('JPEG' in notes) is bool(said)
 
 
 COLUMNS = (*range(8), *range(11, 14), *range(17, 20), 23)

@@ -361,7 +361,7 @@ def test_real_odometry_texts_come_back_from_their_values(real_kitti: Path) -> No
     ('values', 'decimals'),
     [
         ({}, 2),
-                ({'location': (-2.0 + 4e-5, 1.65, 20.0)}, 2),
+        ({'location': (-2.0 + 4e-5, 1.65, 20.0)}, 2),
         ({'location': (-2.0 + 6e-5, 1.65, 20.0)}, 4),
         ({'rotation_y': -1.5001}, 4),
         ({'size_hwl': (1.5, 1.605, 4.0)}, 4),
