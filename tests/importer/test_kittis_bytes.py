@@ -233,7 +233,7 @@ def coloured(message):
 IMAGES = {
     'encoded anew': ('compressed', encoded('.png'), True, ''),
     'grey in three channels': ('raw', coloured, True, ''),
-    'JPEG': ('compressed', encoded('.jpg'), False, "from JPEG, so their pixels are not KITTI's own"),
+    'JPEG': ('compressed', encoded('.jpg'), False, 'decoded from JPEG, so their pixels are not'),
 }
 """By kind of images: to-bag's, what another program does, whether PNG come back, what is said."""
 
