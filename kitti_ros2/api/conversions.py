@@ -82,7 +82,7 @@ def to_bag(
     settings = make_settings(given)
     if settings.read.layout is None and looks_like_bag(source):
         check_options(source, given, jobs if jobs != 1 else None)
-        with open_bag_source(source) as bag:
+        with open_bag_source(source, whole_chunks=True) as bag:
             converted = convert_bag(bag, target, settings, progress or (lambda _done, _all: None))
         warn_of(converted.losses)
         return ExportReport(frames=0, **vars(converted))
@@ -138,7 +138,7 @@ def to_kitti(
         opened = []
         for path in paths:
             refuse_inside(require(path), target)
-            opened.append(exit_stack.enter_context(open_bag_source(path)))
+            opened.append(exit_stack.enter_context(open_bag_source(path, whole_chunks=True)))
         if not opened:
             raise UsageError('no bag; expected at least one')
         import_options = make_import_options(by_name(options, TO_KITTI))

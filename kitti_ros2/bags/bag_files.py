@@ -131,6 +131,9 @@ class OpenBag:
 
     Args:
         path: A file or folder.
+        whole_chunks: Whether chunks are read whole and compared with their checksums, as by all
+            that writes the data elsewhere; else single messages are read by the index of a file
+            where that takes fewer bytes, and damage that no longer shows is not found.
 
     Attributes:
         path: The same.
@@ -141,7 +144,7 @@ class OpenBag:
         OSError: It cannot be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, whole_chunks: bool = False) -> None:
         self.path = path
         self.located = locate_bag(path)
         self._problems = Problems()
@@ -149,6 +152,8 @@ class OpenBag:
         self._is_open = True
         with ExitStack() as exit_stack:
             self._files = open_files(self.located, self._problems, exit_stack)
+            for _, file in self._files:
+                file.whole_chunks = whole_chunks
             self._exit_stack = exit_stack.pop_all()
 
     def files(self, problems: Problems, exit_stack: ExitStack) -> list[tuple[Path, BagFile]]:

@@ -12,238 +12,44 @@ from array import array
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
-from enum import Enum
+from functools import partial
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic
 
 from ..files.remote import is_remote
-from .container_file import BagFile, Chunk, FetchedChunk, FileBytes
+from .container_file import (
+    START_BYTES,
+    BagFile,
+    Chunk,
+    FetchedChunk,
+    FileBytes,
+    MessageStart,
+    UnreadMessage,
+)
 from .decompression import LimitError, Search
+from .indexed_messages import LARGE, LEAST_APART, indexed_messages, read_starts
+from .records import DamagedHeadError, Head, walk
 
 if TYPE_CHECKING:
-    import re
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
     import numpy.typing as npt
 
     from ..files.remote import RemotePath
-    from .container_file import NamedFile, Problems, StoredChannel, StoredMessage
+    from .container_file import (
+        FoundMessage,
+        IndexedMessage,
+        NamedFile,
+        Problems,
+        StoredChannel,
+        StoredMessage,
+        Wanted,
+    )
     from .decompression import Buffer, FileLimits
-
-
-# A walk over consecutive records that resumes after damaged bytes.
-#
-# MCAP and ROS 1 have the same structure: records, some of which are chunks of more records. A
-# record is accepted if its own lengths agree and a record follows it; else the bytes after it are
-# searched for records. In an uncompressed chunk these may be its messages, so a damaged chunk head
-# costs no messages.
-
-if TYPE_CHECKING:
-
-    class Source(Protocol):
-        """Bytes by position."""
-
-        def read(self, position: int, length: int) -> Buffer:
-            """Return `length` bytes, fewer at the end."""
-            ...
-
-
-_WINDOW = 2**20
-
-Head = TypeVar('Head')
-
-
-class Record(NamedTuple):
-    """The position of a record: its kind, the position of its head, the position after its body."""
-
-    opcode: int
-    position: int
-    end: int
-
-
-class Kind(Enum):
-    """The kind of bytes at a position."""
-
-    WHOLE = 'a record'
-    CUT = 'a record that goes beyond the end'
-    NONE = 'no record'
-
-
-class DamagedHeadError(ValueError):
-    """The head of a chunk is invalid."""
-
-    def __init__(self) -> None:
-        super().__init__('its head is damaged')
-
-
-class RecordFormat(Protocol[Head]):
-    """The properties of a record format, whose records have heads of a type.
-
-    Attributes:
-        start: The position of a file's first record.
-        chunk: The opcode of chunks.
-        message: The opcode of messages.
-        longest_message_head: The most bytes of a message up to its data.
-        candidate: Matches where a record may begin, with a lookahead.
-        longest: The most bytes that candidate matches.
-        row: Number of consecutive records that are taken as no coincidence.
-    """
-
-    start: int
-    chunk: int
-    message: int
-    longest_message_head: int
-    candidate: re.Pattern[bytes]
-    longest: int
-    row: int
-
-    def classify(self, source: Source, position: int, end: int) -> tuple[Kind, Record]:
-        """Classify the bytes at a position, by the record's head and the lengths inside it."""
-        ...
-
-    def is_checked(self, opcode: int) -> bool:
-        """Return whether records of an opcode contain a second length, which must agree."""
-        ...
-
-    def inside(self, source: Source, position: int) -> int | None:
-        """Return the position of a chunk's first record, None if the chunk is compressed."""
-        ...
-
-    def compression(self, record: Buffer) -> str:
-        """Return the name of a chunk's compression.
-
-        Raises:
-            DamagedHeadError: The head of the chunk is damaged or truncated.
-        """
-        ...
-
-    def unpacked_size(self, data: Buffer) -> int:
-        """Return the most bytes that unpack makes of a chunk.
-
-        Raises:
-            ValueError: The head of the chunk is damaged.
-        """
-        ...
-
-    def unpack(self, data: Buffer) -> tuple[Buffer, bool]:
-        """Return the records of a chunk, and whether it is whole; the first ones if truncated.
-
-        Raises:
-            DamagedHeadError: The head of the chunk is damaged.
-            ValueError: The chunk is damaged.
-        """
-        ...
-
-    def split_record(self, view: Buffer, position: int) -> tuple[Head, int, int]:
-        """Return a record's head, and the start and end of its body."""
-        ...
-
-    def split_records(self, view: Buffer) -> Iterator[tuple[Head, int, int]]:
-        """Yield consecutive records as split_record does, up to the first damaged one."""
-        ...
-
-    def stored_message(self, head: Head, body: memoryview) -> StoredMessage | None:
-        """Return the message that a record is, None for others."""
-        ...
-
-
-def walk(
-    form: RecordFormat[Any],
-    source: Source,
-    position: int,
-    end: int,
-    lose: Callable[[int, int], None],
-    search: Search,
-) -> Iterator[Record]:
-    """Yield the records from a position on; skip damaged bytes.
-
-    Records that extend beyond the end are yielded as well. Such a chunk is followed by the records
-    in it, if it is not compressed.
-
-    Args:
-        form: The format of the records.
-        source: The bytes.
-        position: Start of the first record.
-        end: End of the last record.
-        lose: Called with the start and end of damaged bytes.
-        search: Limits the cost of a search for records.
-
-    Raises:
-        LimitError: It would cost more.
-    """
-    while position < end:
-        kind, record = form.classify(source, position, end)
-        if kind is Kind.WHOLE and _is_believed(form, source, record, end, search):
-            yield record
-            position = record.end
-            continue
-        if kind is Kind.CUT and record.opcode == form.chunk:
-            yield record
-            inside = form.inside(source, position)
-            position = end if inside is None else inside
-            continue
-        following = find_record(form, source, position + 1, end, search)
-        if following is None and kind is Kind.CUT:
-            yield record
-            return
-        lose(position, end if following is None else following)
-        position = end if following is None else following
-
-
-def find_record(
-    form: RecordFormat[Any], source: Source, position: int, end: int, search: Search
-) -> int | None:
-    """Return the first position from which records are consecutive, None if there is none.
-
-    Raises:
-        LimitError: The search would cost too much.
-    """
-    while position < end:
-        window = source.read(position, min(_WINDOW, end - position) + form.longest)
-        if bytes(window) == bytes(len(window)):
-            position += _WINDOW  # zeros, as a crash leaves in a file that was not yet filled
-            continue
-        done = 0
-        for match in form.candidate.finditer(window):
-            start = position + match.start()
-            search.spend(match.start() - done, attempts=1)
-            done = match.start()
-            if start < end and _begins_row(form, source, start, end):
-                return start
-        search.spend(len(window) - done)
-        position += _WINDOW
-    return None
-
-
-def _is_believed(
-    form: RecordFormat[Any], source: Source, record: Record, end: int, search: Search
-) -> bool:
-    if record.end == end or form.is_checked(record.opcode):
-        return True
-    if form.classify(source, record.end, end)[0] is Kind.WHOLE:
-        return True
-    # Either the following bytes are damaged, or the length of this record, which then hides others.
-    # A chunk contains records, which may be found even in a compressed one, but no chunks.
-    inner = find_record(form, source, record.position + 1, record.end, search)
-    while inner is not None and record.opcode == form.chunk:
-        if form.classify(source, inner, end)[1].opcode == form.chunk:
-            return False
-        inner = find_record(form, source, inner + 1, record.end, search)
-    return inner is None
-
-
-def _begins_row(form: RecordFormat[Any], source: Source, position: int, end: int) -> bool:
-    for number in range(form.row):
-        kind, record = form.classify(source, position, end)
-        if kind is not Kind.WHOLE:
-            is_last = number == form.row - 1 and (number > 0 or record.opcode == form.chunk)
-            return kind is Kind.CUT and is_last
-        if record.end == end:
-            return True
-        position = record.end
-    return True
+    from .indexed_messages import StartOfMessage
+    from .records import Record, RecordFormat
 
 
 # A scan of an MCAP or ROS 1 file from its start, record by record, up to its end.
@@ -611,18 +417,22 @@ class ChunkedFile(BagFile, Generic[Head]):
     def read(
         self,
         chunk: Chunk,
-        channel_ids: Collection[int],
-        since_ns: int,
-        fetched: FetchedChunk | None = None,
-    ) -> Iterator[StoredMessage]:
-        """Return the messages of some channels in a chunk from a stamp on, in time order."""
+        wanted: Wanted,
+        fetched: FetchedChunk | Sequence[IndexedMessage] | None = None,
+    ) -> Iterator[FoundMessage]:
+        """Return the requested messages in a chunk, in time order."""
+        if fetched is not None and not isinstance(fetched, FetchedChunk):
+            starts = read_starts(self._form, self._file, fetched)
+            if starts is not None:
+                return map(self._message, fetched, starts)
+            fetched = None  # what is wrong is found where the whole chunk is read
         if fetched is None:
             fetched = FetchedChunk(self._file.read(chunk.position, chunk.length), None)
         data, unpacked = fetched
         end = chunk.position + len(data)
         try:
             records, whole = unpacked or unpack(self._form, self._file, chunk.position, data)
-            messages, done = self._messages_in(records, channel_ids, since_ns)
+            messages, done = self._messages_in(records, wanted)
             self._file.limits.add_records(chunk.position, len(messages))
             sound = whole and done == len(records)
         except ValueError:
@@ -630,17 +440,61 @@ class ChunkedFile(BagFile, Generic[Head]):
         messages.sort(key=itemgetter(0))  # costs little if it is sorted already
         if len(data) < chunk.length:
             self._problems.lose(f'{self._file.name}: cut off at byte {end} while it was read')
-        elif sound and since_ns <= chunk.start_ns:
-            self._compare(chunk, channel_ids, messages)
+        elif sound and wanted.since_ns <= chunk.start_ns and chunk.end_ns <= wanted.until_ns:
+            self._compare(chunk, wanted.channel_ids, messages)
         if not sound or len(data) < chunk.length:
-            cost = sum(chunk.counts[key] for key in chunk.counts.keys() & set(channel_ids))
-            messages = [
-                message
-                for message in self._salvaged(chunk.position, data, cost)
-                if message[1] in channel_ids and message[0] >= since_ns
-            ]
+            cost = sum(chunk.counts[key] for key in chunk.counts.keys() & set(wanted.channel_ids))
+            salvaged = self._salvaged(chunk.position, data, cost)
+            messages = [message for message in salvaged if wanted.takes(message[0], message[1])]
             messages.sort(key=itemgetter(0))
         return iter(messages)
+
+    def select(self, chunk: Chunk, wanted: Wanted) -> Sequence[IndexedMessage] | None:
+        """Find requested messages by the index of a chunk; None if the chunk is to be read whole.
+
+        That is one of which much is requested, a compressed one, or one whose index is damaged. In
+        a store each read waits as long as that of a chunk.
+        """
+        count = sum(number for key, number in chunk.counts.items() if key in wanted.channel_ids)
+        is_indexed = self._stamps is None and not self._file.waits
+        if self.whole_chunks or not is_indexed or chunk.length < count * LEAST_APART:
+            return None
+        try:
+            records_at = self._form.inside(self._file, chunk.position)
+            indexed = {} if records_at is None else self._indexed(chunk)
+        except (ValueError, KeyError):
+            return None
+        if chunk.counts != {channel_id: len(entries) for channel_id, entries in indexed.items()}:
+            return None
+        messages = indexed_messages(indexed, chunk, records_at or 0)
+        requested = (m for m in messages if wanted.takes(m.stamp_ns, m.channel_id))
+        selected = sorted(requested)
+        size = sum(
+            START_BYTES
+            if message.end - message.position >= LARGE
+            and self.is_start_enough is not None
+            and self.is_start_enough(message.channel_id)
+            else message.end - message.position
+            for message in selected
+        )
+        return selected if messages and 2 * size <= chunk.length else None
+
+    def _message(self, message: IndexedMessage, start: StartOfMessage) -> FoundMessage:
+        """Return a message of which the start is read."""
+        data: Buffer | UnreadMessage = bytes(start.data)
+        if len(start.data) < start.size:
+            data = UnreadMessage(partial(self._completed, message.channel_id, start))
+        return message.stamp_ns, message.channel_id, data
+
+    def _completed(self, channel_id: int, start: StartOfMessage) -> Buffer | None:
+        if self._wants_start(channel_id, start.data):
+            return MessageStart.of(start.data, start.size)
+        data = self._file.read(start.position, start.size)
+        if len(data) == start.size:
+            return data
+        end = start.position + len(data)
+        self._problems.lose(f'{self._file.name}: cut off at byte {end} while it was read')
+        return None
 
     def _compare(
         self, chunk: Chunk, channel_ids: Collection[int], stored: Sequence[StoredMessage]
@@ -677,13 +531,14 @@ class ChunkedFile(BagFile, Generic[Head]):
             if self._file.waits:
                 self._expect_indexes(self.chunks[number : number + _INDEXES_AHEAD])
             try:
-                stamps = self._indexed(chunk)
+                indexed = self._indexed(chunk)
             except ValueError:
-                stamps = {}
-            if chunk.counts != {channel_id: len(times) for channel_id, times in stamps.items()}:
+                indexed = {}
+            if chunk.counts != {channel_id: len(rows) for channel_id, rows in indexed.items()}:
                 return self._scanned().items()
-            for channel_id, times in stamps.items():
-                joined.setdefault(channel_id, array('Q')).frombytes(times.astype('u8').tobytes())
+            for channel_id, entries in indexed.items():
+                stamps = entries[:, 0].astype('u8').tobytes()
+                joined.setdefault(channel_id, array('Q')).frombytes(stamps)
         return joined.items()
 
     def _salvaged(self, position: int, data: bytes, cost: int) -> Iterator[StoredMessage]:
@@ -695,17 +550,15 @@ class ChunkedFile(BagFile, Generic[Head]):
                 yield message
 
     @abstractmethod
-    def _messages_in(
-        self, records: Buffer, channel_ids: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], int]:
-        """Return the messages among records, and the end of the last record that can be split."""
+    def _messages_in(self, records: Buffer, wanted: Wanted) -> tuple[list[StoredMessage], int]:
+        """Return requested messages of records, and the end of the last that can be split."""
 
     def _expect_indexes(self, chunks: Sequence[Chunk]) -> None:
         """Request the indexes of chunks from a store."""
 
     @abstractmethod
     def _indexed(self, chunk: Chunk) -> Mapping[int, npt.NDArray[np.integer[Any]]]:
-        """Return the stamps of a chunk by channel id, from its index.
+        """Return (N, 2) stamps and offsets of the messages of a chunk by channel id: its index.
 
         Raises:
             ValueError: The index is damaged.

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from rosbags.typesys.msg import normalize_msgtype
 
-from ..model.bag_formats import Channel
+from ..model.bag_formats import ZSTD_MAGIC, Channel
 from ..model.errors import naming
 from .decompression import FileLimits
 
@@ -371,9 +371,12 @@ def summarize_topic(name: str, msgtype: str, stamps: StampArray) -> TopicSummary
 StoredMessage: TypeAlias = 'tuple[int, int, Buffer]'
 """Stamp in nanoseconds, channel id, and the data in stored form."""
 
+FoundMessage: TypeAlias = 'tuple[int, int, Buffer | UnreadMessage]'
+"""The same, where the data may be read later."""
+
 
 class MessageStart(bytes):
-    """The first kilobyte or more of a large message, of which the rest was read and not kept.
+    """The first kilobyte or more of a large message, of which the rest was not kept.
 
     Attributes:
         size: Bytes of the whole message.
@@ -381,11 +384,31 @@ class MessageStart(bytes):
 
     size: int
 
+    @classmethod
+    def of(cls, data: Buffer, size: int) -> MessageStart:
+        """Return the start of a message from its first bytes and the size of the whole."""
+        start = cls(data[:START_BYTES])
+        start.size = size
+        return start
+
+
+class UnreadMessage(NamedTuple):
+    """A large message that is read when its turn comes.
+
+    Attributes:
+        read: Reads it, or its MessageStart where that is enough; None if the file was cut off.
+    """
+
+    read: Callable[[], Buffer | None]
+
 
 def size_of(data: Buffer) -> int:
     """Return the size in bytes of a message, of which this may be the start."""
     return data.size if isinstance(data, MessageStart) else len(data)
 
+
+START_BYTES = 2**10
+"""Bytes of a MessageStart."""
 
 _READAHEAD_BYTES = 2**18
 """Linux reads no more for one call of posix_fadvise than the disk takes in one request."""
@@ -426,6 +449,34 @@ class Chunk(NamedTuple):
     counts: Mapping[int, int]
 
 
+class Wanted(NamedTuple):
+    """The messages to read: of some channels, from a first to a last stamp."""
+
+    channel_ids: Collection[int]
+    since_ns: int
+    until_ns: int
+
+    def takes(self, stamp_ns: int, channel_id: int) -> bool:
+        """Return whether a message is requested."""
+        return channel_id in self.channel_ids and self.since_ns <= stamp_ns <= self.until_ns
+
+
+class IndexedMessage(NamedTuple):
+    """The position of a message as an index has it; they sort as the messages of a chunk do.
+
+    Attributes:
+        stamp_ns: Its stamp.
+        position, end: Of its record in the file; the end is that of the chunk, or where the next
+            message begins.
+        channel_id: Its channel.
+    """
+
+    stamp_ns: int
+    position: int
+    end: int
+    channel_id: int
+
+
 class FetchedChunk(NamedTuple):
     """The bytes of a chunk, read before its messages are asked for.
 
@@ -445,15 +496,19 @@ class BagFile(ABC):
     Attributes:
         channels: By id.
         chunks: In any order.
+        whole_chunks: Whether chunks are read whole, and compared with their checksums; else single
+            messages are read at the offsets in the file's index where that takes fewer bytes.
         compressions: Names of the compressions of chunks found so far, including none.
         is_start_enough: Asked with the id of a channel before a large message is read: whether its
-            MessageStart is enough. A file may give the whole message all the same.
+            MessageStart is enough; also ahead, to choose how to read a chunk. A file may give the
+            whole message all the same.
         fetches: Whether any thread may fetch chunks.
         attachments: Number of attachments, which are not read, as far as it is known.
     """
 
     channels: Mapping[int, StoredChannel]
     chunks: Sequence[Chunk]
+    whole_chunks: bool = False
     compressions: Collection[str] = ()
     is_start_enough: Callable[[int], bool] | None = None
     fetches: bool = False
@@ -464,20 +519,26 @@ class BagFile(ABC):
     def read(
         self,
         chunk: Chunk,
-        channel_ids: Collection[int],
-        since_ns: int,
-        fetched: FetchedChunk | None = None,
-    ) -> Iterable[StoredMessage]:
-        """Return the messages of some channels in a chunk from a stamp on, in time order.
+        wanted: Wanted,
+        fetched: FetchedChunk | Sequence[IndexedMessage] | None = None,
+    ) -> Iterable[FoundMessage]:
+        """Return the requested messages in a chunk, in time order.
 
         Unreadable messages are skipped and entered as losses.
 
         Args:
             chunk: One of chunks.
-            channel_ids: Ids of the requested channels.
-            since_ns: The first requested stamp.
-            fetched: The result of fetch for the chunk; None reads the file now.
+            wanted: The requested messages.
+            fetched: The result of fetch or select for the chunk; None reads the whole chunk now.
         """
+
+    def select(self, chunk: Chunk, wanted: Wanted) -> Sequence[IndexedMessage] | None:  # noqa: ARG002
+        """Find requested messages by the index of a chunk; None if the chunk is to be read whole.
+
+        Raises:
+            OSError: The disk refuses.
+        """
+        return None
 
     def fetch(self, chunk: Chunk) -> FetchedChunk:
         """Read the bytes of a chunk for read, on any thread, where the file fetches.
@@ -502,6 +563,11 @@ class BagFile(ABC):
                 index.add((channel.topic, channel.msgtype), stamps)
         index.compressions.update(self.compressions)
         return index
+
+    def _wants_start(self, channel_id: int, data: Buffer) -> bool:
+        """Return whether the start of a large message is enough; what is compressed stays whole."""
+        is_enough = self.is_start_enough
+        return is_enough is not None and data[:4] != ZSTD_MAGIC and is_enough(channel_id)
 
     def expect(self, chunk: Chunk) -> None:  # noqa: B027 - a database reads as it is asked
         """Ask the system to read a chunk ahead of its turn; it is only advice."""

@@ -19,27 +19,21 @@ from mcap.records import Channel, Schema, Statistics
 
 from ..files.local_files import crc32
 from ..model.errors import BadBagError
-from .chunked_file import (
-    ChunkedFile,
-    ChunkScan,
-    DamagedHeadError,
-    FileContents,
-    Kind,
-    Record,
-    open_bytes,
-)
+from .chunked_file import ChunkedFile, ChunkScan, FileContents, open_bytes
 from .container_file import Chunk, StoredChannel, latched_qos, offered_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning
 from .mcap_writer import MAGIC
+from .records import DamagedHeadError, Kind, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
-    from .chunked_file import Run, Source
-    from .container_file import FileBytes, NamedFile, Problems, StoredMessage
+    from .chunked_file import Run
+    from .container_file import FileBytes, NamedFile, Problems, StoredMessage, Wanted
     from .decompression import Buffer, DescriptionLimits
+    from .records import Source
 
 
 # Parsers of the records of an MCAP file; their layouts are documented in mcap_chunk.
@@ -158,20 +152,19 @@ def split_records(records: Buffer) -> Iterator[tuple[int, int, int]]:
 
 def messages_in(
     records: Buffer,
-    channel_ids: Collection[int],
-    since_ns: int,
+    wanted: Wanted,
     describe: Callable[[int, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
-    """Return the messages of some channels, and the end of the last record that can be split.
+    """Return the requested messages, and the end of the last record that can be split.
 
     Args:
         records: The records of a chunk.
-        channel_ids: Ids of the requested channels.
-        since_ns: The first requested stamp.
+        wanted: The requested messages.
         describe: Called with opcode and body of each record that is no message.
     """
     view = memoryview(records)
     messages: list[StoredMessage] = []
+    channel_ids, since_ns, until_ns = wanted
     position, end = 0, len(view)
     head_size, message_size, unpack = RECORD_HEAD.size, _MESSAGE.size, _MESSAGE.unpack_from
     # The same as split_records; inlined because reading spends its time here.
@@ -182,7 +175,7 @@ def messages_in(
             return messages, position
         if opcode != _MESSAGE_OPCODE:
             describe(opcode, view[position + head_size : following])
-        elif channel_id in channel_ids and stamp_ns >= since_ns:
+        elif channel_id in channel_ids and since_ns <= stamp_ns <= until_ns:
             messages.append((stamp_ns, channel_id, view[position + message_size : following]))
         position = following
     rest = position
@@ -460,10 +453,8 @@ class McapFile(ChunkedFile[int]):
         self._index_lengths = contents.index_lengths
         self._clashes: dict[tuple[int, bytes], str] = {}
 
-    def _messages_in(
-        self, records: Buffer, channel_ids: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], int]:
-        return messages_in(records, channel_ids, since_ns, self._compare_description)
+    def _messages_in(self, records: Buffer, wanted: Wanted) -> tuple[list[StoredMessage], int]:
+        return messages_in(records, wanted, self._compare_description)
 
     def _compare_description(self, opcode: int, body: Buffer) -> None:
         """Enter a loss if a chunk describes a channel otherwise than others or the summary."""
@@ -491,13 +482,13 @@ class McapFile(ChunkedFile[int]):
     def _indexed(self, chunk: Chunk) -> dict[int, npt.NDArray[np.uint64]]:
         start = chunk.position + chunk.length
         block = self._file.read(start, self._index_lengths[chunk.position])
-        stamps = {}
+        indexed = {}
         for opcode, at, end in split_records(block):
             if opcode == Opcode.MESSAGE_INDEX:
                 channel_id, size = INDEX_BODY.unpack_from(block, at)
                 entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<u8')
-                stamps[channel_id] = entries[: size // 8 : 2]
-        return stamps
+                indexed[channel_id] = entries[: size // 16 * 2].reshape(-1, 2)
+        return indexed
 
     def _scanned(self) -> Mapping[int, array[int]]:
         return McapScan(self._file, self._problems).run().stamps or {}

@@ -85,8 +85,12 @@ def open_source(path: Path, options: ReadOptions) -> OpenBag | KittiRecording:
         raise explain_file(path) from None
 
 
-def open_bag_source(path: Path) -> OpenBag:
+def open_bag_source(path: Path, *, whole_chunks: bool = False) -> OpenBag:
     """Open a bag, to be closed by the caller.
+
+    Args:
+        path: A file or folder.
+        whole_chunks: See OpenBag.
 
     Raises:
         KittiRos2Error: There is no such path, or it is a KITTI folder, or it cannot be read.
@@ -95,6 +99,6 @@ def open_bag_source(path: Path) -> OpenBag:
     from .bag_files import OpenBag, explain_no_bag  # noqa: PLC0415 - as above
 
     try:
-        return OpenBag(path)
+        return OpenBag(path, whole_chunks=whole_chunks)
     except NotABagError as error:
         raise explain_no_bag(path, error) from None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from ..files.remote import canonical_path
-from ..files.threads import SpareThreads
+from ..files.threads import SpareThreads, ThreadTask
 from ..kitti.recording_index import turn_length
 from ..messages.cdr import lacking_field
 from ..messages.naming import RECORDING, SWEEP
@@ -22,7 +22,16 @@ from ..model.bag_formats import STRING
 from ..model.errors import BadBagError, Loss, UsageError, format_count
 from ..options.read import NOMINAL_PERIOD_NS, ScanStamp, is_period
 from .bag_files import BagSource, OpenBag, opened, path_of
-from .container_file import LAST_NS, BagIndex, BagSummary, Problems, TopicSummary, summarize
+from .container_file import (
+    LAST_NS,
+    BagIndex,
+    BagSummary,
+    Problems,
+    TopicSummary,
+    UnreadMessage,
+    Wanted,
+    summarize,
+)
 from .stored_messages import (
     READ,
     CdrConverter,
@@ -43,10 +52,16 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
     from typing_extensions import Self
 
-    from ..files.threads import ThreadTask
     from ..messages.ros_types import String
     from ..model.samples import Int64Array
-    from .container_file import BagFile, Chunk, FetchedChunk, StoredChannel, StoredMessage
+    from .container_file import (
+        BagFile,
+        Chunk,
+        FetchedChunk,
+        FoundMessage,
+        IndexedMessage,
+        StoredChannel,
+    )
 
 
 # A message read from a bag, and a channel that messages are read from.
@@ -99,17 +114,12 @@ _MOST_FETCHED = 2**23  # bytes of all chunks ahead: they are the larger part of 
 
 
 def in_time_order(
-    files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int
-) -> Iterator[tuple[int, StoredMessage]]:
-    """Yield the messages of files from a stamp on, with the number of their file.
-
-    Args:
-        files: Each with the ids of the requested channels.
-        since_ns: The first requested stamp.
-    """
+    files: Sequence[tuple[BagFile, Wanted]],
+) -> Iterator[tuple[int, FoundMessage]]:
+    """Yield the messages of files that are requested of each, with the number of their file."""
     # By stamp, file and position, which are unique, so messages are never compared.
-    active: list[tuple[int, int, int, StoredMessage, Iterator[StoredMessage]]] = []
-    with _ChunkQueue(files, since_ns) as queue:
+    active: list[tuple[int, int, int, FoundMessage, Iterator[FoundMessage]]] = []
+    with _ChunkQueue(files) as queue:
         while True:
             while queue.start_ns is not None and (not active or queue.start_ns <= active[0][0]):
                 number, position, chunk_messages = queue.take()
@@ -132,21 +142,22 @@ class _ChunkQueue:
     """The chunks in the order of their first stamps; those that are next are read in threads.
 
     Their number grows with the number of chunks taken: a reader of the first message only does not
-    wait for others.
+    wait for others. Chunks of which single messages are read, a few bytes, wait for their turn.
     """
 
-    def __init__(self, files: Sequence[tuple[BagFile, Collection[int]]], since_ns: int) -> None:
+    def __init__(self, files: Sequence[tuple[BagFile, Wanted]]) -> None:
         self._files = files
-        self._since_ns = since_ns
         waiting = [
             (number, chunk)
-            for number, (file, channel_ids) in enumerate(files)
+            for number, (file, (channel_ids, since_ns, until_ns)) in enumerate(files)
             for chunk in file.chunks
-            if chunk.end_ns >= since_ns and not chunk.counts.keys().isdisjoint(channel_ids)
+            if chunk.end_ns >= since_ns
+            and chunk.start_ns <= until_ns
+            and not chunk.counts.keys().isdisjoint(channel_ids)
         ]
         waiting.sort(key=lambda pair: (pair[1].start_ns, pair[0], pair[1].position))
         self._waiting = deque(waiting)
-        self._ahead: deque[ThreadTask[FetchedChunk] | None] = deque()
+        self._ahead: deque[ThreadTask[FetchedChunk] | Sequence[IndexedMessage] | None] = deque()
         self._most_ahead = 0
         self._threads = SpareThreads()
 
@@ -155,21 +166,31 @@ class _ChunkQueue:
         """The first stamp of the next chunk; None after the last one."""
         return self._waiting[0][1].start_ns if self._waiting else None
 
-    def take(self) -> tuple[int, int, Iterable[StoredMessage]]:
+    def take(self) -> tuple[int, int, Iterable[FoundMessage]]:
         """Read the next chunk: the number of its file, its position, and its messages."""
         number, chunk = self._waiting.popleft()
-        ahead = self._ahead.popleft() if self._ahead else None
+        file, wanted = self._files[number]
+        ahead = self._ahead.popleft() if self._ahead else file.select(chunk, wanted)
         fitting = max(1, _MOST_FETCHED // max(1, chunk.length))
         self._most_ahead = min(self._most_ahead + 1, _AHEAD, fitting)
         while len(self._ahead) < min(self._most_ahead, len(self._waiting)):
             self._ahead.append(self._request(*self._waiting[len(self._ahead)]))
-        file, channel_ids = self._files[number]
         # Reads that failed in a thread are repeated here, where errors are handled.
-        fetched = None if ahead is None or ahead.error() else ahead.result()
-        return number, chunk.position, file.read(chunk, channel_ids, self._since_ns, fetched)
+        if isinstance(ahead, ThreadTask):
+            return (
+                number,
+                chunk.position,
+                file.read(chunk, wanted, None if ahead.error() else ahead.result()),
+            )
+        return number, chunk.position, file.read(chunk, wanted, ahead)
 
-    def _request(self, number: int, chunk: Chunk) -> ThreadTask[FetchedChunk] | None:
-        file = self._files[number][0]
+    def _request(
+        self, number: int, chunk: Chunk
+    ) -> ThreadTask[FetchedChunk] | Sequence[IndexedMessage] | None:
+        file, wanted = self._files[number]
+        selected = file.select(chunk, wanted)
+        if selected is not None:
+            return selected
         can_fetch = file.fetches and _LEAST_FETCHED <= chunk.length <= _MOST_FETCHED
         ahead = self._threads.submit(file.fetch, chunk) if can_fetch else None
         if ahead is None:
@@ -199,7 +220,7 @@ class BagMessages:
         bags: The bags to read; several are merged by time. Those that are open already stay open.
         topics: The topics to read; all of them by default.
         as_stored: For copies: ROS 1 messages are not converted, types without definition are read,
-            and the typestore returns the original texts of definitions.
+            and the typestore returns the original texts of definitions. Chunks are read whole.
         as_ros: Whether messages with Foxglove's schemas are converted, and log times beyond int64
             become the last one; by default unless as_stored.
         converted: For copies: encodings whose messages are converted to CDR all the same.
@@ -253,6 +274,8 @@ class BagMessages:
                 for path, file in bag.files(self._problems, exit_stack)
             ]
             self._files = [file for _, _, file in files]
+            for file in self._files:
+                file.whole_chunks |= as_stored
             if as_stored and not as_ros:
                 self._lose_attachments(files)
             self._readings = {
@@ -329,9 +352,9 @@ class BagMessages:
         """Let the MessageStart of a large message do, where files save work by it.
 
         Args:
-            is_enough: Asked with a topic before a message of it is read, which may be before the
-                message before it is yielded if a topic is in several files. It is also asked some
-                messages ahead, without effect on what is yielded.
+            is_enough: Asked with a topic before a message of it is read, which in databases may be
+                before the message before it is yielded if a topic is in several files. It is also
+                asked some messages ahead, without effect on what is yielded.
         """
         cdr_topics: list[dict[int, str]] = [{} for _ in self._files]
         for reading in self._readings.values():
@@ -355,13 +378,26 @@ class BagMessages:
 
     def since(self, start_ns: int | None) -> Iterator[BagMessage]:
         """Yield the messages from a log time on; None is the beginning."""
+        return self._between(_BEGINNING if start_ns is None else start_ns, _LAST_STORED_NS)
+
+    def at(self, topic: str, stamp_ns: int) -> Iterator[BagMessage]:
+        """Yield the messages of a topic with a log time."""
+        return self._between(stamp_ns, stamp_ns if stamp_ns < LAST_NS else _LAST_STORED_NS, topic)
+
+    def _between(self, since_ns: int, until_ns: int, topic: str = '') -> Iterator[BagMessage]:
         channels: list[set[int]] = [set() for _ in self._files]
-        for number, channel_id in self._readings:
-            channels[number].add(channel_id)
-        files = list(zip(self._files, channels, strict=True))
-        since_ns = _BEGINNING if start_ns is None else start_ns
-        for number, (stamp_ns, channel_id, data) in in_time_order(files, since_ns):
+        for (number, channel_id), reading in self._readings.items():
+            if topic in ('', reading.channel.topic):
+                channels[number].add(channel_id)
+        files = [
+            (file, Wanted(channel_ids, since_ns, until_ns))
+            for file, channel_ids in zip(self._files, channels, strict=True)
+        ]
+        for number, (stamp_ns, channel_id, stored) in in_time_order(files):
             reading = self._readings[number, channel_id]
+            data = stored.read() if isinstance(stored, UnreadMessage) else stored
+            if data is None:
+                continue
             try:
                 cdr = self._converter(reading.channel, data, stamp_ns)
             except Exception as error:  # noqa: BLE001 - converters may raise anything

@@ -18,18 +18,20 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from ..model.errors import BadBagError
-from .chunked_file import ChunkedFile, ChunkScan, FileContents, Kind, Record, open_bytes
+from .chunked_file import ChunkedFile, ChunkScan, FileContents, open_bytes
 from .container_file import Chunk, FileBytes, StoredChannel, latched_qos, ros2_spelling
 from .decompression import UNCOMPRESSED, LimitError, decompress, decompress_beginning, largest_block
+from .records import Kind, Record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     import numpy.typing as npt
 
-    from .chunked_file import Run, Source
-    from .container_file import NamedFile, Problems, StoredMessage
+    from .chunked_file import Run
+    from .container_file import NamedFile, Problems, StoredMessage, Wanted
     from .decompression import Buffer, DescriptionLimits, FileLimits
+    from .records import Source
 
 
 # Parsers of the records of a ROS 1 .bag file (http://wiki.ros.org/Bags/Format/2.0).
@@ -142,20 +144,19 @@ def opcode_of(fields: Fields) -> int:
 
 def messages_in(
     records: Buffer,
-    channel_ids: Collection[int],
-    since_ns: int,
+    wanted: Wanted,
     describe: Callable[[Fields, Buffer], None],
 ) -> tuple[list[StoredMessage], int]:
-    """Return the messages of some connections, and the end of the last record that can be split.
+    """Return the requested messages, and the end of the last record that can be split.
 
     Args:
         records: The records of a chunk.
-        channel_ids: Ids of the requested connections.
-        since_ns: The first requested stamp.
+        wanted: The requested messages.
         describe: Called with header and data of each connection record.
     """
     view = memoryview(records)
     messages: list[StoredMessage] = []
+    channel_ids, since_ns, until_ns = wanted
     position, end = 0, len(view)
     match_head = _MESSAGE_HEAD.match
     while position < end:
@@ -167,7 +168,7 @@ def messages_in(
             if conn is None or time is None or following > end:
                 break
             channel_id = int.from_bytes(conn, 'little')
-            if channel_id in channel_ids and (stamp_ns := parse_time(time)) >= since_ns:
+            if channel_id in channel_ids and since_ns <= (stamp_ns := parse_time(time)) <= until_ns:
                 messages.append((stamp_ns, channel_id, view[start:following]))
             position = following
             continue
@@ -177,7 +178,7 @@ def messages_in(
         fields, start, following = record
         if opcode_of(fields) == MESSAGE:
             channel_id, stamp_ns = parse_message(fields)
-            if channel_id in channel_ids and stamp_ns >= since_ns:
+            if wanted.takes(stamp_ns, channel_id):
                 messages.append((stamp_ns, channel_id, view[start:following]))
         elif opcode_of(fields) == CONNECTION:
             describe(fields, view[start:following])
@@ -455,10 +456,8 @@ class Ros1File(ChunkedFile[Fields]):
             with suppress(ValueError):
                 self._chunk_end(self.chunks[0])
 
-    def _messages_in(
-        self, records: Buffer, channel_ids: Collection[int], since_ns: int
-    ) -> tuple[list[StoredMessage], int]:
-        return messages_in(records, channel_ids, since_ns, self._compare_connection)
+    def _messages_in(self, records: Buffer, wanted: Wanted) -> tuple[list[StoredMessage], int]:
+        return messages_in(records, wanted, self._compare_connection)
 
     def _compare_connection(self, fields: Fields, body: Buffer) -> None:
         """Enter a loss if a chunk and the index describe a connection differently."""
@@ -476,15 +475,16 @@ class Ros1File(ChunkedFile[Fields]):
     def _indexed(self, chunk: Chunk) -> dict[int, npt.NDArray[np.int64]]:
         end = self._chunk_end(chunk)
         block = self._file.read(chunk.position + end, chunk.length - end)
-        stamps = {}
+        indexed = {}
         position = 0
         while position < len(block):
             fields, start, position = split_record(block, position)
             if opcode_of(fields) == INDEX:
                 entries = np.frombuffer(block[start:position], _ENTRY)
                 times = entries['seconds'].astype(np.int64) * 10**9 + entries['nanoseconds']
-                stamps[int.from_bytes(fields[b'conn'], 'little')] = times
-        return stamps
+                channel_id = int.from_bytes(fields[b'conn'], 'little')
+                indexed[channel_id] = np.stack([times, entries['offset'].astype(np.int64)], axis=1)
+        return indexed
 
     def _chunk_end(self, chunk: Chunk) -> int:
         """Return the offset of the indexes behind the record of a chunk.

@@ -76,9 +76,7 @@ class MessagesByPosition:
             raise MissingDataError('its type is not defined')
         before = position.before
         with self._lock:
-            for message in self._messages.since(position.log_ns):
-                if message.topic != position.topic:
-                    continue
+            for message in self._messages.at(position.topic, position.log_ns):
                 if not before:
                     kind = message.msgtype
                     return self._messages.typestore.deserialize_cdr(bytes(message.data), kind)

@@ -17,9 +17,9 @@ from urllib.parse import quote
 import numpy as np
 
 from ..files.remote import is_remote
-from ..model.bag_formats import ZSTD_MAGIC
 from ..model.errors import BadBagError, one_line
 from .container_file import (
+    LAST_NS,
     BagFile,
     Chunk,
     FileBytes,
@@ -36,7 +36,14 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from .container_file import FetchedChunk, NamedFile, Problems, StoredMessage
+    from .container_file import (
+        FetchedChunk,
+        IndexedMessage,
+        NamedFile,
+        Problems,
+        StoredMessage,
+        Wanted,
+    )
     from .decompression import DescriptionLimits
     from .sqlite_pages import MessageRow
 
@@ -181,7 +188,7 @@ _DATA = (
 )
 _IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
 _TO_SORT = _DATA.format('', '{}', 'timestamp, id')
-_LARGE, _START_BYTES = 2**16, 2**10
+_LARGE = 2**16
 _ADVISED_BYTES = 2**22
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
@@ -239,13 +246,16 @@ class SqliteFile(BagFile):
     def read(
         self,
         chunk: Chunk,
-        channel_ids: Collection[int],
-        since_ns: int,
-        fetched: FetchedChunk | None = None,
+        wanted: Wanted,
+        fetched: FetchedChunk | Sequence[IndexedMessage] | None = None,
     ) -> Iterator[StoredMessage]:
-        """Yield the messages of some topics from a stamp on, in time order."""
+        """Yield the requested messages, in time order."""
         del chunk, fetched  # there is only one chunk, which is read row by row
-        rows = self._rows[np.searchsorted(self._rows['stamp_ns'], since_ns) :]
+        channel_ids, since_ns, until_ns = wanted
+        stamps_ns = self._rows['stamp_ns']
+        last_ns = min(until_ns, LAST_NS)
+        span = slice(stamps_ns.searchsorted(since_ns), stamps_ns.searchsorted(last_ns, 'right'))
+        rows = self._rows[span]
         rows = rows[np.isin(rows['topic_id'], list(channel_ids))]
         done = 0
         for message in self._in_one_query(rows, channel_ids):
@@ -406,13 +416,9 @@ class SqliteFile(BagFile):
 
     def _start_of(self, topic_id: int, data: bytes) -> bytes:
         """Return the start of large data where that is enough; what is compressed stays whole."""
-        if self.is_start_enough is None or len(data) < _LARGE or data[:4] == ZSTD_MAGIC:
+        if len(data) < _LARGE or not self._wants_start(topic_id, data):
             return data
-        if not self.is_start_enough(topic_id):
-            return data
-        start = MessageStart(data[:_START_BYTES])
-        start.size = len(data)
-        return start
+        return MessageStart.of(data, len(data))
 
     def _data(self, row_id: int) -> bytes | None:
         message = self._scanned().get(row_id)

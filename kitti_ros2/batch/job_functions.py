@@ -175,7 +175,7 @@ def run_kitti_job(task: JobTask, advance: Advance) -> JobResult:
     plan_file = job_options.pop(PLAN_FILE, None)
     options = make_import_options(job_options)
     notes: list[str] = []
-    with open_bag_source(task.job.source) as bag:
+    with open_bag_source(task.job.source, whole_chunks=True) as bag:
         conversion = Conversion(
             [bag],
             task.out,

@@ -134,7 +134,7 @@ def _convert_bag(
     check_options(src, given, batch.jobs)
     started = time.monotonic()
     with (
-        open_bag_source(src) as bag,
+        open_bag_source(src, whole_chunks=True) as bag,
         step_progress('', show=not quiet) as progress,
         _interruption_described(),
     ):

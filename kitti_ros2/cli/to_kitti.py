@@ -457,11 +457,15 @@ def _note(text: str) -> None:
     say(f'note: {text}')
 
 
-def _open(paths: Sequence[Path], exit_stack: ExitStack) -> list[OpenBag]:
-    """Open bags, which the exit stack closes."""
+def _open(
+    paths: Sequence[Path], exit_stack: ExitStack, *, whole_chunks: bool = False
+) -> list[OpenBag]:
+    """Open bags, as OpenBag does; the exit stack closes them."""
     from ..bags.open_source import open_bag_source
 
-    return [exit_stack.enter_context(open_bag_source(path)) for path in paths]
+    return [
+        exit_stack.enter_context(open_bag_source(path, whole_chunks=whole_chunks)) for path in paths
+    ]
 
 
 def _check_plan_only(paths: Sequence[Path], plan_file: Path | None) -> None:
@@ -574,7 +578,7 @@ def to_kitti(
     keep_freed_memory()
     request = PlanRequest(given, options, plan_file, preview)
     with ExitStack() as exit_stack:
-        opened = _open(bags, exit_stack)
+        opened = _open(bags, exit_stack, whole_chunks=out is not None)
         if out is None:
             return show_plan(request, opened, quiet=quiet, json=json)
         shown = shown and plan_file is None

@@ -116,7 +116,7 @@ def check_bag(
         progress: Called with the messages done and expected.
     """
     try:
-        with OpenBag(path) as bag:
+        with OpenBag(path, whole_chunks=True) as bag:
             return _BagPass(bag, options, tally).run(progress)
     except (KittiRos2Error, OSError) as error:
         tally.add(find_breaches(SOURCE_RULES, Unopened(path, error)))
