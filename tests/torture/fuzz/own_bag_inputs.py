@@ -7,9 +7,13 @@ from __future__ import annotations
 import json
 import struct
 from functools import cache
+from shutil import copytree
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from kitti_ros2.api.conversions import to_bag
+from kitti_ros2.kitti.scan_grid import on_grid
 from kitti_ros2.messages.naming import CALIBRATION, FILES, POINTS, RECORDING
 from kitti_ros2.model.streams import Layout
 
@@ -20,6 +24,7 @@ from stored_messages import Stored, make_mcap, messages_of  # isort: skip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 _TEXT_HEAD = b'\0\1\0\0'
 _OPTIONS: dict[str, tuple[Layout, dict[str, Any]]] = {
@@ -29,6 +34,7 @@ _OPTIONS: dict[str, tuple[Layout, dict[str, Any]]] = {
     'ouster': (Layout.TRACKING, {'points': 'ouster', 'exclude_topics': ('*image*',)}),
 }
 """By name: a layout, and options of to-bag."""
+_COMPACT = {'clouds': 'compact', 'exclude_topics': ('*image*',)}
 
 
 @cache
@@ -46,7 +52,22 @@ def _bags() -> dict[str, list[Stored]]:
     extract = drive.with_name(drive.name.replace('_sync', '_extract'))
     to_bag(extract, place('bags/extract.mcap'), overwrite=True, fsync=False)
     made['extract'] = messages_of(place('bags/extract.mcap'))
+    to_bag(_on_grid(), place('bags/compact.mcap'), overwrite=True, fsync=False, **_COMPACT)
+    made['compact'] = messages_of(place('bags/compact.mcap'))
     return made
+
+
+def _on_grid() -> Path:
+    """An object set whose scans are on KITTI's grid, with a zero of minus."""
+    root = place('on_grid')
+    copytree(recording(Layout.OBJECT), root, dirs_exist_ok=True)
+    for path in root.rglob('*.bin'):
+        points = np.fromfile(path, '<f4').reshape(-1, 4)
+        points[:, :3] = on_grid(points[:, :3])
+        points[:, 3] = np.rint(points[:, 3] * 100) / 100
+        points[0, 1] = -0.0
+        points.tofile(path)
+    return root
 
 
 def own_bags() -> list[bytes]:
@@ -175,5 +196,5 @@ def odd_bags() -> list[bytes]:
     made += [_described(bags[name], _CHANGES[0]) for name in ('raw', 'odometry', 'tracking')]
     leads = (5 * 10**9 + 7, 2**63)
     made += [_later(messages, lead_ns) for messages in bags.values() for lead_ns in leads]
-    made += [one for name in ('object', 'raw') for one in _odd(bags[name])]
+    made += [one for name in ('object', 'raw', 'compact') for one in _odd(bags[name])]
     return [make_mcap(messages) for messages in made]

@@ -86,7 +86,7 @@ _WORDS = (b'files', b'numbers', b'training/', b'../', b'\n', b'[[0, 1]]', b'null
 
 TARGETS = (
     Target('restore', _restore, lambda: [*own_bags(), *odd_bags()],
-           (*_MODULES, 'own_bags/restore.py'), _WORDS, short=10),
+           (*_MODULES, 'own_bags/restore.py', 'own_bags/compact_scans.py'), _WORDS, short=10),
     Target('own_numbers', _numbers, lambda: [*own_bags(), *odd_bags()],
            (*_MODULES, 'bags/reader.py'), _WORDS, short=10),
     Target('own_recording', _recording, lambda: [*own_bags(), *odd_bags()],
