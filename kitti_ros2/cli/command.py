@@ -391,9 +391,9 @@ def _sequences(params: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _reading(params: Mapping[str, Any]) -> ReadOptions:
-    from ..options.table import make_settings
+    from ..options.read import make_source_options
 
-    return make_settings({name: params.get(name) for name in ('layout', 'sequence')}).read
+    return make_source_options({name: params.get(name) for name in ('layout', 'sequence')})
 
 
 def _streams(_: Mapping[str, Any]) -> Iterable[str]:

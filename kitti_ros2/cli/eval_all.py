@@ -21,7 +21,7 @@ from ..options.evaluation import (
     make_odometry_options,
     make_tracking_options,
 )
-from .output import PLOTS, cell, figure_cells, number_cell, plain_table
+from .output import PLOTS, cell, console, figure_cells, number_cell, plain_table
 from .run_all import Combined, output_folder, run_collection
 
 if TYPE_CHECKING:
@@ -138,13 +138,11 @@ def _together(evaluation: Evaluation, scores: Sequence[Values]) -> Values:
 
 def _print_scores(evaluation: Evaluation, scores: Sequence[tuple[str, Values]]) -> None:
     """Print a table with a row for each result."""
-    from rich.console import Console
-
     table = plain_table('result', evaluation.columns)
     for name, values in scores:
         for part, cells in evaluation.rows(values):
             table.add_row(cell(f'{name} {part}'.rstrip()), *cells)
-    Console(highlight=False).print(table)
+    console().print(table)
 
 
 def _read_scores(path: Path) -> Values:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..model.boxes import Difficulty
 from ..model.errors import format_count
 from ..options.evaluation import Alignment
-from .output import NONE, cell, figure_cells, number_cell, plain_table, say
+from .output import NONE, cell, console, figure_cells, number_cell, plain_table, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 def print_worst(worst: Sequence[WorstFrame]) -> None:
     """Print a table for a terminal of 80 columns."""
-    from rich.console import Console
-
     say('')
     if not worst:
         say('no scored frame has errors')
@@ -39,24 +37,22 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
     table.add_column('errors', overflow='fold')
     for rank, frame in enumerate(worst, 1):
         table.add_row(f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', cell(frame.reason))
-    Console(highlight=False).print(table)
+    console().print(table)
     say('penalty: 1 for each missed label, the score for each false positive')
 
 
 def print_detections(scores: DetectionScores) -> None:
     """Print tables for a terminal of 80 columns."""
-    from rich.console import Console
-
     from ..evaluation.detection import LOOSE
 
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console(soft_wrap=True)
     for table in _tables(scores.scores, scores.limits):
-        console.print()
-        console.print(table, soft_wrap=False)
+        screen.print()
+        screen.print(table, soft_wrap=False)
     for table in _tables(scores.loose, LOOSE):
-        console.print()
-        console.print(table, soft_wrap=False)
-    console.print()
+        screen.print()
+        screen.print(table, soft_wrap=False)
+    screen.print()
     say('average precision, percent; - has no objects, or is not evaluated')
     for note in scores.notes:
         say(f'note: {note}')
@@ -107,9 +103,7 @@ _ALIGNMENTS = {
 
 def print_trajectory(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console(soft_wrap=True)
     frames = format_count(len(scores.numbers), 'frame')
     say(f'{scores.name}: {frames}, {scores.distances_m[-1]:,.1f} m')
     say(f'ground truth: {scores.ground_truth}')
@@ -119,9 +113,9 @@ def print_trajectory(scores: OdometryScores) -> None:
     for note in scores.notes:
         say(f'note: {note}')
     say('')
-    console.print(_segments(scores.segments), soft_wrap=False)
+    screen.print(_segments(scores.segments), soft_wrap=False)
     say('')
-    console.print(_errors(scores), soft_wrap=False)
+    screen.print(_errors(scores), soft_wrap=False)
     say(f'{_ALIGNMENTS[scores.alignment]}{_alignment_of(scores)}')
 
 
@@ -184,15 +178,13 @@ _COLUMNS = {
 
 def print_tracks(scores: TrackingScores) -> None:
     """Print a table for a terminal of 80 columns."""
-    from rich.console import Console
-
     names = ', '.join(scores.sequences)
     sequences = format_count(len(scores.sequences), 'sequence')
     say(f'{sequences} ({names}), {format_count(scores.frames, "frame")}')
     table = plain_table('class', _COLUMNS.values())
     for class_name, figures in scores.classes.items():
         table.add_row(class_name, *figure_cells(figures, _COLUMNS))
-    Console(highlight=False).print(table)
+    console().print(table)
     if any(figures['HOTA'] is None for figures in scores.classes.values()):
         say('- has no objects and no tracks')
     for note in scores.notes:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 from ..files.processes import freeze_imports
 from ..model.errors import format_bytes, format_count, format_duration, one_line
 from ..model.streams import Clock, format_stamp
-from ..options.table import make_settings
+from ..options.read import make_source_options
 from .command import JsonOption, QuietOption, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import cell, plain_table, print_json, show_losses
+from .output import cell, console, plain_table, print_json, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,15 +55,13 @@ def _values(overview: Overview) -> dict[str, object]:
 
 def print_overview(overview: Overview) -> None:
     """Print the overview as tables for a terminal of 80 columns."""
-    from rich.console import Console
-
     from ..report.overview import MOST_SERIES, describe_rest
 
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console(soft_wrap=True)
     compression = f', compression {overview.compression}' if overview.compression else ''
     head = f'{overview.path}  {overview.kind}: {overview.name}{compression}'
-    console.print(one_line(head), style='bold', markup=False)
-    console.print(_extent(overview), markup=False)
+    screen.print(one_line(head), style='bold', markup=False)
+    screen.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     timed = overview.clock is not Clock.NOMINAL
     table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
@@ -72,20 +70,20 @@ def print_overview(overview: Overview) -> None:
         kind_of = cell(_short_type(series.msgtype))
         rates = _rates(series) if timed else ()
         table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
-    console.print(table, soft_wrap=False)
+    screen.print(table, soft_wrap=False)
     if len(overview.series) > MOST_SERIES:
         rest = describe_rest([series.count for series in overview.series[MOST_SERIES:]], kind)
-        console.print(f'{rest}; all with --json', markup=False)
+        screen.print(f'{rest}; all with --json', markup=False)
     if overview.cameras:
-        console.print(_camera_table(overview), soft_wrap=False)
+        screen.print(_camera_table(overview), soft_wrap=False)
         if len(overview.cameras) > MOST_SERIES:
-            console.print(f'... and {len(overview.cameras) - MOST_SERIES:,} more; all with --json')
+            screen.print(f'... and {len(overview.cameras) - MOST_SERIES:,} more; all with --json')
     if overview.links:
-        console.print(_link_table(overview), soft_wrap=False)
+        screen.print(_link_table(overview), soft_wrap=False)
     if overview.origins:
-        console.print(_origin_table(overview.origins), soft_wrap=False)
+        screen.print(_origin_table(overview.origins), soft_wrap=False)
     for note in overview.notes:
-        console.print(one_line(f'note: {note}'), markup=False)
+        screen.print(one_line(f'note: {note}'), markup=False)
 
 
 def _extent(overview: Overview) -> str:
@@ -163,7 +161,7 @@ def _link_table(overview: Overview) -> Table:
     return table
 
 
-@takes('SOURCE')
+@takes('SOURCE', of='read')
 def info(
     src: Annotated[Path, argument('SRC', 'A KITTI folder or any bag')],
     json: JsonOption = False,
@@ -178,7 +176,7 @@ def info(
       kitti-ros2 info 2011_09_26/2011_09_26_drive_0005_sync
       kitti-ros2 info drive_0005.mcap --json
     """
-    overview = inspect_source(src, make_settings(given).read)
+    overview = inspect_source(src, make_source_options(given))
     if json:
         print_json(_values(overview))
     else:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rich import progress as rich_progress
+    from rich.console import Console
     from rich.table import Table
 
     from ..model.errors import Loss
@@ -73,6 +74,13 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
 
 NONE = '-'
 """Cell of a missing figure."""
+
+
+def console(**rest: Any) -> Console:  # noqa: ANN401 - keywords of rich
+    """Return the terminal; names are shown as they are, also such as a:b:c."""
+    from rich.console import Console
+
+    return Console(highlight=False, emoji=False, **rest)
 
 
 def plain_table(first: str, numbers: Iterable[str] = ()) -> Table:

@@ -15,7 +15,7 @@ from ..batch.jobs import FolderSearch, refuse_within
 from ..batch.manifest import DONE, FAILED, MANIFEST
 from ..model.errors import UsageError, format_bytes, format_count, format_duration
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import cell, format_path, plain_table, print_json, say, say_error
+from .output import cell, console, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -108,8 +108,6 @@ def record_json(record: JobRecord) -> dict[str, object]:
 
 def print_groups(groups: Mapping[str, Sequence[JobRecord]], command: str) -> None:
     """Print a row of sums for each group of jobs of a command."""
-    from rich.console import Console
-
     counted = _COUNTED.get(command, _FRAMES)
     headings = [_HEADINGS.get(name, name) for name in counted]
     table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
@@ -121,7 +119,7 @@ def print_groups(groups: Mapping[str, Sequence[JobRecord]], command: str) -> Non
             *(format_bytes(n) if key == 'bytes' else f'{n:,}' for key, n in sums.items()),
             f'{sum(record.bad for record in records):,}',
         )
-    Console(highlight=False).print(table)
+    console().print(table)
 
 
 def print_failures(records: Sequence[JobRecord], command: str) -> None:

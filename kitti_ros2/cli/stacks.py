@@ -17,7 +17,7 @@ from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
 from .command import JsonOption, OverwriteOption, QuietOption, takes
 from .exits import EXIT_OK
-from .output import cell, format_path, plain_table, print_json, say, say_error
+from .output import cell, console, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,14 +64,12 @@ def _list(*, json: bool, quiet: bool) -> None:
         return
     if quiet:
         return
-    from rich.console import Console
-
     table = plain_table('stack')
     for heading in ('does', 'points', 'Imu', 'read at'):
         table.add_column(heading, no_wrap=True)
     for stack in STACKS.values():
         table.add_row(*map(cell, (stack.name, stack.what, stack.points, stack.imu, stack.version)))
-    Console(highlight=False, width=_COLUMNS).print(table)
+    console(width=_COLUMNS).print(table)
 
 
 def _show(stack: Stack) -> None:

@@ -13,7 +13,7 @@ from ..datasets.set_statistics import StatisticsRow
 from ..files.output_rules import keep_all_but_files
 from ..model.boxes import DONT_CARE, OCCLUSIONS
 from ..model.errors import format_count, one_line
-from .output import cell, plain_table, say
+from .output import cell, console, plain_table, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -364,22 +364,20 @@ KEEP_ALL_BUT_TABLES = keep_all_but_files(
 
 def print_sets(sets: Sequence[SetStatistics], *, points: bool) -> None:
     """Print tables for a terminal of 80 columns."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console(soft_wrap=True)
     if len(sets) == 1:
         (statistics,) = sets
-        console.print(describe(statistics), style='bold', markup=False)
+        screen.print(describe(statistics), style='bold', markup=False)
         for line in (describe_sensors(statistics.total), describe_route(statistics.total)):
             if line:
-                console.print(line, markup=False, soft_wrap=False)
+                screen.print(line, markup=False, soft_wrap=False)
         shown = tables_of(statistics)
     else:
         shown = comparisons(sets)
     for index, table in enumerate(shown):
         if index or len(sets) == 1:
-            console.print()
-        console.print(table, soft_wrap=False)
+            screen.print()
+        screen.print(table, soft_wrap=False)
     for data_set in sets:
         if points and not data_set.total.points_a_scan.count:
             say(f'note: {data_set.path}: no scans, so no points are counted')

@@ -24,6 +24,7 @@ from .command import JsonOption, QuietOption, takes
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
     cell,
+    console,
     conversion_progress,
     format_path,
     plain_table,
@@ -65,11 +66,9 @@ def print_plan(names: str, proposal: PlanProposal, overview: PlanOverview) -> No
         proposal: The plan and how it was made.
         overview: Streams, topics and faults by the plan.
     """
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(one_line(f'{names}: {_head(proposal, overview)}'), style='bold', markup=False)
-    console.print(_topic_table(overview), soft_wrap=False)
+    screen = console(soft_wrap=True)
+    screen.print(one_line(f'{names}: {_head(proposal, overview)}'), style='bold', markup=False)
+    screen.print(_topic_table(overview), soft_wrap=False)
     if overview.unused:
         say(f'{_UNUSED}: passed over in this layout')
 
@@ -108,8 +107,6 @@ def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
 
 def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:
     """Print why a conversion would fail, the notes, and the layouts to choose from."""
-    from rich.console import Console
-
     for fault in overview.faults:
         say(f'cannot be converted: {fault}')
     for note in _joined(dict.fromkeys((*proposal.notes, *overview.notes))):
@@ -120,7 +117,7 @@ def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:
         for layout, streams in proposal.layouts.items():
             shown = ' (shown)' if layout is proposal.plan.layout else ''
             table.add_row(layout.value + shown, ' '.join(streams))
-        Console(highlight=False).print(table)
+        console().print(table)
 
 
 def _joined(notes: Iterable[str]) -> Iterator[str]:

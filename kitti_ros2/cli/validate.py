@@ -17,7 +17,15 @@ from ..options.datasets import make_validation_options
 from ..options.table import split_batch_options
 from .command import AllOverwriteOption, JsonOption, QuietOption, out_option, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import ResultOutput, format_path, print_json, refuse_files, say_error, step_progress
+from .output import (
+    ResultOutput,
+    console,
+    format_path,
+    print_json,
+    refuse_files,
+    say_error,
+    step_progress,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,39 +66,37 @@ def _run_all(
 
 def _print_report(report: ValidationReport, elapsed: float) -> None:
     """Print sources, and the findings by rule, for a terminal of 80 columns."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
+    screen = console(soft_wrap=True)
     for source in report.sources[:_SHOWN_SOURCES]:
         noun = 'message' if source.is_bag else 'frame'
         parts = [format_count(source.count, noun), format_count(source.files, 'file')]
         line = f'{format_path(source.path)}  {source.kind}: {", ".join(parts)}'
-        console.print(one_line(line), style='bold', markup=False)
+        screen.print(one_line(line), style='bold', markup=False)
     if len(report.sources) > _SHOWN_SOURCES:
-        console.print(f'... and {len(report.sources) - _SHOWN_SOURCES} more', markup=False)
+        screen.print(f'... and {len(report.sources) - _SHOWN_SOURCES} more', markup=False)
     for group in report.rules:
-        console.print()
-        _print_group(console, group)
-    console.print()
+        screen.print()
+        _print_group(screen, group)
+    screen.print()
     size = sum(source.size_bytes for source in report.sources)
     files = sum(source.files for source in report.sources)
-    console.print(
+    screen.print(
         f'{_count(report)} in {format_count(files, "file")}, {format_bytes(size)};'
         f' took {elapsed:.1f} s ({size / elapsed / 1e6:.0f} MB/s)',
         markup=False,
     )
 
 
-def _print_group(console: Any, group: RuleFindings) -> None:  # noqa: ANN401 - rich's console
+def _print_group(screen: Any, group: RuleFindings) -> None:  # noqa: ANN401 - rich's console
     head = f'{group.severity} {group.rule} ({group.count:,}): {group.checks}'
-    console.print(one_line(head), style=_STYLES[group.severity], markup=False)
+    screen.print(one_line(head), style=_STYLES[group.severity], markup=False)
     for finding in group.findings[:_SHOWN_PER_RULE]:
         line = '' if finding.line is None else f':{finding.line}'
         location = f'{format_path(finding.path)}{line}'
-        console.print('  ' + one_line(f'{location}: {finding.message}'), markup=False)
+        screen.print('  ' + one_line(f'{location}: {finding.message}'), markup=False)
     if group.count > _SHOWN_PER_RULE:
-        console.print(f'  ... and {group.count - _SHOWN_PER_RULE:,} more', markup=False)
-    console.print(f'  -> {group.remedy}', markup=False)
+        screen.print(f'  ... and {group.count - _SHOWN_PER_RULE:,} more', markup=False)
+    screen.print(f'  -> {group.remedy}', markup=False)
 
 
 def _print_errors(report: ValidationReport) -> None:

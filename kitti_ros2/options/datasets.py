@@ -35,8 +35,8 @@ from .declare import (
     parse_texts,
     parse_values,
 )
-from .read import ReadOptions, ValidateOptions, make_with_source
-from .table import MOTION, SOURCE, collection_options
+from .read import MOTION, SOURCE, ReadOptions, ValidateOptions, make_with_source
+from .table import collection_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -31,8 +31,8 @@ from .declare import (
     parse_values,
 )
 from .outputs import MOST_SUBSCRIBERS
-from .read import ReadOptions, make_with_source
-from .table import PLAY, SOURCE, collection_options, make_play_settings
+from .read import SOURCE, ReadOptions, make_with_source
+from .table import PLAY, collection_options, make_play_settings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,6 +17,7 @@ from .declare import (
     choice,
     make_options,
     option,
+    options_of,
     parse_columns,
     parse_epoch,
     parse_flag,
@@ -182,6 +183,22 @@ class ReadOptions:
 def is_period(period_ns: int) -> bool:
     """Whether a period of frames is within the allowed range."""
     return _PERIODS_S[0] <= period_ns / NS_PER_S <= _PERIODS_S[1]
+
+
+_SOURCE = {'layout', 'sequence', 'columns', 'real_time', 'mapping', 'raw'}
+SOURCE = tuple(opt for opt in options_of(ReadOptions) if opt.name in _SOURCE)
+"""Options of every command that reads a KITTI folder."""
+MOTION = tuple(opt for opt in options_of(ReadOptions) if opt.name in {'deskew', 'undo_deskew'})
+"""Options of commands that use the points of scans."""
+
+
+def make_source_options(values: Mapping[str, object]) -> ReadOptions:
+    """Make the options of a KITTI folder from values of SOURCE by name; None is the default.
+
+    Raises:
+        UsageError: A name is unknown, or a value is invalid.
+    """
+    return make_options(ReadOptions, parse_values(values, SOURCE))
 
 
 def make_with_source(

@@ -37,7 +37,15 @@ from .outputs import (
     PlaybackOptions,
     Stamps,
 )
-from .read import ImuOptions, PredictionOptions, ReadOptions, ScanStamp, SelectionOptions
+from .read import (
+    MOTION,
+    SOURCE,
+    ImuOptions,
+    PredictionOptions,
+    ReadOptions,
+    ScanStamp,
+    SelectionOptions,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -185,11 +193,6 @@ _MESSAGES = (
 )
 _PLAY_DEFAULTS = {'images': Images.BOTH}
 
-_SOURCE = {'layout', 'sequence', 'columns', 'real_time', 'mapping', 'raw'}
-SOURCE = tuple(opt for opt in options_of(ReadOptions) if opt.name in _SOURCE)
-"""Options of every command that reads a KITTI folder."""
-MOTION = tuple(opt for opt in options_of(ReadOptions) if opt.name in {'deskew', 'undo_deskew'})
-"""Options of commands that use the points of scans."""
 REPORT = (*SOURCE, *MOTION)
 STACK_DRIVE = (
     *(opt for opt in SOURCE if opt.name in {'layout', 'sequence', 'columns'}),

@@ -168,13 +168,13 @@ def test_losses_are_listed_and_the_rest_is_counted(tmp_path, capsys):
 def test_any_names_and_numbers_fit_into_the_tables(tmp_path, capsys):
     folder = tmp_path / 'training' / 'label_2'
     folder.mkdir(parents=True)
-    kinds = ('[bold]x', '$\\foo$', '汽车', 'x' * 70)
+    kinds = ('[bold]x', ':car:', '$\\foo$', '汽车', 'x' * 70)
     lines = [CAR.replace('Car', kind).replace('4.0 3.0', '1e30 3e200') for kind in kinds]
     (folder / '000000.txt').write_text(''.join(lines))
     assert main(['stats', str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines()[1:])) <= 80
-    assert all(text.count(kind) == 4 for kind in kinds[:3])
+    assert all(text.count(kind) == 4 for kind in kinds[:-1])
     assert '3.0e+200' in text
 
 
